@@ -25,7 +25,7 @@ import pytest
 from arms import Q_PANDA
 from browser import browser, require_browser
 from commands import without_pictures, without_tours
-from controls import c_compiler, evaluate_cells_quickly, shared_folder
+from controls import c_compiler, evaluate_cells_quickly, shared_folder, use_few_nodes
 
 import repctl_pin as rp
 
@@ -110,7 +110,11 @@ def q_panda() -> np.ndarray:
 def panda_design(panda_pose: rp.Task) -> rp.Design:
     """The quadratic design of the theory: J⁺, box ±0.4 rad."""
     return rp.nearest_repeatable(
-        rp.Pseudoinverse(panda_pose), rp.Polynomial(Q_PANDA, 2, 0.4), rp.Box(Q_PANDA, 0.4)
+        rp.Pseudoinverse(panda_pose),
+        rp.Polynomial(Q_PANDA, 2, 0.4),
+        rp.Box(Q_PANDA, 0.4),
+        # also where the first test that asks for it runs with few nodes
+        options=rp.FitOptions(samples=16_384, held_out=16_384),
     )
 
 
@@ -136,11 +140,6 @@ def driver(chromium: Any) -> Iterator[Any]:
 def few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fit and evaluate designs at 1024 nodes, where their number is left to the package."""
     use_few_nodes(monkeypatch)
-
-
-def use_few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("_LEAST_NODES", "NODES"):
-        monkeypatch.setattr(f"repctl_pin.design.fit.{name}", 1024)
 
 
 @pytest.fixture

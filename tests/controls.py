@@ -48,6 +48,12 @@ def some(names: Iterable[Any], *default: Any) -> list[Any]:
     return [name if name in default else pytest.param(name, marks=slow) for name in names]
 
 
+def use_few_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fit and evaluate designs at 1024 nodes, where their number is left to the package."""
+    for name in ("_LEAST_NODES", "NODES"):
+        monkeypatch.setattr(f"repctl_pin.design.fit.{name}", 1024)
+
+
 NEEDS_C = pytest.mark.skipif(c_compiler() is None, reason="there is no C compiler on this machine")
 
 

@@ -152,6 +152,7 @@ def refuse(center: list[float]) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_singular_region_is_told_across_processes() -> None:
     """Such an error used to make multiprocessing's pool wait for ever."""
     center = [0.3, 0.0, 0.0]

@@ -42,6 +42,7 @@ def tried(
     return counts, mishandled
 
 
+@pytest.mark.slow
 def test_a_sample_is_refused_by_name(calls: list[Call], tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     counts, mishandled = tried(calls, 100, 0, quick=True)
@@ -57,6 +58,7 @@ def test_ten_thousand_are_refused_by_name(calls: list[Call], tmp_path: Path, mon
     assert not [line for line in mishandled if line.endswith("hung")]
 
 
+@pytest.mark.slow
 def test_the_right_calls_are_right(
     calls: list[Call], tmp_path: Path, monkeypatch, quick_choices: None, quick_places: None
 ) -> None:

@@ -54,6 +54,7 @@ def animated(
     return animate
 
 
+@pytest.mark.slow
 def test_a_studys_csv_is_read_back(study: rp.Study, folder: Path, animated) -> None:
     answer, scene, arms = animated("ppr", folder / "motion.csv")
     assert [arm["label"] for arm in scene["arms"]] == [row.label for row in study.rows]

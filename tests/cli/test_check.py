@@ -44,6 +44,7 @@ def test_check_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert np.isclose(json.loads(capsys.readouterr().out)["drift_per_m2"]["xy"], 6.986, atol=5e-4)
 
 
+@pytest.mark.slow
 def test_check_finds_the_stable_surface_in_absolute_angles_only(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -166,6 +166,7 @@ def test_a_broken_urdf_reaches_the_command_line_as_one_line(tmp_path) -> None:
     refused(repctl("study", "arm.urdf", cwd=tmp_path), "arm.urdf", "line")
 
 
+@pytest.mark.slow
 def test_a_urdf_of_ones_own_without_its_meshes(tmp_path) -> None:
     text = rp.Robot.load("xarm7").description.path.read_text(encoding="utf-8")
     (tmp_path / "mine.urdf").write_text(text.replace("package://", "package://not_here/"))
@@ -206,6 +207,7 @@ def test_interrupt_ends_with_a_word(tmp_path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", some([None, 2], None))
 def test_one_blas_thread_unless_a_person_says_otherwise(asked: int | None, tmp_path: Path) -> None:
     code = """
@@ -229,6 +231,7 @@ print({pool["num_threads"] for pool in blas}, file=sys.stderr)
     assert done.stderr.strip().splitlines()[-1] == str({min(asked or 1, os.cpu_count() or 1)})
 
 
+@pytest.mark.slow
 def test_a_report_of_before_is_said_to_be_old(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "report.html").write_text("an earlier one")
@@ -240,6 +243,7 @@ def test_a_report_of_before_is_said_to_be_old(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "report.html").read_text() == "an earlier one"
 
 
+@pytest.mark.slow
 def test_a_study_opens_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """28.12: ``--open`` and ``.open()`` give the browser the page that was written; without a
     browser one line says so."""

@@ -54,6 +54,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_files_and_a_path_inside(made: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert sorted(file.name for file in (made / "out").iterdir()) == [
         "cell.html",
@@ -90,6 +91,7 @@ def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
     assert scene["paths"][0] == 16  # the edges of the cell
 
 
+@pytest.mark.slow
 def test_the_page_plays_and_fits_a_phone(made: Path, driver: Any) -> None:
     """One load, at two sizes; what the tour's frame draws is looked at elsewhere."""
     schemes(driver, width=390, height=480)
@@ -162,6 +164,7 @@ def test_a_cell_is_exported_with_its_function(
     assert "arm_F(" in (made / "c" / "arm.h").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_remedies_are_options(
     made: Path, capsys: pytest.CaptureFixture[str], no_tours: None
 ) -> None:
@@ -228,10 +231,16 @@ def test_what_cannot_be(
         (["--radius", "0.1"], "--radius requires --sector"),
         ([], "the shape of the cell is missing; give --half-width, --size"),
         (["--sector", "--radius", "0.1", "--angle", "4"], "more than a full turn"),
-        (["--sector", "--radius", "0.9"], "reaches the axis"),
-        (["--sector", "--radius", "0.1", "--height", "a"], "--height"),
+        pytest.param(["--sector", "--radius", "0.9"], "reaches the axis", marks=pytest.mark.slow),
+        pytest.param(
+            ["--sector", "--radius", "0.1", "--height", "a"], "--height", marks=pytest.mark.slow
+        ),
         (["--half-width", "0.1", "--axis", "0,0,0,0,0,1"], "--axis requires --sector"),
-        (["--sector", "--radius", "0.1", "--axis", "0,0,1"], "must be 6 numbers"),
+        pytest.param(
+            ["--sector", "--radius", "0.1", "--axis", "0,0,1"],
+            "must be 6 numbers",
+            marks=pytest.mark.slow,
+        ),
         (["--sector", "--radius", "0.1", "--axis", "0,0.1,0,0,0,1"], "a joint that turns the"),
     ],
 )
@@ -341,6 +350,7 @@ def test_the_verdict_comes_first(made: Path, capsys, no_tours: None) -> None:
     assert "the requested 9 is not met" in held_out
 
 
+@pytest.mark.slow
 def test_the_tour_keeps_the_speed_limits(tmp_path: Path, capsys) -> None:
     """Issue 20, item 18: the tour of a page under the headline "limits kept" was too fast."""
     urdf = planar_urdf([1.0, 0.9, 0.8]).replace('velocity="', 'velocity="0.')

@@ -64,6 +64,7 @@ def test_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture) -> Non
     assert {p.name for p in (tmp_path / "here").iterdir()} == {"design.png", "design.json"}
 
 
+@pytest.mark.slow
 def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     arguments = ["design", "ppr", "--start", "0,0,0", "--region", "1", "--degree", "auto"]
     assert main([*arguments, *SMALL, "--json", "--out", str(tmp_path)]) == 0
@@ -83,15 +84,22 @@ def test_json_says_what_the_design_is_worth(tmp_path: Path, capsys: pytest.Captu
 @pytest.mark.parametrize(
     "extra, where",
     [
-        (("planar4r", "--workspace", "0.2", "--region", "0.3"), "m around"),
-        (("planar4r", "--weight", "limits", "--region", "0.2"), "box"),
+        pytest.param(
+            ("planar4r", "--workspace", "0.2", "--region", "0.3"),
+            "m around",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            ("planar4r", "--weight", "limits", "--region", "0.2"), "box", marks=pytest.mark.slow
+        ),
         (("planar4r", "--fourier", "1", "--region", "0.2"), "box"),
-        (
+        pytest.param(
             (
                 *("panda", "--start", PANDA_START, "--task", "axis", "--region", "0.2"),
                 *("--restarts", "1"),
             ),
             "box",
+            marks=pytest.mark.slow,
         ),
     ],
 )
@@ -143,7 +151,11 @@ def test_a_region_with_a_singularity_is_refused_unless_it_may_shrink(
         ),
         (["panda", "--path", "spiral:3"], ["spiral"]),
         (["ur5", "--task", "pose"], ["r = 0"]),
-        (["planar4r", "--workspace", "1e-6", "--degree", "1"], ["workspace box"]),
+        pytest.param(
+            ["planar4r", "--workspace", "1e-6", "--degree", "1"],
+            ["workspace box"],
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_bad_input_gets_one_clear_line(
@@ -167,6 +179,7 @@ sys.exit(main())
 """The command, which says on stderr what it does."""
 
 
+@pytest.mark.slow
 def test_interruption(tmp_path: Path) -> None:
     """Ctrl-C ends a long run with one clear line and code 130."""
     long = ["planar4r", "--degree", "4", "--samples", "1000000"]

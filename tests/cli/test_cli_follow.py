@@ -125,6 +125,7 @@ def test_a_fast_cycle_is_slowed_down_to_the_speed_limits(saved, panda_design, ca
     assert (steps <= panda_design.task.velocity_limit * (1 + 1e-9)).all()
 
 
+@pytest.mark.slow
 def test_best_leaf_and_start(saved, capsys) -> None:
     options = ["follow", "design.json", "--plane", "yz", "--steps", "100", "--json"]
     assert main(options) == 0

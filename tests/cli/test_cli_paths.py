@@ -27,6 +27,7 @@ def joints(file: str, strategy: str | None = None) -> np.ndarray:
     return np.array([[float(row[name]) for name in names] for row in rows])
 
 
+@pytest.mark.slow
 def test_the_same_words_are_the_same_joint_path(tmp_path, monkeypatch, capsys) -> None:
     """A study's J⁺, follow's, and that of the words the study gives back; and the drift of its
     first cycle."""
@@ -63,6 +64,7 @@ def test_without_a_path_all_take_the_same(tmp_path, monkeypatch, capsys) -> None
     assert studied["strategies"]["pseudoinverse"]["drift"] == followed["drift"]
 
 
+@pytest.mark.slow
 def test_a_design_round_a_path_is_round_the_studied_one(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     small = ["--degree", "1", "--samples", "512", "--held-out", "512", "--region", "0.1"]
@@ -122,6 +124,7 @@ def test_a_flat_task_takes_its_own_plane() -> None:
         assert path.plane == "xz" and np.ptp(path.points(64)[:, 1]) == 0
 
 
+@pytest.mark.slow
 def test_a_path_made_in_python_has_no_words() -> None:
     few, start = {"cycles": 1, "steps": 60, "degree": 1}, [0.3, 0.8, 0.8]
     path = lambda task, q0: rp.circle(task, q0, 0.05)  # noqa: E731

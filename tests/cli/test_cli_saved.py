@@ -40,6 +40,7 @@ def rail(designed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pat
     return tmp_path / "design.json"
 
 
+@pytest.mark.slow
 def test_the_file_says_what_it_was_made_for(rail: Path, capsys) -> None:
     joints = ["q2", "q4", "q5", "q6", "q7"]  # beyond link1, without the slide that is held
     for more in (
@@ -148,6 +149,7 @@ def test_a_motion_outside_what_was_designed_for_is_said(rail: Path, capsys) -> N
     assert outside[0] == 0 < outside[1]
 
 
+@pytest.mark.slow
 def test_links_under_the_packages_own_names_are_replaced(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

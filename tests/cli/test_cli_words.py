@@ -24,6 +24,7 @@ def printed(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[str, s
 # ---- remedies in the words of those who read them ------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_singular_region_names_the_option_that_helps(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     for name, many in (("_STARTS", 16), ("_CORNERS", 256)):  # as shipped
@@ -174,6 +175,7 @@ def test_cycles_are_counted_in_whole_numbers() -> None:
 # ---- animate -------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_strategies_are_chosen_by_key_or_by_label(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     printed(capsys, "study", "ppr", "--cycles", "1", "--steps", "40", "--degree", "1", "--out", ".")
@@ -195,6 +197,7 @@ def test_strategies_are_chosen_by_key_or_by_label(tmp_path, monkeypatch, capsys)
     assert json.loads(out)["drift"] == {"mine": [0.0]}
 
 
+@pytest.mark.slow
 def test_drift_has_the_keys_of_the_study(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     few = ["--cycles", "2", "--steps", "40", "--degree", "1", "--json"]

@@ -172,6 +172,7 @@ def test_a_full_disk_behind_stdout_is_one_line(tmp_path: Path, node) -> None:
     assert (done.returncode, done.stderr) == (2, b"repctl: No space left on device: the output\n")
 
 
+@pytest.mark.slow
 def test_a_reader_of_a_file_that_is_stdout_may_leave_early(tmp_path: Path) -> None:
     """Item 26.18: ``repctl follow … --csv /dev/stdout | head -1`` ends without a message."""
     words = ["follow", "planar3r", "--strategy", "pseudoinverse", "--steps", "1500"]
@@ -229,6 +230,7 @@ sys.exit(code)
 """The command, which says on stderr what it imported of what a study does not need."""
 
 
+@pytest.mark.slow
 def test_what_a_person_has_set_for_other_programs_does_not_matter(tmp_path: Path) -> None:
     """A study in a process of its own prints its table and writes its files, whatever is set; it
     imports no statistics and no server."""
@@ -259,6 +261,7 @@ def test_what_a_person_has_set_for_other_programs_does_not_matter(tmp_path: Path
     assert {p.name for p in (tmp_path / "repctl-out" / "planar3r").iterdir()} == names
 
 
+@pytest.mark.slow
 @pytest.mark.pictures
 def test_names_that_are_no_text_and_names_with_dollars(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -348,6 +351,7 @@ def test_without_arguments_it_helps(capsys: pytest.CaptureFixture) -> None:
     assert "examples:" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_terminal_that_knows_no_greek_gets_question_marks(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "repctl_pin", "check", "ppr"],

@@ -376,6 +376,7 @@ def test_the_region_of_the_inverse_is_written(panda_design: rp.Design, tmp_path:
 # -----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_saved_design(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:

@@ -103,7 +103,6 @@ def exported(name: str, folder: Path, region: str | None = None) -> Path:
             "random axes and slides",
             "elbow and hand of panda",
         ],
-        "panda, axis, degree 2",
         "elbow and hand of panda",
     ),
 )
@@ -128,6 +127,7 @@ def test_every_control_builds(name: str, tmp_path: Path) -> None:
         built_and_checked(folder, compiler)
 
 
+@pytest.mark.slow
 def test_a_wrong_build_is_told(tmp_path: Path) -> None:
     """check.c would not pass on another arm's numbers, nor on a status that is another."""
     needed("gcc")
@@ -214,6 +214,7 @@ def fuzzed(folder: Path, count: int) -> None:
     print(run(["./fuzz", str(count)], folder))
 
 
+@pytest.mark.slow
 def test_hostile_numbers_do_no_harm(tmp_path: Path) -> None:
     needed("gcc")
     fuzzed(exported("panda, pose, degree 1", tmp_path), 300)

@@ -29,8 +29,7 @@ def test_an_optimising_compiler_has_no_warning(name: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    "name",
-    [*some(CELLS, "poses", "positions"), pytest.param("on a workpiece", marks=pytest.mark.slow)],
+    "name", [*some(CELLS, "poses"), pytest.param("on a workpiece", marks=pytest.mark.slow)]
 )
 def test_f_in_c_is_f(name: str, tmp_path: Path) -> None:
     """Built strictly, check.c compares F in and beyond the cell, and all that any control has."""

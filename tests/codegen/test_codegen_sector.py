@@ -14,6 +14,7 @@ from test_codegen_builds import STRICT, needed, run
 import repctl_pin as rp
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some(WIDTHS, "pose"))
 def test_sectors_in_c(name: str, tmp_path: Path) -> None:
     """Issue 37, item 9: the circle of the example loop kept the orientation, which turns with the

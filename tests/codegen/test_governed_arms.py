@@ -166,6 +166,7 @@ class Exported:
         return self.q.copy(), rp.Status(status)
 
 
+@pytest.mark.slow
 @NEEDS_C
 def test_where_the_straight_line_is_blocked_it_takes_the_way_of_the_joints(tmp_path: Path) -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
@@ -211,6 +212,7 @@ def cell_inverse(name: str) -> tuple[rp.RepeatableInverse, rp.InverseFunction]:
     return found.inverse, found.function
 
 
+@pytest.mark.slow
 @NEEDS_C
 @pytest.mark.parametrize("name", some(CELLS, "curved"))
 def test_in_a_cell_every_target_is_reached_by_a_straight_line(name: str, tmp_path: Path) -> None:
@@ -242,6 +244,7 @@ def test_in_a_cell_every_target_is_reached_by_a_straight_line(name: str, tmp_pat
         before = u
 
 
+@pytest.mark.slow
 @NEEDS_C
 def test_a_target_outside_a_cell_leads_to_the_nearest_pose_inside(tmp_path: Path) -> None:
     """Issue 37, item 7: at rest next to the edge, both go on to a target inside."""

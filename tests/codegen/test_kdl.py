@@ -55,6 +55,7 @@ def of_cell(function: rp.InverseFunction, count: int) -> np.ndarray:
     return np.concatenate([p, np.asarray(R).reshape(count, 9)], axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "count", "flags"),
     [

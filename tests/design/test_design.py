@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from arms import planar_task, planar_urdf, spatial_task
 from commands import main
-from controls import some
+from controls import some, use_few_nodes
 from designs import judged, over, with_potentials
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
@@ -43,7 +43,7 @@ def panda_design_of(panda: rp.Robot, kind: str, width: float, degree: int, **opt
         ("pose", 0.4, 2, 0.2475),
         pytest.param("pose", 0.4, 3, 0.2003, marks=pytest.mark.slow),
         pytest.param("pose", 0.8, 2, 1.96, marks=pytest.mark.slow),
-        ("position", 0.4, 2, 0.3455),
+        pytest.param("position", 0.4, 2, 0.3455, marks=pytest.mark.slow),
         pytest.param("position", 0.8, 2, 3.70, marks=pytest.mark.slow),
     ],
 )
@@ -65,6 +65,7 @@ def test_cost_on_held_out_nodes(
     assert abs(distance.mean() - design.cost) < 4 * distance.std() / np.sqrt(len(Q))
 
 
+@pytest.mark.slow
 def test_the_spectral_norm_is_the_papers(panda_design: rp.Design) -> None:
     """Issue 37, item 21: for r > 1 the paper's norm is not the Frobenius norm of the design.
 
@@ -252,6 +253,7 @@ def test_the_share_of_the_region_inside_the_limits(tmp_path: Path, end: int) -> 
     assert design.inside_limits == pytest.approx(1 / 3 * 2 / 3, abs=0.02)
 
 
+@pytest.mark.slow
 def test_degree_auto_shrinks_no_region_for_a_higher_degree(tmp_path: Path) -> None:
     """Where the next degree would have a leaf margin below 0.1 in the region of the first."""
     design = rp.nearest_repeatable(
@@ -266,6 +268,7 @@ def test_degree_auto_shrinks_no_region_for_a_higher_degree(tmp_path: Path) -> No
     assert len(design.degrees) > 1 and design.leaf_margin >= 0.1
 
 
+@pytest.mark.slow
 def test_degree_auto_compares_degrees_over_one_region_that_is_shrunk() -> None:
     """Ω contains a stretched arm, θ₂ = θ₃ = 0."""
     task, asked = rp.Robot.load("planar3r").task(None, "xy"), np.array([0.5, 0.8, 0.8])
@@ -411,6 +414,7 @@ def test_a_design_does_not_depend_on_the_unit_of_length(tmp_path: Path) -> None:
     np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("robot", "center", "half_width", "most"),
     [
@@ -570,7 +574,7 @@ class Mixed(rp.Joined):
         return self.family.weighted(self.M @ A)
 
 
-@pytest.mark.parametrize("kind", ["pose", "axis", pytest.param("position", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kind", some(["pose", "axis", "position"], "pose"))
 def test_the_optimum_does_not_depend_on_the_basis(panda: rp.Robot, kind: str) -> None:
     task, degree = panda.task("panda_hand_tcp", kind), 2 if kind == "pose" else 1
     desired, box, potentials = (
@@ -745,6 +749,7 @@ def test_a_weighted_inverse_is_what_a_penalty_on_the_rates_asks_for(panda: rp.Ro
     )
 
 
+@pytest.mark.slow
 def test_a_start_near_a_limit_is_left_with_more_room() -> None:
     """z1, position, 0.12 rad from the limit of joint 1: 60 random paths of corners up to 5 cm away,
     from the same start."""
@@ -1048,10 +1053,15 @@ def test_the_fewest_nodes_that_the_refusal_names_are_enough(robot: str, degree: 
     assert fitted(least).samples >= least
 
 
-def test_the_usual_numbers_of_nodes(panda_design: rp.Design, few_nodes: None) -> None:
+def test_the_usual_numbers_of_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     """16,384, or 32 (N − r) r / m if that is more, as it is here than 1024; for up to three joints
     the next cube, for more the next power of two."""
-    assert panda_design.samples == panda_design.held_out == 16_384
+    task = rp.Robot.load("planar4r").task(None, "xy")
+    usual = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), rp.Polynomial(np.ones(4), 1, 0.1), rp.Box(np.ones(4), 0.1)
+    )
+    assert usual.samples == usual.held_out == 16_384
+    use_few_nodes(monkeypatch)
     for robot, degree, due in (("planar3r", 6, 11**3), ("planar4r", 4, 2**12)):
         task = rp.Robot.load(robot).task(None, "xy")
         box = rp.Box([0.3, 0.7, 0.5, 0.4][: task.n], 0.1)
@@ -1078,6 +1088,7 @@ def test_a_usual_fit_begins_on_a_quarter_of_its_nodes() -> None:
     assert list(dict.fromkeys(nodes)) == ["4096 nodes", "17576 nodes"]
 
 
+@pytest.mark.slow
 def test_a_potential_that_varies_in_a_small_part_of_the_region_is_used() -> None:
     """A bump around the centre, of a tenth of the region's width."""
     task, box = rp.Robot.load("planar3r").task(None, "xy"), rp.Box([0.3, 1.0, 0.8], 0.2)
@@ -1228,6 +1239,7 @@ def test_an_inverse_that_is_none_is_refused_with_the_residual(panda_pose: rp.Tas
 # ---- arrays for pictures -------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_curve_and_the_figure_hold_the_costs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -32,6 +32,7 @@ def test_the_verdict_does_not_hang_on_the_sample() -> None:
     assert found[1].cost == pytest.approx(found[0].cost, rel=0.1)
 
 
+@pytest.mark.slow
 def test_auto_goes_on_while_it_pays(tmp_path: Path) -> None:
     task, box = spatial_task(4, tmp_path, seed=2), rp.Box(np.full(4, 0.2), 0.5)
     design = rp.nearest_repeatable(

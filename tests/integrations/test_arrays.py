@@ -296,6 +296,7 @@ def run(*options: str, quick: bool = False) -> None:
     assert done.returncode == 0, done.stdout[-4000:]
 
 
+@pytest.mark.slow
 def test_jax() -> None:
     run(quick=True)
 

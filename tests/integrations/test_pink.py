@@ -64,6 +64,7 @@ def away(panda_pose: rp.Task) -> np.ndarray:
     return start
 
 
+@pytest.mark.slow
 def test_with_our_task_pink_closes_its_cycles(panda_design, away) -> None:
     repeatable, speed = drive(panda_design, away, 3, RepeatableTask(panda_design.inverse))
     assert np.linalg.norm(repeatable - away, axis=1).max() < 1e-5
@@ -76,6 +77,7 @@ def test_with_our_task_pink_closes_its_cycles(panda_design, away) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_posture_task_from_there_jumps(panda_design, away, q_panda) -> None:
     """The usual remedy, for comparison: a posture 0.57 rad away pulls at the start."""
     posture = pink.tasks.PostureTask(cost=1e-2)

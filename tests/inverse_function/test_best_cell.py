@@ -139,6 +139,7 @@ def dh_urdf(d: list[float], turn: list[float], limit: np.ndarray) -> str:
     return f'<robot name="iiwa">{"".join(parts)}</robot>'
 
 
+@pytest.mark.slow
 def test_a_planar_box_near_a_place_shrinks_with_the_reason(
     tmp_path: Path, quick_places: None
 ) -> None:
@@ -169,6 +170,7 @@ def test_what_cannot_be_is_refused_by_name(panda: rp.Robot) -> None:
         rp.best_cell(panda.task(), 0.0)
 
 
+@pytest.mark.slow
 def test_the_command_places_the_box(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,

@@ -381,6 +381,7 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
     assert again.value.cost == pytest.approx(costs[0], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_postures_at_singularities_and_in_collision_are_left_out() -> None:
     # of its postures some are singular, in others links touch
     xarm = rp.Robot.load("xarm7").task("link_eef", "pose")
@@ -508,6 +509,7 @@ def test_the_postures_that_are_judged_are_far_from_each_other(
         assert nearest[0] == nearest.max() >= 0.05
 
 
+@pytest.mark.slow
 def test_the_gradient_of_the_cost_counts_the_removed_coordinates() -> None:
     design = sector_design("pose")
     chart = design.function.chart

@@ -355,6 +355,7 @@ def test_a_section_is_exact_and_its_derivative_is_its_derivative(
 # ----------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rotation", some([0.0, 0.25], 0.25))
 def test_the_function_is_exact_and_without_history(rotation: float) -> None:
     design = found(rotation)
@@ -430,6 +431,7 @@ def test_potentials_in_c_are_the_potentials(kind: str, rotation: object) -> None
         assert np.allclose(d @ V, slope, rtol=0, atol=1e-6 * np.abs(V).max())
 
 
+@pytest.mark.slow
 def test_ten_laps_of_a_random_tour_through_all_turns() -> None:
     design = found(0.25)
     path = tour(design.cell, 1, reach=0.999)
@@ -497,6 +499,7 @@ def test_leaves_end_at_a_limit_or_at_half_a_turn(
     assert np.allclose(np.sort(found), ends, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_leaves_end_where_the_leaf_margin_falls_to_a_tenth(tmp_path: Path) -> None:
     """The self-motion is followed by small steps of the null vector; n_ref of another length counts
     c in another unit."""
@@ -729,6 +732,7 @@ def test_the_smallest_distance_between_bodies_is_found_by_search() -> None:
     assert design.body_distance <= along.min() + 1e-4 < along[[0, -1]].min() - 1e-3
 
 
+@pytest.mark.slow
 def test_what_was_asked_for_and_is_not_met_is_said(tmp_path: Path) -> None:
     task, q = planar_task([1.0, 0.9, 0.8], tmp_path), [0.3, 0.5, 2.4]
     cell = rp.Cell(task, task.placement(q), 0.2)
@@ -760,6 +764,7 @@ def test_the_degree_goes_on_where_only_a_higher_one_lowers_the_cost() -> None:
     assert costs[3] > 0.99 * costs[1] > 1.1 * costs[4] and list(costs) == [1, 2, 3, 4]
 
 
+@pytest.mark.slow
 def test_the_degrees_are_as_low_as_the_function_allows(tmp_path: Path) -> None:
     """The degree of s stays 1 if the extra joint speed is below 0.01 %. The last chart has the
     lowest degree from 3 up whose q_ref is within 3e-5 of F."""
@@ -801,6 +806,7 @@ def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     assert kept.cost > free.cost
 
 
+@pytest.mark.slow
 def test_a_margin_that_no_near_leaf_has_does_not_cost_coverage(tmp_path: Path) -> None:
     """The share of poses that any configuration inside the limits reaches, by the law of cosines
     for the last two links at every θ₁, is that of F."""
@@ -836,6 +842,7 @@ def test_a_margin_that_no_near_leaf_has_does_not_cost_coverage(tmp_path: Path) -
     assert covered.mean() == pytest.approx(inside.any(axis=1).mean(), abs=0.01)
 
 
+@pytest.mark.slow
 def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
     """A post beside the forearm: under J⁺'s own section it is touched, with bodies in the cost it
     is not."""
@@ -934,7 +941,7 @@ def test_singularities_in_the_cost_are_kept_away(tmp_path: Path) -> None:
     assert least[0] < 0.6 and least[1] > 0.85 and kept.extra_speed < 0.01
 
 
-@pytest.mark.parametrize(("n", "seed"), [(4, 5), (6, 3)])
+@pytest.mark.parametrize(("n", "seed"), [(4, 5), pytest.param(6, 3, marks=pytest.mark.slow)])
 def test_arms_with_slides_and_more_joints_than_one_too_many(
     n: int, seed: int, tmp_path: Path
 ) -> None:
@@ -1043,6 +1050,7 @@ def corner_out_of_reach(folder: Path) -> rp.Cell:
     return rp.Cell(task, pin.SE3(np.eye(3), np.array([1.9, 0.0, 0.0])), (0.72, 0.72))
 
 
+@pytest.mark.slow
 def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(tmp_path: Path) -> None:
     """All held-out poses have joints, a corner has none: refused; if kept, nothing says 100 %."""
     cell = corner_out_of_reach(tmp_path)
@@ -1161,6 +1169,7 @@ def test_a_cell_that_reaches_too_far_and_what_would_fit(tmp_path: Path) -> None:
     assert "collision" not in [one.cause for one in error.value.failures]
 
 
+@pytest.mark.slow
 def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(tmp_path: Path) -> None:
     (tmp_path / "narrow.urdf").write_text(
         planar_urdf([1.0, 0.9, 0.8], range_=1.0), encoding="utf-8"
@@ -1185,6 +1194,7 @@ def test_a_cell_beyond_the_joint_limits_and_one_through_a_singularity(tmp_path: 
     ), says
 
 
+@pytest.mark.slow
 def test_a_slide_beyond_its_limit_is_named_at_its_worst_pose(tmp_path: Path) -> None:
     """In metres, and as far as the function without limits goes at that pose."""
     old, new = (f'"1 0 0"/><limit lower="-{x}" upper="{x}"' for x in ("3", "0.1"))
@@ -1218,7 +1228,9 @@ def test_poses_out_of_reach_and_beyond_a_singularity_are_two_causes(tmp_path: Pa
     assert float(left[0]) == pytest.approx(away["reach"] - 2.7, rel=0.1)
 
 
-@pytest.mark.parametrize(("limit_margin", "share"), [(0.05, 1.0), (0.0, 0.8)])
+@pytest.mark.parametrize(
+    ("limit_margin", "share"), [(0.05, 1.0), pytest.param(0.0, 0.8, marks=pytest.mark.slow)]
+)
 def test_the_cell_that_fits_is_the_largest_whose_corners_keep_the_limits(
     limit_margin: float, share: float, tmp_path: Path
 ) -> None:
@@ -1251,6 +1263,7 @@ def test_the_cell_that_fits_is_the_largest_whose_corners_keep_the_limits(
     assert largest == pytest.approx(round(32 * largest) / 32)
 
 
+@pytest.mark.slow
 def test_the_causes_of_a_failure_have_their_shares(tmp_path: Path) -> None:
     """Fewer than half of the poses are reached at all, and most of those beyond the limits; the
     message begins with the cause of most."""
@@ -1318,6 +1331,7 @@ def test_the_largest_cell_that_works() -> None:
     assert smaller.coverage == 1.0 and 0.05 < smaller.cell.half_width[0] < 0.35
 
 
+@pytest.mark.slow
 def test_the_axis_of_the_first_joint_is_found_in_a_cell(tmp_path: Path) -> None:
     """Flat cells whose edge is a little on this side or the other of where the axis, which points
     anywhere, crosses them; none of a slide."""

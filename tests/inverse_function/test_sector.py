@@ -261,7 +261,9 @@ def test_f_is_an_inverse_and_exact_across_the_symmetries(name: str) -> None:
     assert np.allclose(F.inverse.leaf(moved), c)
 
 
-@pytest.mark.parametrize(("name", "i"), [("pose", 5), ("position", 1)])
+@pytest.mark.parametrize(
+    ("name", "i"), [("pose", 5), pytest.param("position", 1, marks=pytest.mark.slow)]
+)
 def test_a_symmetric_coordinate_has_ends(name: str, i: int) -> None:
     """One pose at a time and in a batch: at the end of its range, and just outside."""
     F, cell = found(name).function, found(name).cell
@@ -497,6 +499,7 @@ def test_how_far_round_and_what_ends_it() -> None:
     assert "panda_joint1 turns the whole arm about the axis" in design.summary()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tilt", some([0.0, 3.1416 - np.pi, 3.14 - np.pi, 0.01], 0.01))
 def test_a_sector_turns_about_the_joints_own_axis(tilt: float, tmp_path: Path) -> None:
     """Issue 20, item 19: where π is rounded in a URDF, the first joint's axis is tilted a little,
@@ -570,6 +573,7 @@ def bounded(half_width: float, folder: Path, *bounded_joints: int) -> rp.CellDes
     )
 
 
+@pytest.mark.slow
 def test_poses_beyond_other_limits_do_not_end_the_angle(tmp_path: Path) -> None:
     """The spread of θ₁ over the covered radii only, which a fine grid of radii finds, too."""
     design = bounded(0.15, tmp_path, 2)
@@ -590,6 +594,7 @@ def test_a_sector_without_a_covered_pose_is_refused(tmp_path: Path) -> None:
     assert not caught.value.partly and "keep" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_the_price_of_a_given_angle(tmp_path: Path) -> None:
     """Beside the function that goes as far as the joint does, which here is all round."""
     task = planar_task([0.5, 0.4, 0.3], tmp_path)
@@ -749,6 +754,7 @@ def test_the_margin_of_a_joint_that_turns_a_sector_is_the_least_of_its_range(nam
     np.testing.assert_allclose(cell.limit_margin(Q), expected, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_desired_inverse_without_the_symmetry_is_not_reduced(tmp_path: Path) -> None:
     """A weight that is constant in the joints leaves the symmetry; one that changes with the first
     joint does not, at some configurations only."""
@@ -868,6 +874,7 @@ def test_a_file_from_before_the_spin_had_a_middle(tmp_path: Path) -> None:
         rp.load(tmp_path / "cell.json")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some(["pose", "spin as far as the joint goes"], "pose"))
 def test_the_tour_of_a_sector_closes_and_stays_inside(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -984,6 +991,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[rp.CellDesign, Path
     return design, folder / "cell.html", figures[0]
 
 
+@pytest.mark.slow
 def test_the_maps_of_a_sector(drawn: tuple[rp.CellDesign, Path, Figure]) -> None:
     """Limit margin and extra joint speed, pose by pose, and the range of the angle: that of the
     joint less what it differs by over the tilts at one radius and height."""
@@ -1017,6 +1025,7 @@ def test_the_maps_of_a_sector(drawn: tuple[rp.CellDesign, Path, Figure]) -> None
     assert len(maps) == 3
 
 
+@pytest.mark.slow
 def test_the_edges_of_a_sector(drawn: tuple[rp.CellDesign, Path, Figure]) -> None:
     """In the page of the command: every edge, along one coordinate at a time, to all corners."""
     sector, file = drawn[0].cell, drawn[1]

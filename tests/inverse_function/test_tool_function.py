@@ -47,6 +47,7 @@ def test_its_jacobian_is_the_derivative(F: rp.InverseFunction) -> None:
     assert np.abs(D - own.jacobian(x)).max() < 1e-7
 
 
+@pytest.mark.slow
 def test_motions_of_the_tool_close(F: rp.InverseFunction) -> None:
     own = F.with_tool(T)
     x = F.cell.placement

@@ -205,6 +205,7 @@ def test_a_table_says_what_ends_it(panda_pose: rp.Task) -> None:
     assert "bodies keep 1 mm, because 5 mm would leave less than 85 %" in note(1.0, 1.0, 0.001)
 
 
+@pytest.mark.slow
 def test_an_arm_with_locked_joints_that_covers_more_is_reported(panda_pose: rp.Task) -> None:
     """Against a small sector, a locked joint covers more: at each of its nodes it has the pose."""
     task, rng = panda_pose, np.random.default_rng(0)
@@ -222,6 +223,7 @@ def test_an_arm_with_locked_joints_that_covers_more_is_reported(panda_pose: rp.T
     assert whole_table._larger(table, floods, design, dear) is None
 
 
+@pytest.mark.slow
 def test_shrink_moves_the_side_that_is_out_of_reach(tmp_path: Path) -> None:
     """Closed form: the arm reaches 1.2 m; only the far side of the box moves, not the near one."""
     task = planar_task([0.5, 0.4, 0.3], tmp_path)
@@ -387,6 +389,7 @@ def test_the_approach_axis_is_found(name: str, axis: str, why: str) -> None:
     assert np.linalg.det(found.rotation) == pytest.approx(1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "axis", ["-z", *(pytest.param(a, marks=pytest.mark.slow) for a in ("x", "y", "z", "-x", "-y"))]
 )
@@ -409,6 +412,7 @@ def test_each_axis_of_a_frame_can_point_down(axis: str, tmp_path: Path, quick_pl
         assert np.allclose(task.placement(q).translation, place.cell.at(u).translation, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("more", "said"),
     [

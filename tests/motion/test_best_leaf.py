@@ -62,6 +62,7 @@ def walked(
     return q
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])
 def test_panda_out_of_a_limit(panda_design, q_panda, sign: float) -> None:
     """Begun with its elbow far out, a circle breaks a limit; from the found start it breaks
@@ -119,6 +120,7 @@ def test_it_stays_in_the_region_and_says_how_near_it_is() -> None:
     assert kept.best.distance < free.best.distance / 2
 
 
+@pytest.mark.slow
 def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
     panda_design, q_panda, monkeypatch
 ) -> None:
@@ -145,6 +147,7 @@ def test_no_leaf_is_preferred_that_comes_near_an_algorithmic_singularity(
     assert found.best is found.given
 
 
+@pytest.mark.slow
 def test_the_seed_fixes_it(monkeypatch) -> None:
     module = BEST_LEAF
     monkeypatch.setattr(module, "_DIRECTIONS", 1)
@@ -169,6 +172,7 @@ def test_bad_input(panda_design, q_panda) -> None:
         rp.best_leaf(panda_design.inverse, far, np.zeros(3))
 
 
+@pytest.mark.slow
 def test_margins_are_compared_from_the_smallest_up(panda_design, q_panda) -> None:
     """Fewer violations first; a room that is the same for both, such as two links of a wrist, hides
     nothing."""

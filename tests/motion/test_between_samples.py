@@ -113,6 +113,7 @@ def test_a_slide_beyond_its_limits_moves_the_hand_further(tmp_path: Path) -> Non
     assert motion.clearance.touch is not None or not motion.clearance.between
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", some([10, 20, 100], 10))
 def test_never_clean_where_a_dense_check_finds_a_collision(count: int, tmp_path: Path) -> None:
     """Issue 52, item 26.2: pins and thin plates at random places, and coarse samples."""
@@ -145,6 +146,7 @@ def test_never_clean_where_a_dense_check_finds_a_collision(count: int, tmp_path:
     assert hidden >= count / 20 and collisions - hidden >= count / 20 and clean >= 3 * count / 20
 
 
+@pytest.mark.slow
 def test_a_gap_that_cannot_be_settled_is_said(tmp_path: Path) -> None:
     """The tip passes a plate at 1 nm: a collision is neither found nor ruled out."""
     plate = '<box size="0.002 0.4 0.1"/>'
@@ -155,7 +157,7 @@ def test_a_gap_that_cannot_be_settled_is_said(tmp_path: Path) -> None:
     assert found.undecided == ("l2", "thin")
 
 
-@pytest.mark.parametrize("chosen", [True, False])
+@pytest.mark.parametrize("chosen", some([True, False], True))
 def test_a_study_whose_motions_all_collide_says_so_first(
     tmp_path: Path, chosen: bool, only_starts: Callable[..., None], quick_choices: None
 ) -> None:

@@ -128,6 +128,7 @@ def test_a_study_says_that_both_hands_are_back_and_what_is_not(study):
     assert "After 2 cycles both hands are back" in page and "The left" in page
 
 
+@pytest.mark.slow
 def test_the_page_traces_both_hands_and_has_a_ring_for_each(flat):
     page = rp.animation(flat).page
     assert "After 2 cycles both hands are back" in page
@@ -136,6 +137,7 @@ def test_the_page_traces_both_hands_and_has_a_ring_for_each(flat):
     assert [arm["chains"] for arm in scene["arms"]] == [2, 2]
 
 
+@pytest.mark.slow
 def test_a_design_of_several_frames_is_saved_and_loaded(flat, tmp_path):
     design = flat.design
     file = rp.save(design, tmp_path / "hands.json")

@@ -72,9 +72,9 @@ def test_reach_finds_the_target_and_says_when_it_cannot(panda_pose, q_panda) -> 
     ("name", "kind", "most"),
     [
         pytest.param("panda", "pose", 3, marks=pytest.mark.slow),
-        ("xarm7", "pose", 1),
+        pytest.param("xarm7", "pose", 1, marks=pytest.mark.slow),
         pytest.param("ur5", "pose", 1, marks=pytest.mark.slow),
-        ("kinova", "pose", 1),
+        pytest.param("kinova", "pose", 1, marks=pytest.mark.slow),
         ("prr", "xy", 0),
         ("panda", "position", 0),
     ],

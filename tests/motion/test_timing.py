@@ -296,6 +296,7 @@ def differences(timed: rp.TimedMotion) -> list[np.ndarray]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cycles", some([5, 10], 5))
 def test_jerk_is_kept_between_the_samples_and_costs_hardly_any_time(
     panda_design, q_panda, cycles: int
@@ -346,6 +347,7 @@ def test_a_straight_way_with_bounded_jerk_takes_the_time_of_the_closed_form(ring
         assert max(differences(way)) < 1.01
 
 
+@pytest.mark.slow
 def test_time_goes_with_the_cube_root_of_jerk(planar) -> None:
     """With no other limit t → λ t turns a jerk J into J / λ³."""
     path = rp.circle(planar, Q3, 0.3)
@@ -436,7 +438,7 @@ def jerky(ring) -> rp.TimedMotion:
     return rp.timed(ring, rp.Limits(velocity=2.0, acceleration=6.0, jerk=100.0))
 
 
-@pytest.mark.parametrize("bounded", [True, False])
+@pytest.mark.parametrize("bounded", some([True, False], False))
 def test_an_override_keeps_the_path_and_the_limits(ring, jerky, bounded) -> None:
     timed = jerky if bounded else rp.timed(ring, rp.Limits(velocity=2.0, acceleration=6.0))
     run, dt = rp.Run(timed), 0.002
@@ -468,6 +470,7 @@ def test_at_full_override_a_run_gives_the_samples_and_backs_up_the_same_way(ring
     assert run.t == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cycles", "stops"), [(3, 3), pytest.param(10, 15, marks=pytest.mark.slow)]
 )
@@ -489,6 +492,7 @@ def test_a_cycle_closes_however_often_it_was_stopped(planar, cycles: int, stops:
     np.testing.assert_allclose(q, ring.q[0], atol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_from_the_nearest_point_of_the_path(ring, jerky) -> None:
     timed = jerky
     away = ring.q[120] + [0.02, -0.03, 0.01]
@@ -674,6 +678,7 @@ def test_follow_times_a_motion(tmp_path, monkeypatch, capsys) -> None:
     assert "requires --acceleration" in refused(capsys, *words, "--profile", "p.png")
 
 
+@pytest.mark.slow
 def test_follow_keeps_jerk_tool_speed_and_times(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     words = [

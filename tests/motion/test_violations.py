@@ -174,6 +174,7 @@ def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
     assert plain.thinned(10).first_touch is ours.thinned(10).first_touch is None
 
 
+@pytest.mark.slow
 def test_figures_mark_the_first_violation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As a study draws them: words and a cross at the drift, and a cross at the joint."""
     drawn: list[Figure] = []

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from controls import NEEDS_C, c_compiler, control
+from controls import NEEDS_C, c_compiler, control, some
 
 import repctl_pin as rp
 from repctl_pin.strategies.native_arm import native_arm
@@ -119,7 +119,7 @@ class Line:
         return np.array(twist)[:frames], np.array(rate)[:frames]
 
 
-@pytest.mark.parametrize("frames", [1, 2])
+@pytest.mark.parametrize("frames", some([1, 2], 2))
 def test_the_rates_of_frame_motions_are_derivatives(library: ctypes.CDLL, frames: int) -> None:
     """ω and ω̇ by finite differences of the placements; the ends of each kind of motion."""
     rng, step = np.random.default_rng(0), 1e-4

@@ -96,6 +96,7 @@ def test_without_the_library_numpy_runs_and_one_warning_says_why(
     assert REMEDY in said and without.returncode == 0
 
 
+@pytest.mark.slow
 def test_a_library_that_does_not_load_is_one_warning(tmp_path: Path) -> None:
     copied(tmp_path)
     (tmp_path / "repctl_pin" / "native" / "librepctl.so.1").write_bytes(b"\x7fELF")
@@ -103,6 +104,7 @@ def test_a_library_that_does_not_load_is_one_warning(tmp_path: Path) -> None:
     assert said.returncode == 0 and said.stderr.count("it does not load (") == 1
 
 
+@pytest.mark.slow
 def test_a_library_of_other_sources_is_one_line_not_a_crash(
     tmp_path: Path, usual: subprocess.CompletedProcess[str]
 ) -> None:
@@ -119,6 +121,7 @@ def test_a_library_of_other_sources_is_one_line_not_a_crash(
     assert remedy in found.stderr and found.returncode == 0
 
 
+@pytest.mark.slow
 def test_the_library_is_switched_off_without_a_word(
     usual: subprocess.CompletedProcess[str],
 ) -> None:
@@ -139,6 +142,7 @@ def test_a_motion_is_the_same_without_the_library(monkeypatch: pytest.MonkeyPatc
     np.testing.assert_allclose(native.q, plain.q, atol=1e-12)
 
 
+@pytest.mark.slow
 @NEEDS_C
 def test_the_library_needs_no_compiler_at_run_time() -> None:
     found = run(ROOT, "-W", "error::UserWarning", CC="no-such-compiler", PATH="")
@@ -181,6 +185,7 @@ def test_the_build_asks_for_ziglang_only_without_a_compiler_and_where_it_can_be_
     assert answer.stdout.strip() == str(asked)
 
 
+@pytest.mark.slow
 @NEEDS_C
 def test_an_unchanged_library_is_not_built_again(tmp_path: Path) -> None:
     """Issue 56, item 32.4: neither in its folder, nor for a wheel; a changed source builds it."""

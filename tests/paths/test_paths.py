@@ -369,6 +369,7 @@ def test_a_class_of_ones_own_goes_everywhere_and_is_tried_first(q_panda) -> None
         rp.follow(rp.Pseudoinverse(task), "circle", q0)
 
 
+@pytest.mark.slow
 def test_a_study_takes_the_words_of_a_path() -> None:
     found = rp.study(rp.Problem("planar3r", path="circle:0.3"), cycles=1, steps=60, degree=1)
     assert found.path.spec.startswith("circle:0.3:") and found.path.plane == "xy"

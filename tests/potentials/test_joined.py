@@ -125,6 +125,7 @@ def test_nearly_dependent_potentials_on_few_nodes_still_give_an_inverse(samples:
     assert np.allclose(task.jacobian(q0) @ design.inverse(q0), np.eye(task.m), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_leaf_margin_of_a_fit_with_few_nodes_is_that_of_all_corners() -> None:
     """Issue 37, item 22: no corner of Ω and no held-out node has a smaller one than is reported.
 

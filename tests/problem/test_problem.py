@@ -110,6 +110,7 @@ def test_a_problem_reads_as_words(problem: rp.Problem) -> None:
         problem.start = np.zeros(4)
 
 
+@pytest.mark.slow
 def test_a_study_of_default_parts_is_the_same_from_both_forms(quick_choices: None) -> None:
     once, again = rp.study("ppr", **QUICK), rp.study(rp.Problem("ppr"), **QUICK)
     assert json.dumps(once.as_dict()) == json.dumps(again.as_dict())

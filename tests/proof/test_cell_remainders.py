@@ -137,6 +137,7 @@ def test_two_solutions_at_one_pose_are_apart_as_bounded(tmp_path: Path) -> None:
 KINDS = ("axis", "position", "yz")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", some(KINDS, "position"))
 def test_two_solutions_of_other_tasks_are_apart_as_bounded(kind: str, tmp_path: Path) -> None:
     used = np.zeros(3)
@@ -178,6 +179,7 @@ def test_the_frame_s_velocity_changes_as_bounded(tmp_path: Path) -> None:
     assert 0.5 < velocity_changes_off(problem_of(spatial_task(5, tmp_path))) <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mutant",
     [pytest.param(m, marks=[pytest.mark.slow] if i else []) for i, m in enumerate(COMMUTATOR)],

@@ -146,6 +146,7 @@ def test_a_smaller_region_is_proved_by_name(certified: rp.Design) -> None:
         assert dataclasses.replace(certified, proof=proof).proof is None
 
 
+@pytest.mark.slow
 def test_a_joint_left_out_of_the_limit_margin_is_named(
     sector: rp.CellDesign, tmp_path: Path
 ) -> None:
@@ -201,6 +202,7 @@ def test_a_proof_not_reached_states_no_bound_and_is_not_saved(
     assert "leaf margin   no bound" in rp.prove(sector, limit_margin=3.0).summary()
 
 
+@pytest.mark.slow
 def test_check_says_by_its_exit_code_that_a_proof_is_not_reached(
     certified: rp.Design, sector: rp.CellDesign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -235,6 +237,7 @@ def test_the_commands_prove_sectors_and_cells_of_positions(
         assert json.loads(capsys.readouterr().out)["proof"]["proved"]
 
 
+@pytest.mark.slow
 def test_a_design_without_the_proof_says_what_to_do(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

@@ -200,6 +200,7 @@ def test_a_smaller_radius_is_proved_in_fewer_boxes(tmp_path: Path) -> None:
         assert closes.boxes < largest.boxes / 10 and "asked" in closes.reason
 
 
+@pytest.mark.slow
 def test_a_radius_takes_the_time_that_is_given(panda_design: rp.Design) -> None:
     taken, metres = [], []
     for seconds in (0.05, 1.0):

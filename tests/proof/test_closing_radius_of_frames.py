@@ -168,6 +168,7 @@ def test_wild_paths_of_both_hands_within_the_radius_close(k: int, tmp_path: Path
         assert np.abs(before - after).max() < 1e-9 and max(first, most) < 1
 
 
+@pytest.mark.slow
 def test_around_the_paths_of_both_hands_others_close(tmp_path: Path) -> None:
     design = design_over(tasks(tmp_path)[1], 0.1)
     path = rp.several_paths(
@@ -186,6 +187,7 @@ def test_around_the_paths_of_both_hands_others_close(tmp_path: Path) -> None:
     assert np.abs(before - after).max() < 1e-9 and most < 1
 
 
+@pytest.mark.slow
 def test_hands_that_go_round_the_base_are_not_within_the_radius(tmp_path: Path) -> None:
     task = tree(tmp_path).task(["left", "right"], "xy")
     N = np.linalg.svd(task.jacobian(Q0))[2][task.m :].T
@@ -220,6 +222,7 @@ def test_each_frame_counts(tmp_path: Path) -> None:
         proof.closes.contains(there[0])
 
 
+@pytest.mark.slow
 def test_a_file_holds_the_radius_of_both_hands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -239,6 +242,7 @@ def test_a_file_holds_the_radius_of_both_hands(
     assert eval(asked).proof.seal == proof.seal
 
 
+@pytest.mark.slow
 def test_a_study_of_two_hands_says_whether_near_paths_close(
     tmp_path: Path, quick_choices: None
 ) -> None:

@@ -74,7 +74,7 @@ def test_a_turn_between_two_samples_is_not_proved_to_close() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", some(["planar3r", "panda", "planar4r", "tiago", "ur5"], "panda", "planar4r")
+    "name", some(["planar3r", "panda", "planar4r", "tiago", "ur5"], "planar4r")
 )
 def test_the_motion_is_in_its_boxes_between_the_samples(name: str) -> None:
     """Four times the steps, followed on the leaf, are the oracle."""
@@ -115,6 +115,7 @@ def test_a_path_round_the_base_is_not_proved(tmp_path: Path) -> None:
     assert not found.proved and "does not close" in found.reason
 
 
+@pytest.mark.slow
 def test_both_hands_are_enclosed_though_one_is_still() -> None:
     task = rp.Robot.load("baxter").task(["left_gripper", "right_gripper"], "position")
     q = rp.Problem(task, path=False).start

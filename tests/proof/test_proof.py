@@ -250,6 +250,7 @@ def test_the_commands_prove_and_check_what_they_saved(
     assert "requires a saved design" in refused(capsys, "check", "panda", "--prove")
 
 
+@pytest.mark.slow
 def test_a_study_says_that_its_time_did_not_suffice_for_a_proof(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

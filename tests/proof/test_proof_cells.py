@@ -113,6 +113,7 @@ def test_a_cell_that_is_not_covered_is_not_proved(places: rp.CellDesign) -> None
         beyond.batch(proof.worst[None])
 
 
+@pytest.mark.slow
 def test_an_arm_with_a_prismatic_joint_is_enclosed_too(tmp_path: Path) -> None:
     task = spatial_task(7, tmp_path, kind="pose", seed=3)
     rng = np.random.default_rng(0)

@@ -81,6 +81,7 @@ def test_every_box_s_bounds_hold_at_its_corners_and_inside(tmp_path: Path) -> No
                 assert (found.leaf_margin > 0.8 * true - 1e-6).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", some(range(3), 2))
 def test_whole_boxes_are_proved_and_samples_do_not_contradict(k: int, tmp_path: Path) -> None:
     task = tasks(tmp_path)[k]
@@ -93,6 +94,7 @@ def test_whole_boxes_are_proved_and_samples_do_not_contradict(k: int, tmp_path: 
     assert 0 < proof.sigma_min < smallest_singular_values(task, Q).min()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed", [pytest.param(k, marks=[pytest.mark.slow] if k else []) for k in range(6)]
 )

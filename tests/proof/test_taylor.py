@@ -102,6 +102,7 @@ def test_every_bound_of_a_taylor_model_is_attained() -> None:
     assert x.operate(POWER, x, -1.0)[0][[0, 4]].tolist() == [1.0, np.inf]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mutant", [pytest.param(m, marks=[pytest.mark.slow] if i else []) for i, m in enumerate(TAYLOR)]
 )

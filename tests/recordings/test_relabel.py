@@ -226,6 +226,7 @@ def test_velocities_of_the_old_joints_are_dropped(task: rp.Task, tmp_path: Path)
     assert "_velocity" not in done.save(tmp_path / "new.csv").read_text()
 
 
+@pytest.mark.slow
 def test_the_command_answers_in_a_small_terminal(
     relabeled: rp.Relabeled, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:

@@ -58,6 +58,7 @@ def test_a_design_with_a_density_is_nearer_where_it_counts(panda_pose: rp.Task) 
     assert near < 0.7 * far
 
 
+@pytest.mark.slow
 def test_a_tube_follows_its_samples(panda_pose: rp.Task) -> None:
     path = rp.circle(panda_pose, Q0, radius=0.1, normal="yz")
     cycle = rp.follow(rp.Pseudoinverse(panda_pose), path, Q0, cycles=1, steps=200).cycle(0)
@@ -88,6 +89,7 @@ def test_a_tube_follows_its_samples(panda_pose: rp.Task) -> None:
     assert design.cost < judged(over(box, design.region)).cost
 
 
+@pytest.mark.slow
 def test_a_workspace_box_is_a_mean_over_positions_and_self_motions() -> None:
     """Planar 3R: the weighted nodes land evenly in the workspace, as the coarea formula says they
     should."""
@@ -133,6 +135,7 @@ def fibre_length(task: rp.Task, at: np.ndarray, within: rp.Box) -> float:
     return total
 
 
+@pytest.mark.slow
 def test_a_design_over_a_workspace_box() -> None:
     task = rp.Robot.load("planar3r").task(None, "xy")
     within = rp.Box([0.2, 1.2, 0.9], 0.5)

@@ -37,6 +37,7 @@ def scenes(panda_pose: rp.Task, monkeypatch: pytest.MonkeyPatch) -> list:
     return module("scenes", monkeypatch).scenes_of("panda", panda_pose, 100)
 
 
+@pytest.mark.slow
 def test_both_starts_are_on_the_path(scenes: list) -> None:
     """And half a radian apart; the last target is the start."""
     for on, off in zip(scenes[::2], scenes[1::2], strict=True):
@@ -46,6 +47,7 @@ def test_both_starts_are_on_the_path(scenes: list) -> None:
         assert np.array_equal(off.posture, on.q0)
 
 
+@pytest.mark.slow
 def test_what_the_loops_do_on_the_circle(
     scenes: list, panda_design: rp.Design, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -88,6 +88,7 @@ def headings(page: Path) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_live_pages_are_made_for_the_marks(tmp_path: Path) -> None:
     """Each mark has its page; one of them is made here, all by a strict build of the site."""
     live = runpy.run_path(str(ROOT / "docs" / "hooks" / "live.py"))
@@ -155,7 +156,16 @@ def python_of(page: Path) -> list[str]:
 
 
 LONG = {"proof", "cell", "pick-and-place", "learning", "bodies", "two-hands", "pink", "audit"}
-LONG |= {"paths-and-time", "architecture", "own-urdf", "surveys", "which", "robot", "mujoco"}
+LONG |= {
+    "python",
+    "paths-and-time",
+    "architecture",
+    "own-urdf",
+    "surveys",
+    "which",
+    "robot",
+    "mujoco",
+}
 """Pages whose Python takes seconds: among the slow tests."""
 
 

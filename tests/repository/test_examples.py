@@ -148,6 +148,7 @@ def test_two_arms(run: Run) -> None:
     assert drifting > 1 and closed < 1e-10
 
 
+@pytest.mark.slow
 def test_a_weld_of_few_pieces_and_steps(
     monkeypatch: pytest.MonkeyPatch, quick_choices: None
 ) -> None:
@@ -176,6 +177,7 @@ def test_weld(run: Run) -> None:
     assert np.ptp(slow, axis=0).max() < np.radians(8)  # of 13° without the weight
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cycles", some([1, 2], 1))
 def test_a_short_teleoperation(
     cycles: int, monkeypatch: pytest.MonkeyPatch, quick_choices: None
@@ -383,6 +385,7 @@ def test_stable_surfaces(run: Run) -> None:
     assert told.count("stable surfaces") == 5 and told.count("none is stable") == 5
 
 
+@pytest.mark.slow
 def test_table_one_and_the_solver_beside_it() -> None:
     """On fewer intervals and nodes: Table I is that of the paper, the solver finds its k."""
     module = example("nearest_ppr")

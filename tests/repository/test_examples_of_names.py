@@ -24,6 +24,7 @@ SHARED = re.search(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error::UserWarning")
 def test_every_public_name_has_an_example_that_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quick_choices: None, quick_places: None

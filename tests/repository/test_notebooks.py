@@ -37,6 +37,7 @@ def test_a_notebook_holds_its_script_whole(script: Path) -> None:
     assert [ast.dump(node) for node in ast.parse(code(book)).body][: len(mine)] == mine
 
 
+@pytest.mark.slow
 def test_the_code_of_a_notebook_runs_and_prints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -15,6 +15,7 @@ PLATFORMS = ["x86_64-unknown-linux-gnu", "aarch64-unknown-linux-gnu", "aarch64-a
 NO_NETWORK = ["connect", "dns", "timed out", "fetch", "network"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("python", some(["3.10", "3.13"], "3.13"))
 @pytest.mark.parametrize("platform", some(PLATFORMS, "aarch64-apple-darwin"))
 def test_26_19_it_can_be_installed_from_wheels(platform: str, python: str) -> None:

@@ -19,6 +19,7 @@ import pytest
 import yaml
 from arms import catalogue
 from commands import computed_once, main, parsers, without_pictures
+from controls import some
 from shown import answered, drifts, steady, written
 from terminals import fit_terminals
 
@@ -200,7 +201,9 @@ def in_three_cycles(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rp, "study", lambda *given, **o: study(*given, **(o | few)))
 
 
-@pytest.mark.parametrize("last", chains())
+@pytest.mark.parametrize(
+    "last", some(chains(), *(c for c in chains() if c.startswith(("cell", "export", "robots"))))
+)
 def test_the_commands_for_ones_own_arm_run(
     last: str,
     tmp_path: Path,
@@ -239,6 +242,7 @@ def test_the_commands_for_ones_own_arm_run(
             check_robots(few, text)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "command",
     [

@@ -112,6 +112,7 @@ def test_hulls_that_overlap_are_no_touch(chain: rp.Task, tmp_path: Path) -> None
     assert bodies.nearest(np.array([0.7 / 3, 0.0, 0.0])).distance > 0
 
 
+@pytest.mark.slow
 def test_few_exact_tests_decide_a_motion_near_a_mesh(
     chain: rp.Task, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

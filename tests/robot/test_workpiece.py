@@ -244,6 +244,7 @@ def sum_of_joints(scene: dict, n: int) -> int:
     return 0 if held is None else n * held["perCycle"] * len(scene["cycles"])
 
 
+@pytest.mark.slow
 def test_a_function_on_the_workpiece_reaches_its_targets(tmp_path: Path) -> None:
     """F(x) places the tool at x on the table, and a governor at 20 Hz ends there."""
     task = planar_cell(tmp_path)
@@ -261,6 +262,7 @@ def test_a_function_on_the_workpiece_reaches_its_targets(tmp_path: Path) -> None
     assert np.allclose(now, q, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_command_takes_the_workpiece(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -152,7 +152,7 @@ def loaded(file: Path, saved: Path, frame: str, kind: str) -> rp.Design | rp.Cel
         return rp.load(saved, rp.Robot.load(file).task(frame, kind))
 
 
-@pytest.mark.parametrize("name", some(ARMS, "mimic", "rail"))
+@pytest.mark.parametrize("name", some(ARMS, "rail"))
 def test_every_number_that_a_design_depends_on_is_checked(name: str, tmp_path: Path) -> None:
     """Issue 37, item 3: one number at a time, of each joint from base to frame. All are detected:
     limits of a mimic joint only where they narrow those of its leader."""
@@ -264,6 +264,7 @@ BODIES = RAIL.replace(
 )
 
 
+@pytest.mark.slow
 def test_a_cell_s_limits_refuse_and_its_bodies_drop_the_distance(tmp_path: Path) -> None:
     """Issue 37, item 3: F does not depend on the bodies, only its body distance does."""
     file = tmp_path / "rail.urdf"

@@ -79,6 +79,7 @@ def test_paths_of_several_frames_pickle() -> None:
         np.testing.assert_allclose(again.twist(s), path.twist(s), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_surveys_send_whole_results_from_another_process(task: rp.Task) -> None:
     """Issue 56, item 8: a fresh process makes a study and an audit."""
     arm = rp.Robot.load("planar3r").task("tool", "xy")

@@ -78,6 +78,7 @@ def test_two_hands_are_two_limbs(tmp_path: Path) -> None:
     assert [arm["chains"] for arm in scene["arms"]] == [2, 2] and len(scene["paths"]) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blank_pictures")
 def test_a_study_is_shown_as_the_page_that_the_command_writes(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)

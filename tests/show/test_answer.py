@@ -87,6 +87,7 @@ def beyond() -> rp.Study:
     return rp.study(problem, cycles=2, steps=60, degree=1)
 
 
+@pytest.mark.slow
 def test_violations_are_marked_and_named(study: rp.Study, beyond: rp.Study, folder: Path) -> None:
     text, _ = printed(beyond, folder)
     motion, task = beyond.row("pseudoinverse").motion, beyond.task
@@ -164,6 +165,7 @@ def test_nothing_to_show_says_what_stopped(study: rp.Study) -> None:
         rp.animation(none)
 
 
+@pytest.mark.slow
 def test_only_a_terminal_shows_tones_and_as_colours(
     study: rp.Study, answer: str, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -222,6 +224,7 @@ def two_hands(file: Path) -> None:
     file.write_text(TWO_HANDS.format(arms=arms))
 
 
+@pytest.mark.slow
 def test_two_hands_on_one_waist(tmp_path: Path) -> None:
     """Issue 37, items 15 and 16: what the waist moves besides is measured and named, and the arm's
     own part is not sought on the other arm; bodies without a collision shape are counted."""
@@ -252,6 +255,7 @@ def test_two_hands_on_one_waist(tmp_path: Path) -> None:
     assert len(two.as_dict()["not_checked"]) == 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", some([1, -1], -1))
 def test_a_path_around_the_base_winds(sign: int, study: rp.Study, tmp_path: Path) -> None:
     """Issue 37, awkward studies: above the table stands why such a path need not close, one turn

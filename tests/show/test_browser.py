@@ -233,6 +233,7 @@ def test_every_kind_of_robot_moves_and_only_who_repeats_comes_back(
     assert errors(driver) == []
 
 
+@pytest.mark.slow
 def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None:
     """Six mirrored meshes of a humanoid, and no other body."""
     talos, mirrored = rp.Robot.load("talos"), 0
@@ -265,6 +266,7 @@ def test_mirrored_meshes_are_not_inside_out(driver: Any, tmp_path: Path) -> None
     assert changed(both, back) > 0.01
 
 
+@pytest.mark.slow
 def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     four = rp.Robot.load("planar4r").description.xml
     named = four.replace('<robot name="planar4r"', '<robot name="&lt;i&gt;four&lt;/i&gt;"')
@@ -414,6 +416,7 @@ def the_address_keeps_time_and_view(driver: Any, page: Path) -> None:
     assert errors(driver) == []
 
 
+@pytest.mark.slow
 def test_more_arms_and_none_to_read(driver: Any, tmp_path: Path) -> None:
     """Three arms of a robot without any shapes; a body that cannot be read is said on the page."""
     urdf = tmp_path / "bones.urdf"
@@ -536,6 +539,7 @@ def the_sheet_for_print(driver: Any) -> tuple[int, int]:
     return width, height
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "sizes", some([((1400, 900), (390, 844)), ((844, 390), (1024, 500))], ((1400, 900), (390, 844)))
 )
@@ -576,6 +580,7 @@ def test_everybody_can_read_and_use_it(
     assert errors(driver) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("schemes_of_colour", some([(True,), (False, True)], (True,)))
 def test_a_moved_elbow_joints_and_a_dialog_can_be_read(
     driver: Any, tmp_path: Path, schemes_of_colour: tuple[bool, ...]
@@ -617,6 +622,7 @@ HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
 """
 
 
+@pytest.mark.slow
 def test_without_webgl_the_arms_are_lines(driver: Any, tmp_path: Path) -> None:
     """Each arm at the start and at the end, its number, and the chart; no dead buttons."""
     page = write(tmp_path, on_a_circle(rp.Robot.load("planar4r"), FOUR))
@@ -647,6 +653,7 @@ def test_without_webgl_the_arms_are_lines(driver: Any, tmp_path: Path) -> None:
     assert [e for e in errors(driver) if "WebGL" not in e] == []
 
 
+@pytest.mark.slow
 def test_on_the_narrowest_phone_no_label_is_cut(driver: Any, tmp_path: Path) -> None:
     """Panes that would be narrower than their labels stand one above the other."""
     page = write(tmp_path, on_a_circle(rp.Robot.load("planar4r"), FOUR))
@@ -658,6 +665,7 @@ def test_on_the_narrowest_phone_no_label_is_cut(driver: Any, tmp_path: Path) -> 
     assert max(driver.execute_script(cut)) <= 0
 
 
+@pytest.mark.slow
 def test_on_a_phone_the_notes_fold(driver: Any, tmp_path: Path) -> None:
     """A button shows them; the buttons stand beside play, and each number once."""
     schemes(driver, width=390, height=844)
@@ -692,6 +700,7 @@ return new Promise((done) => requestAnimationFrame(() => requestAnimationFrame((
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("touch", some([True, False], True))
 def test_menus_lie_inside_the_window(driver: Any, tmp_path: Path, touch: bool) -> None:
     """28.1: every entry of every menu can be reached on phones, tablets and desks, by touch and

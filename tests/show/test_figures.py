@@ -151,6 +151,7 @@ def test_margin_lines_hold_the_least_margin_of_each_cycle(study: rp.Study, figur
     assert ax.get_ylim()[0] <= 0 and "(rad)" in ax.get_ylabel()
 
 
+@pytest.mark.slow
 def test_units_of_mixed_arms(mixed: tuple[rp.Study, dict]) -> None:
     _, figures = mixed
     assert "(rad/s and m/s)" in figures["cycle"].axes[0].get_ylabel()

@@ -192,6 +192,7 @@ def test_strangers_are_refused(task: rp.Task) -> None:
                 asyncio.run(connect(view, **stranger))
 
 
+@pytest.mark.slow
 def test_a_real_browser_shows_the_poses(task: rp.Task, driver: Any) -> None:
     from selenium.webdriver.common.keys import Keys
 

@@ -130,6 +130,7 @@ def drawing(figure: Any) -> np.ndarray:
     return np.asarray(canvas.buffer_rgba())[..., :3].astype(np.int16)
 
 
+@pytest.mark.slow
 def test_a_cell_holds_the_page_the_table_and_the_figures(
     study: rp.Study, cell: tuple[Any, list[Figure]], full: str
 ) -> None:

@@ -148,6 +148,7 @@ def evaluated(folder: Path, own: Any, Q: Any, X: Any, paths: list[Any]) -> Any:
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mirrored", some([False, True], True))
 def test_the_page_computes_two_hands_as_python_does(mirrored: bool, tmp_path: Path) -> None:
     """Of Talos: one hand on a loop, the other still or mirroring it; J, ẋ and ten cycles' ends."""
@@ -387,6 +388,7 @@ return [top, notes.getBoundingClientRect().bottom - range.getBoundingClientRect(
 """
 
 
+@pytest.mark.slow
 def test_notes_take_the_room_of_what_they_say(driver: Any, page: Path) -> None:
     """No band is empty under a study's notes, and nothing moves while a hand is led; from the
     first loop on there is room for the words of every loop."""
@@ -428,6 +430,7 @@ return seen;
 """  # noqa: E501
 
 
+@pytest.mark.slow
 def test_it_asks_to_be_dragged_and_points_at_the_elbow(driver: Any, page: Path) -> None:
     """While it opens, not while the hand goes round; and the callouts point at one place of both
     arms, where the drift is."""
@@ -487,6 +490,7 @@ def test_every_kind_of_robot_follows_a_drawn_loop(driver: Any, tmp_path: Path, n
     assert errors(driver) == []
 
 
+@pytest.mark.slow
 def test_a_loop_is_drawn_by_keys_and_left_again(driver: Any, page: Path) -> None:
     """A line there and back encloses nothing, which is said; Escape goes back to the study."""
     from selenium.webdriver.common.keys import Keys
@@ -513,6 +517,7 @@ def test_a_loop_is_drawn_by_keys_and_left_again(driver: Any, page: Path) -> None
     assert driver.execute_script("return repctl.own.state") == "own" and errors(driver) == []
 
 
+@pytest.mark.slow
 def test_the_proved_radius_is_drawn_and_said(driver: Any, page: Path, study: rp.Study) -> None:
     """A loop within it is proved to close; one beyond it is said to be beyond."""
     closes = study.design.proof.closes
@@ -543,6 +548,7 @@ def test_the_proved_radius_is_drawn_and_said(driver: Any, page: Path, study: rp.
     assert errors(driver) == []
 
 
+@pytest.mark.slow
 def test_a_loop_close_to_a_singularity_is_kept(driver: Any, page: Path, study: rp.Study) -> None:
     """28.2: where twice the steps lead J⁺ elsewhere: the critical place is marked, the usual arm
     goes as far, the repeatable one all cycles as Python says; nothing of the study is left."""
@@ -601,6 +607,7 @@ def test_a_loop_close_to_a_singularity_is_kept(driver: Any, page: Path, study: r
     assert errors(driver) == []
 
 
+@pytest.mark.slow
 def test_the_elbow_slider_keeps_the_hand_and_chooses_the_leaf(
     driver: Any, page: Path, study: rp.Study
 ) -> None:
@@ -710,6 +717,7 @@ def nothing_overlaps(driver: Any) -> None:
     assert errors(driver) == []
 
 
+@pytest.mark.slow
 def test_rings_lines_and_labels_do_not_overlap(driver: Any, two_hands: Path) -> None:
     """28.1: of two hands, at the end of every cycle, in every pane; nothing is cut, of a window
     that was made small, either."""
@@ -740,6 +748,7 @@ own.release();
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mirrored", some([False, True], True))
 def test_a_loop_is_drawn_with_either_hand(
     driver: Any, two_hands: Path, mirrored: bool, tmp_path: Path
@@ -810,6 +819,7 @@ def test_a_loop_is_drawn_with_either_hand(
     assert errors(driver) == []
 
 
+@pytest.mark.slow
 def test_the_best_loop_is_kept(driver: Any, page: Path) -> None:
     """Small loops and ways there and back do not count; the smallest drift does."""
     schemes(driver, width=900, height=700)
@@ -864,6 +874,7 @@ endless.then(() => done([between, state, own.state, own.work]));
 """
 
 
+@pytest.mark.slow
 def test_a_loop_is_computed_in_slices(driver: Any, page: Path) -> None:
     """Between two pauses at most a piece of a cycle of one arm is computed, and what begins
     meanwhile ends it."""
@@ -878,6 +889,7 @@ def test_a_loop_is_computed_in_slices(driver: Any, page: Path) -> None:
     assert errors(driver) == []
 
 
+@pytest.mark.slow
 def test_the_curves_of_the_joints_are_drawn_once(driver: Any, page: Path) -> None:
     """Not at every instant, but again for another motion, size or scheme."""
     from selenium.webdriver.support.ui import WebDriverWait
@@ -925,6 +937,7 @@ own.open({ points }).then(() => {
 """
 
 
+@pytest.mark.slow
 def test_what_was_computed_is_drawn_in_slices(driver: Any, page: Path) -> None:
     """A pause after each trace; nothing of the motion is shown before all is drawn. A drawing that
     something else ends leaves the page whole."""

@@ -124,6 +124,7 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
     assert errors(driver) == []
 
 
+@pytest.mark.slow
 def test_numbers_are_the_motions(driver: Any, tmp_path: Path) -> None:
     study = rp.study("planar3r", degree=1)
     compare(driver, study, tmp_path / "page.html", [0.0, 0.37, 4.5, 7.01, 9.993])

@@ -45,6 +45,7 @@ def study() -> rp.Study:
     return rp.study("planar3r", cycles=2, steps=100, degree=1)
 
 
+@pytest.mark.slow
 def test_its_legend_names_the_columns(page: str) -> None:
     """28: one word for one controller, in the table and below it; no mark without its meaning."""
     heads = re.findall(r'<th scope="col">.*?</span>(.*?)</th>', page)
@@ -163,6 +164,7 @@ def test_it_says_what_was_found_and_how_to_repeat_it(page: str, study: rp.Study)
     assert len(lines) == 17 and reads(said[1], plain.drift[-1], 3)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blank_pictures")
 def test_the_command_writes_it_for_ones_own_arm(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

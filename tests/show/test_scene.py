@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import planar_urdf
+from controls import some
 from page_file import COLOURS, Drawn, circling, panes, read
 
 import repctl_pin as rp
@@ -42,7 +43,7 @@ def fastest_in_the_self_motion(task: rp.Task, q: np.ndarray) -> int:
     return int((speed * (middle if middle.any() else 1)).argmax())
 
 
-@pytest.mark.parametrize("name", ["panda", pytest.param("talos", marks=pytest.mark.slow), "ppr"])
+@pytest.mark.parametrize("name", some(["panda", "talos", "ppr"], "ppr"))
 def test_page_holds_what_went_in(name: str) -> None:
     motions, page, drawn = known(name)
     scene, _, numbers = read(page)

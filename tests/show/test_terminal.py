@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from commands import main, parsers, printed
+from controls import some
 from shown import drifts
 from terminals import Screen, fit_terminals, terminal_of
 
@@ -49,6 +50,7 @@ def full(study: rp.Study, folder: Path) -> str:
     return printed(study, folder, "--full")[0].partition("\nwrote ")[0]
 
 
+@pytest.mark.slow
 def test_a_study_fits_in_one_piece(narrow: None, tmp_path: Path) -> None:
     """Six joints, three of them without limits and three to spare."""
     kinova = rp.Robot.load("kinova").description.path.read_text(encoding="utf-8")
@@ -64,6 +66,7 @@ def test_a_study_fits_in_one_piece(narrow: None, tmp_path: Path) -> None:
         assert drifts(text, strategy) == pytest.approx((motion.drift[0], motion.drift[-1]), rel=0.5)
 
 
+@pytest.mark.slow
 def test_controls_of_ones_own_go_on_below(narrow: None, tmp_path: Path) -> None:
     task = rp.Robot.load("ppr").task(kind="xy")  # of both units
     own = {
@@ -76,7 +79,7 @@ def test_controls_of_ones_own_go_on_below(narrow: None, tmp_path: Path) -> None:
     assert text.count("─\n") == 2 and text.count("drift after 2 cycles, rad and m") == 2
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", some(COMMANDS, *COMMANDS[:2], COMMANDS[3]))
 def test_a_command_fits(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     fit_terminals(monkeypatch)

@@ -76,6 +76,7 @@ def deployed(arm: str, capsys: pytest.CaptureFixture[str]) -> tuple[dict, dict]:
     return followed, inside(capsys, f"repctl-out/{arm}/design.json", arm)
 
 
+@pytest.mark.slow
 def test_a_control_is_followed_inside_its_region(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     without_pictures(monkeypatch)
@@ -159,6 +160,7 @@ def test_a_cycle_takes_as_long_as_the_joints_need(tmp_path, monkeypatch, capsys)
     assert "times the speed limit under the repeatable one." in said
 
 
+@pytest.mark.slow
 def test_a_studys_weight_is_its_controls(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     without_pictures(monkeypatch)
@@ -173,6 +175,7 @@ def test_a_studys_weight_is_its_controls(tmp_path, monkeypatch, capsys) -> None:
     assert isinstance(design.desired, rp.WeightedInverse) and costs[2] < 0.7 * costs[0]
 
 
+@pytest.mark.slow
 def test_a_failed_command_leaves_the_files_of_the_one_before(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     few = [

@@ -63,6 +63,7 @@ def test_a_start_beside_which_the_motion_goes_elsewhere_is_named(planar: rp.Stud
     assert "the motion goes on" in note
 
 
+@pytest.mark.slow
 def test_a_default_start_keeps_limits_where_another_does(
     planar: rp.Study, only_starts: Callable[..., None]
 ) -> None:
@@ -141,6 +142,7 @@ def test_a_dear_start_gives_way_to_a_cheap_one_or_is_explained(tmp_path: Path) -
     assert 0 < same < price
 
 
+@pytest.mark.slow
 def test_many_joints_are_studied_at_once_or_it_is_said_what_takes_long(tmp_path: Path) -> None:
     (tmp_path / "long.urdf").write_text(planar_urdf([0.1] * 11))
     study = rp.study(rp.Problem(str(tmp_path / "long.urdf"), region=0.1), cycles=1, steps=40)
@@ -189,6 +191,7 @@ def test_a_design_that_fails_on_its_own_cycle_is_blamed_not_the_path(
         rp.study(rp.Problem("planar4r", start=planar.q0, path=planar.path), **QUICK)
 
 
+@pytest.mark.slow
 @pytest.mark.pictures
 def test_files_name_their_run_and_it_is_the_control_files_checksum(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

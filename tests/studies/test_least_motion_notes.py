@@ -20,6 +20,7 @@ def study() -> rp.Study:
     return rp.study("planar3r", cycles=1, steps=64, degree=2, options=few)
 
 
+@pytest.mark.slow
 def test_the_share_above_the_least_and_another_start(study: rp.Study) -> None:
     above, elsewhere = study.notes[-2:]
     task, path, q0 = study.task, study.path, study.q0
@@ -33,6 +34,7 @@ def test_the_share_above_the_least_and_another_start(study: rp.Study) -> None:
     assert elsewhere == "another elbow position needs 31 % less joint speed; use --best-leaf speed"
 
 
+@pytest.mark.slow
 def test_the_start_of_least_speed_saves_what_was_said(
     study: rp.Study,
     tmp_path: Path,

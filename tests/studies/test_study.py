@@ -118,7 +118,7 @@ def test_the_default_circle_of_a_finger_is_small(tmp_path) -> None:
     assert 0.001 <= np.linalg.norm(points[0] - points[1]) / 2 < 0.01
 
 
-@pytest.mark.parametrize("robot", ["ppr", "kinova", pytest.param("tiago", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("robot", some(["ppr", "kinova", "tiago"], "ppr"))
 def test_the_default_start_and_circle_show_the_drift(robot: str) -> None:
     """From the reference pose J⁺ displaces no part of Tiago or Kinova by 3 mm in ten cycles."""
     problem = rp.Problem(robot)
@@ -134,6 +134,7 @@ def test_the_default_start_and_circle_show_the_drift(robot: str) -> None:
     assert chosen.drift[0] > 5 * given.drift[0] and chosen.first_violation is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", some(["panda", "planar4r"], "planar4r"))
 def test_the_default_region_holds_the_motion(name: str) -> None:
     """The tube is laid round a linear design's motion, which a panda's on this square leaves for a
@@ -182,6 +183,7 @@ def full(small: rp.Study, tmp_path_factory: pytest.TempPathFactory) -> str:
         return printed(small, tmp_path_factory.mktemp("small"), "--full")[0]
 
 
+@pytest.mark.slow
 def test_what_is_shown_was_computed_by_the_study(small: rp.Study, full: str) -> None:
     assert any("fastest cycles" in step for step in STEPS)
     fastest = [row.cycle_time for row in small.rows]
@@ -192,6 +194,7 @@ def test_what_is_shown_was_computed_by_the_study(small: rp.Study, full: str) -> 
     ]
 
 
+@pytest.mark.slow
 def test_options_are_what_was_asked(small: rp.Study) -> None:
     """A pose is controlled where nothing else was asked, and nothing said of it."""
     assert not [note for note in small.notes if note.startswith("using task")]
@@ -206,6 +209,7 @@ def test_options_are_what_was_asked(small: rp.Study) -> None:
     assert other.design.potentials.size == 7 and other.path.name == "polygon"
 
 
+@pytest.mark.slow
 def test_a_csv_path_elsewhere_moves_the_start(tmp_path, small: rp.Study) -> None:
     corner = small.task.placement(small.q0).translation + [0.02, 0.03, 0.0]
     loop = corner + np.array([[0, 0, 0], [0.05, 0, 0], [0.05, 0.05, 0], [0, 0, 0]])
@@ -231,6 +235,7 @@ def test_table_and_dict_say_what_the_motions_did(small: rp.Study, full: str) -> 
     assert data["start"] == small.q0.tolist() and small.path.name in text
 
 
+@pytest.mark.slow
 @pytest.mark.pictures
 def test_files_hold_the_motions(
     small: rp.Study,
@@ -285,6 +290,7 @@ def test_a_singular_start_is_refused() -> None:
         rp.study(rp.Problem("planar3r", start=[0.3, 0.0, 0.0]))
 
 
+@pytest.mark.slow
 def test_controls_of_ones_own_stand_beside(tmp_path) -> None:
     """J⁺ written by hand as a function does what J⁺ does; it is in the table, the files, the page
     and the report."""
@@ -343,6 +349,7 @@ def test_controls_that_cannot_be_used_are_named() -> None:
             rp.study(problem, controls=controls, cycles=1, steps=20, degree=1)
 
 
+@pytest.mark.slow
 def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
     """A path out of the reference pose's reach: the next good start is tried, and said."""
     first = rp.Problem("panda", path=False).start
@@ -363,6 +370,7 @@ def test_the_first_start_that_can_follow_the_path_is_taken() -> None:
         rp.study(rp.Problem("panda", path=path, start=first))
 
 
+@pytest.mark.slow
 def test_where_an_arm_creeps_is_said_when_it_does_not_here() -> None:
     """so100 turns about a vertical axis and folds in a plane: by symmetry a level loop encloses
     nothing there."""

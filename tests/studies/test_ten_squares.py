@@ -114,6 +114,7 @@ def from_G(task: rp.Task) -> tuple[rp.Motion, rp.Motion]:
     )
 
 
+@pytest.mark.slow
 def test_k1_matches_the_pseudoinverse_at_G(
     task: rp.Task, from_G: tuple[rp.Motion, rp.Motion]
 ) -> None:

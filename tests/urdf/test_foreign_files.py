@@ -82,6 +82,7 @@ def test_a_follower_of_a_fixed_joint_stands_still_at_its_offset(tmp_path: Path, 
 FOLLOWER = '<axis xyz="0 1 0"/><mimic joint="j2" multiplier="-0.25"/>'
 
 
+@pytest.mark.slow
 def test_a_narrowed_axis_is_told_by_inspect_and_study(
     tmp_path: Path, capsys, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -111,6 +112,7 @@ def test_a_narrowed_axis_is_told_by_inspect_and_study(
     assert said not in rp.Problem(rp.Robot.load(path, base="l2")).warnings
 
 
+@pytest.mark.slow
 def test_a_narrowed_axis_is_told_by_design_cell_follow_and_move(tmp_path: Path, capsys) -> None:
     """26.12: where a user would trust the range of the file, on its own line; in JSON too."""
     limit = '<limit lower="-0.3" upper="0.5" velocity="9"/>'
@@ -364,6 +366,7 @@ def test_named_fingers_collision_links_and_sensors_are_no_end_effectors(tmp_path
     assert load(tmp_path, *arm(), grip).default_frame == "gripper_left_base_link"
 
 
+@pytest.mark.slow
 def test_a_cell_says_which_bodies_are_not_checked_as_a_study_does(tmp_path: Path, capsys) -> None:
     """26.7: an arm whose meshes were not found had "no collision bodies" in a cell."""
     lost = [
