@@ -16,7 +16,7 @@ from nbformat import v4, writes
 from PIL import Image
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-WITHOUT = {"pose_action", "pushed_arm", "servos", "torques", "weld"}
+WITHOUT = {"mjx_action", "pose_action", "pushed_arm", "servos", "torques", "weld"}
 """Files without a notebook: one that others import, these scripts, and one with its own URDF."""
 
 _PICTURES = """\

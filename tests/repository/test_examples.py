@@ -291,6 +291,21 @@ def test_pose_action(run: Run) -> None:
     assert found["PoseAction"].max() < 1e-4 and np.all(np.diff(found["differential IK"]) > 0.01)
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_mjx_action(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Issue 58, 4: arms of a batch come back, each with its own elbow, in a compiled step."""
+    for needed in ("mujoco.mjx", "gymnasium", "jax"):
+        pytest.importorskip(needed)
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    module = example("mjx_action")
+    monkeypatch.setattr(module, "ARMS", 3)
+    monkeypatch.setattr(module, "STEPS", 40)
+    ends = module.main()
+    assert ends.shape == (3, 3, 7) and np.abs(ends - ends[0]).max() < 1e-4
+    assert np.abs(ends[0, 0] - ends[0, 2]).max() > 0.2  # the elbows differ by 0.4 rad
+
+
 @pytest.mark.filterwarnings("ignore:.*WARN")
 def test_an_action_of_hand_and_elbow_is_held_by_the_servos(monkeypatch: pytest.MonkeyPatch) -> None:
     """Issue 58, 4: the environment passes gymnasium's own check, and the arm goes to F(x; c)."""
