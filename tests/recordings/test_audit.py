@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cell_functions import function_of
 from commands import main, refused, told
 from page_file import Drawn
 from terminals import fit_terminals
@@ -175,6 +176,55 @@ def test_configurations_that_differ_without_a_trend_are_no_drift() -> None:
     found = rp.audit((np.arange(len(q)) * 0.04, q), problem.task)
     assert found.verdict == "jumps" and found.found is not None
     assert sorted(np.bincount(found.found.groups)) == [6, 6]
+
+
+def with_levels(
+    slip: float, noise: float = 1e-5
+) -> tuple[rp.Task, np.ndarray, np.ndarray, np.ndarray]:
+    """A log of F(x; c): 24 circles of the hand, at commanded levels that take three, and joints
+    that slip away along the self-motion, by ``slip`` rad per circle."""
+    F = function_of("poses of one orientation")
+    s = np.arange(1441) / 60
+    u = np.zeros((len(s), F.cell.k))
+    u[:, 0], u[:, 1] = 0.5 * np.cos(2 * np.pi * s), 0.5 * np.sin(2 * np.pi * s)
+    c = 0.2 * np.sin(2 * np.pi * s / 3)[:, None]
+    poses = [F.cell.at(each) for each in u]
+    q = np.array([F(x, leaf=level) for x, level in zip(poses, c + slip * s[:, None], strict=True)])
+    return F.task, s, q + noise * np.random.default_rng(0).standard_normal(q.shape), c
+
+
+def test_returns_to_pose_and_level(tmp_path: Path) -> None:
+    """Issue 57, 3: an elbow that was moved on purpose is no drift; one that slips at the commanded
+    level is, at its rate, whether the levels are an array or columns of a file."""
+    task, t, q, c = with_levels(0.0)
+    assert rp.audit((t, q), task).verdict == "jumps"
+    found = rp.audit((t, q, c), task)
+    assert found.repeats and found.returns >= 7 and "levels" in found.notes[-1]
+    assert np.ptp(np.interp(found.visits.t, t, c[:, 0])) < 2e-3
+
+    task, t, q, c = with_levels(2e-4)
+    slipped = rp.audit((t, q, c), task)
+    ends = slipped.visits.q[-1] - slipped.visits.q[0]
+    assert slipped.drifts and slipped.joints is not None and np.abs(ends).max() > 2e-3
+    np.testing.assert_allclose(slipped.joints.rate, ends / np.ptp(slipped.visits.t), atol=2e-5)
+    file = tmp_path / "log.csv"
+    header = ",".join(["time", *task.joint_names, "elbow level"])
+    np.savetxt(file, np.column_stack([t, q, c]), delimiter=",", header=header, comments="")
+    read = rp.audit(file, task, levels=["elbow level"])
+    np.testing.assert_allclose(read.visits.q, slipped.visits.q, atol=1e-12)
+
+
+def test_levels_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
+    task, t, q, c = with_levels(0.0)
+    with pytest.raises(rp.InputError, match="third array"):
+        rp.audit((t, q), task, levels=["c"])
+    with pytest.raises(rp.InputError, match=r"levels as numbers \(1441, k\)"):
+        rp.audit((t, q, c[:-1]), task)
+    file = tmp_path / "log.csv"
+    header = ",".join(["time", *task.joint_names])
+    np.savetxt(file, np.column_stack([t, q]), delimiter=",", header=header, comments="")
+    with pytest.raises(rp.InputError, match="there is no column 'c' with levels"):
+        rp.audit(file, task, levels="c")
 
 
 def test_full_turns_of_a_joint_without_limits_are_no_drift() -> None:

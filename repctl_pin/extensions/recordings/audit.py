@@ -184,7 +184,8 @@ class Audit:
     def summary(self) -> str:
         """Summarise in one line whether the arm repeats, and how it differs if not."""
         name = self.log.name
-        times = f"{self.returns} returns to one hand pose"
+        level = " and level" if self.log.levels.shape[1] else ""
+        times = f"{self.returns} returns to one hand pose{level}"
         if self.found is None:
             return f"{name}: no hand pose is visited often enough for a verdict"
         seconds, unit = self.clock
@@ -244,6 +245,7 @@ def audit(
     kind: str | None = None,
     degrees: bool = False,
     tolerance: float | None = None,
+    levels: Sequence[str] = (),
 ) -> Audit:
     """Measure how far an arm drifts between returns to one end-effector pose, from a joint log.
 
@@ -259,7 +261,7 @@ def audit(
     log
         File (``.csv``, ``.npz`` or ``.parquet``) with a column ``time``, s, and one column per
         joint; a data set of LeRobot (its folder) or robomimic (``.hdf5``); or a pair of times (T,),
-        s, and joint positions (T, n), rad or m.
+        s, and joint positions (T, n), rad or m; with commanded levels (T, k) as a third array.
     robot
         Catalogue name, path to a URDF, a loaded robot or a task.
     frame, kind : str, optional
@@ -271,6 +273,10 @@ def audit(
     tolerance : float, optional
         Distance within which the end effector counts as being at the pose, m; by default derived
         from the noise of the log.
+    levels : sequence of str, optional
+        Names of columns with what was commanded beside the pose: the levels of the self-motion,
+        rad, or the elbow's position, m. A return is then one to the same pose and levels, so joints
+        that differ because the elbow was moved on purpose are no drift.
 
     Returns
     -------
@@ -300,11 +306,21 @@ def audit(
         tolerance = positive(tolerance, "tolerance", "m")
     task = _task(robot, frame, kind)
     units = np.where(task.revolute & degrees, np.pi / 180, 1.0)
-    if isinstance(log, tuple) and len(log) == 2:
-        given = joint_log(*log, units)
+    levels = [levels] if isinstance(levels, str) else list(levels)
+    if isinstance(log, tuple) and len(log) in (2, 3):
+        if levels:
+            raise InputError(
+                "names columns, but the log is arrays",
+                argument="levels",
+                remedy="give the levels as a third array, log=(t, q, c)",
+            )
+        given = joint_log(log[0], log[1], units, *log[2:])
     else:
-        given = read_joint_log(log, task, units)
+        given = read_joint_log(log, task, units, levels)
     notes = [given.read] if given.read else []
+    if given.levels.shape[1]:
+        named = f" in {', '.join(levels)}" if levels else ""
+        notes.append(f"a return is to the same hand pose and the same commanded levels{named}")
     notes += unit_notes(task, given)
     if given.dropped:
         notes.append(
@@ -313,7 +329,8 @@ def audit(
     endless = np.isinf(task.upper)
     given = replace(given, q=np.where(endless, np.unwrap(given.q, axis=0), given.q))
     every = -(-len(given.t) // _MOST_ROWS)
-    visits = find_visits(task, given.t[::every], given.q[::every], tolerance)
+    t, q, c = given.t[::every], given.q[::every], given.levels[::every]
+    visits = find_visits(task, t, q, tolerance, c)
     if len(visits.t) < _FEWEST:
         return Audit(task, given, visits, np.empty((0, 0, 3)), notes=tuple(notes))
     # full turns of a joint without limits do not count

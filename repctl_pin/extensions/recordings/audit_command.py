@@ -46,6 +46,11 @@ def add_options(parser: Parser) -> None:
         metavar="M",
         help="distance within which the hand counts as back, m (default: from the log's noise)",
     )
+    add(
+        "--levels",
+        metavar="COLUMN[,…]",
+        help="columns of the log with the commanded level or elbow: a return is to them, too",
+    )
     out = "folder of audit.html and audit.png (default repctl-out/LOG)"
     add("--out", metavar="FOLDER", help=out)
     parser.json()
@@ -62,9 +67,9 @@ def run(options: Options) -> int:
     say("reading the log and searching for repeated poses")
     frame, kind = options.asked_frames()
     try:
-        found = rp.audit(
-            options.log, robot, frame=frame, kind=kind, **options.of("degrees", "tolerance")
-        )
+        levels = options.levels.split(",") if options.levels else ()
+        others = options.of("degrees", "tolerance")
+        found = rp.audit(options.log, robot, frame=frame, kind=kind, levels=levels, **others)
     except InputError as error:
         if error.remedy == "pass degrees=True":
             error.remedy = "use --degrees"

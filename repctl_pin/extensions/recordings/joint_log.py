@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +88,8 @@ class JointLog:
         row.
     read : str
         Description of the columns that were read; empty for arrays.
+    levels : (T, k) array
+        Commanded levels of the self-motion, rad or m; k is 0 if none were named.
     """
 
     name: str
@@ -96,9 +98,10 @@ class JointLog:
     by_name: bool = True
     dropped: int = 0
     read: str = ""
+    levels: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
-def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
+def read_joint_log(file: Any, task: Task, units: Array, levels: Sequence[str] = ()) -> JointLog:
     """Read a log of joint positions from a ``.csv``, ``.npz`` or ``.parquet`` file.
 
     The file has a column of times, named ``time``, ``t`` or ``timestamp``, and a column for each
@@ -119,22 +122,26 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
         Task; the joints of its robot are read.
     units : (n,) array
         Unit of each position in the file, in rad or m, such as π/180.
+    levels
+        Names of the columns with the commanded levels, rad or m.
 
     Raises
     ------
     InputError
-        If the file cannot be read, a joint or the times are missing, several columns may be the
-        joints, several units of time are possible, or time runs backwards. In the last case, the
-        message names the line.
+        If the file cannot be read, a level, a joint or the times are missing, several columns may
+        be the joints, several units of time are possible, or time runs backwards. In the last case,
+        the message names the line.
     """
     joints = task.joint_names
     path = file_name(file, "log")
     if is_data_set(path):
-        return _of_data_set(path, task, units)
+        return _of_data_set(path, task, units, levels)
     table = read_table(path, joints)
     where = str(table.file)
     clock = _clock_of(table)
-    header = [name for name, width in table.widths.items() if width == 1 and name != clock]
+    _require(table, levels)
+    others = (clock, *levels)
+    header = [name for name, width in table.widths.items() if width == 1 and name not in others]
     try:
         names, by_name = _columns(header, joints)
         whole = None if names else _whole(table, len(joints))
@@ -148,8 +155,8 @@ def read_joint_log(file: Any, task: Task, units: Array) -> JointLog:
         names, taken, by_name = [whole], whole, False
     else:
         raise _no_joints(where, header, joints)
-    values = table.numbers([clock, *names], finite=False)
-    log = _checked(where, values[:, 0], units * values[:, 1:], by_name, table)
+    values = table.numbers([clock, *names, *levels], finite=False)
+    log = _checked(where, values[:, 0], values[:, 1:], units, by_name, table)
     unit, epoch = _unit(log, clock, task.velocity_limit)
     said = f"{unit} since 1970" if epoch else unit
     read = f"read {clock} in {said}, and joints from {taken}"
@@ -171,15 +178,29 @@ def _clock_of(table: Table) -> str:
     return clock
 
 
-def _of_data_set(path: Path, task: Task, units: Array) -> JointLog:
+def _require(table: Table, levels: Sequence[str]) -> None:
+    """Raise InputError if a column with levels is missing or has no numbers."""
+    for name in levels:
+        if not table.widths.get(name):
+            known = [column for column, width in table.widths.items() if width]
+            raise InputError(
+                f"{table.file}: there is no column {name!r} with levels",
+                remedy=f"name some of {', '.join(known)}",
+            )
+
+
+def _of_data_set(path: Path, task: Task, units: Array, levels: Sequence[str]) -> JointLog:
     """Read the joints of a data set; its demonstrations follow each other without pauses."""
     table, _ = open_data_set(path, task)
+    _require(table, levels)
     try:
         name, places = joints_of(table, task)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
-    t, Q = table.clock, table.numbers([name], finite=False)[:, places]
-    log = _checked(str(path), t, units * Q, True, table)
+    Q = table.numbers([name], finite=False)[:, places]
+    if levels:
+        Q = np.hstack([Q, table.numbers(list(levels), finite=False)])
+    log = _checked(str(path), table.clock, Q, units, True, table)
     read = f"read joints from {name}; times are those of recorded frames, without pauses"
     return replace(log, read=read)
 
@@ -262,10 +283,11 @@ def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> Inpu
     return InputError(f"{where}: {what}", remedy=f"name the columns {', '.join(joints)}")
 
 
-def joint_log(t: Any, q: Any, units: Array) -> JointLog:
+def joint_log(t: Any, q: Any, units: Array, levels: Any = None) -> JointLog:
     """Make a log from times t (T,), s, and joint positions q (T, n), after checking them.
 
-    ``units`` (n,) are the units of q in rad or m, such as π/180 for degrees.
+    ``units`` (n,) are the units of q in rad or m, such as π/180 for degrees. ``levels`` (T, k) are
+    the commanded levels, rad or m.
     """
     times, values, n = as_numbers(t), as_numbers(q), len(units)
     sizes = None if values is None or times is None else (times.shape, values.shape)
@@ -275,7 +297,15 @@ def joint_log(t: Any, q: Any, units: Array) -> JointLog:
             f"must be numbers: times (T,) and joint positions (T, {n}); got {got}", argument="log"
         )
     assert times is not None and values is not None
-    return _checked("log", times, units * values, True, None)
+    if levels is not None:
+        added = as_numbers(levels)
+        if added is None or added.ndim != 2 or len(added) != len(times):
+            got = "others" if added is None else f"shape {added.shape}"
+            raise InputError(
+                f"must have the levels as numbers ({len(times)}, k); got {got}", argument="log"
+            )
+        values = np.hstack([values, added])
+    return _checked("log", times, values, units, True, None)
 
 
 def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], bool]:
@@ -378,13 +408,16 @@ def _whole(table: Table, n: int) -> str | None:
     return found[0] if found else None
 
 
-def _checked(name: str, t: Array, q: Array, by_name: bool, table: Table | None) -> JointLog:
+def _checked(
+    name: str, t: Array, values: Array, units: Array, by_name: bool, table: Table | None
+) -> JointLog:
     """Make a log without rows that lack a number or repeat the time of the preceding row.
 
-    ``table`` is the file that was read, with which an error names the line; None for arrays.
-    InputError is raised if time runs backwards, or fewer than three rows remain.
+    ``values`` (T, n + k) are the joints, in ``units`` (n,), and the levels. ``table`` is the file
+    that was read, with which an error names the line; None for arrays. InputError is raised if time
+    runs backwards, or fewer than three rows remain.
     """
-    rows = np.flatnonzero(np.isfinite(t) & np.isfinite(q).all(axis=1))
+    rows = np.flatnonzero(np.isfinite(t) & np.isfinite(values).all(axis=1))
     steps = np.diff(t[rows])
     if (steps < 0).any():
         at = int(rows[int(np.argmax(steps < 0)) + 1])
@@ -398,4 +431,6 @@ def _checked(name: str, t: Array, q: Array, by_name: bool, table: Table | None) 
             f"{name} has {len(rows)} rows with numbers, too few for an audit",
             remedy="record more cycles",
         )
-    return JointLog(name, t[rows], q[rows], by_name, len(t) - len(rows))
+    n, kept = len(units), values[rows]
+    q = units * kept[:, :n]
+    return JointLog(name, t[rows], q, by_name, len(t) - len(rows), levels=kept[:, n:])

@@ -97,7 +97,9 @@ class Visits:
     bias: Array
 
 
-def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visits:
+def find_visits(
+    task: Task, t: Array, Q: Array, tolerance: float | None, levels: Array | None = None
+) -> Visits:
     """Find the pose to which the hand returns most often, and all visits there.
 
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
@@ -119,11 +121,15 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
         Distance within which the hand counts as being at the pose, m. If None, it is four times the
         noise of the distance between two poses, plus the sagitta of the path between two rows, plus
         1e-4 arm lengths.
+    levels : (T, k) array, optional
+        Commanded levels, rad or m. A visit is then a time at which the hand is at the pose and the
+        levels are those of the pose; a difference of 1 rad or m counts like a rotation by 1 rad.
     """
+    levels = np.empty((len(t), 0)) if levels is None else levels
     noise = _noise_of(Q)
     length = arm_length(task, Q[0]) or 1.0
     radian = _RADIAN * length
-    X = _features(task, Q, radian)
+    X = np.hstack([_features(task, Q, radian), radian * levels])
     whole = np.diff(t) <= _GAP * np.median(np.diff(t))
     steps = np.linalg.norm(np.diff(X, axis=0), axis=1) * whole
     if tolerance is None:
@@ -146,6 +152,9 @@ def find_visits(task: Task, t: Array, Q: Array, tolerance: float | None) -> Visi
     made = [_configuration(task, t, Q, one, target, noise) for one in best]
     times = np.array([float(_at(t, one.at)) for one in best])
     deviation, bias = _errors(task, made, noise, _quantum(Q))
+    at_visits = np.array([_at(levels, one.at) for one in best])
+    off = np.linalg.norm(at_visits - np.median(at_visits, axis=0), axis=1)
+    bias = bias + _SLOPE * off[:, None]  # the self-motion to a level that is a little off
     q = np.array([one.q for one in made])
     return Visits(times, q, tolerance, noise, nearest, deviation, bias)
 
