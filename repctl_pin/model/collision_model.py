@@ -43,7 +43,7 @@ _FUSED = 0.25
 _TOUCHING = 1e-12
 """Minimum penetration reported for colliding bodies, m, so that the distance is below 0."""
 
-_MARGIN = 0.05
+_NEAR = 0.01
 """Distance of surfaces beyond which their exact distance is not computed, m."""
 
 _BLOCK = 64
@@ -211,7 +211,7 @@ class _CollisionModel:
             self._move(q)
             found = [self._apart(k) for k in pairs.tolist()]
             for i, k in enumerate(pairs.tolist()):
-                if outside and self._only_contact[k] and found[i] < _MARGIN:
+                if outside and self._only_contact[k] and found[i] < _NEAR:
                     found[i] = max(found[i], self._surfaces(k))
                 elif found[i] <= 0 and (exact or self._only_contact[k]):
                     found[i] = self._exact_distance(k)
@@ -399,9 +399,9 @@ class _CollisionModel:
         request.enable_contact = False
         if self._bodies[a].convex and self._bodies[b].convex:
             return -np.inf  # the hulls' distance is exact
-        request.security_margin = _MARGIN
+        request.security_margin = _NEAR
         if not coal.collide(one, here, other, there, request, coal.CollisionResult()):
-            return _MARGIN
+            return _NEAR
         return self._between_surfaces(k)
 
     def _transform(self, k: int) -> coal.Transform3s:

@@ -47,7 +47,7 @@ _ANCHORS = 8
 _AT_ONCE = 2
 """Maximum number of them that a plan replaces."""
 
-_WORK = 60
+_WORK = 30
 """Work of a tick, in measured distances; a plan that needs more is not allowed."""
 
 _MOVE = 2, 0.1
