@@ -7,7 +7,7 @@ import logging
 import math
 import re
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import get_ident
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import Array, read_only
 from ..base.errors import InputError
+from .mesh_cache import cached
 from .shapes import Shape
 
 HEAD = 20_000
@@ -93,13 +94,32 @@ def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
     changed = path.stat().st_mtime_ns if path.is_file() else 0
     key = path, changed, most
     if key not in _kept:
-        surface = _read(path, most)
+        surface = _cached(path, most) if _has_no_textures(path) else _read(path, most)
         if path.suffix.lower() not in _ALONE:
             return surface
         if sum(len(each.faces) for each in _kept.values()) > _KEPT_FACES:
             _kept.clear()
         _kept[key] = surface
     return _kept[key]
+
+
+def _has_no_textures(path: Path) -> bool:
+    """Test whether a mesh file is one whose colours come from no other file."""
+    kind = path.suffix.lower()
+    if kind == ".dae" and path.is_file():
+        with suppress(InputError, OSError):
+            return b"<init_from" not in _read_bytes(path)
+    return kind in (".stl", ".off")
+
+
+def _cached(path: Path, most: int) -> Surface:
+    """Read a mesh file as :func:`_read` does, or the arrays that were made of it from the cache."""
+    arrays = cached(
+        path,
+        f"surface of at most {most} triangles",
+        lambda: {name: np.asarray(values) for name, values in vars(_read(path, most)).items()},
+    )
+    return Surface(**arrays)
 
 
 def _read(path: Path, most: int) -> Surface:

@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
+import trimesh
 from page_file import COLOURS, matrices, summed
+from PIL import Image
 
 import repctl_pin as rp
 from repctl_pin.model.surfaces import distinct, read_surface, smooth
@@ -50,6 +52,37 @@ def cube() -> np.ndarray:
             a, b, c, d = centre - u - v, centre + u - v, centre + u + v, centre - u + v
             faces += [[a, b, c], [a, c, d]] if side > 0 else [[a, c, b], [a, d, c]]
     return np.array(faces)
+
+
+def test_surfaces_are_read_from_the_cache_unless_textures_colour_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same bits, also from a damaged cache; a changed file is read again."""
+    kept = tmp_path / "cache" / "repctl_pin" / "meshes"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    ball = trimesh.creation.icosphere(2)
+    ball.export(tmp_path / "one.stl")
+    first = read_surface(tmp_path / "one.stl")
+    (file,) = kept.iterdir()
+    for k, content in enumerate((file.read_bytes(), b"", file.read_bytes()[:400])):
+        file.write_bytes(content)
+        ball.export(tmp_path / f"copy{k}.stl")
+        same = read_surface(tmp_path / f"copy{k}.stl")
+        for name in ("points", "normals", "colors", "faces"):
+            assert np.array_equal(getattr(same, name), getattr(first, name))
+    assert len([*kept.iterdir()]) == 1
+    ball.apply_scale(2).export(tmp_path / "twice.stl")
+    assert np.allclose(read_surface(tmp_path / "twice.stl").points, 2 * first.points, atol=1e-4)
+    with pytest.raises(rp.InputError, match="over 100 triangles"):
+        read_surface(tmp_path / "one.stl", 100)
+    textured = trimesh.creation.box()
+    image = Image.new("RGB", (2, 2), "red")
+    textured.visual = trimesh.visual.TextureVisuals(np.zeros((8, 2)), image=image)
+    textured.export(tmp_path / "box.dae")
+    assert b"<init_from" in (tmp_path / "box.dae").read_bytes()
+    count = len([*kept.iterdir()])
+    read_surface(tmp_path / "box.dae")
+    assert len([*kept.iterdir()]) == count
 
 
 def test_round_surfaces_are_smooth_and_edges_sharp(tmp_path: Path) -> None:
