@@ -14,6 +14,7 @@ import pinocchio as pin
 import pytest
 import trimesh
 from page_file import COLOURS, matrices, summed
+from PIL import Image
 
 import repctl_pin as rp
 from repctl_pin.model.surfaces import distinct, read_surface, smooth
