@@ -114,6 +114,7 @@ def test_the_page_plays_and_fits_a_phone(made: Path, driver: Any) -> None:
         driver.switch_to.default_content()
 
 
+@pytest.mark.slow
 def test_a_cell_round_a_path_and_round_poses(
     made: Path, capsys: pytest.CaptureFixture[str], no_tours: None
 ) -> None:

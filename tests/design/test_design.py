@@ -106,6 +106,7 @@ def test_baselines_stand_beside_it(panda: rp.Robot, panda_design: rp.Design) -> 
     assert "constant rows  singular near" in panda_design.summary([refused])
 
 
+@pytest.mark.slow
 def test_a_summary_computes_nothing_and_baselines_report_progress(
     panda_design: rp.Design, capsys: pytest.CaptureFixture[str]
 ) -> None:

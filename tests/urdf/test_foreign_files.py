@@ -184,6 +184,7 @@ def test_a_small_loss_is_a_note_and_a_large_one_a_warning(
     assert found.startswith(said) and bool(found) == bool(said)
 
 
+@pytest.mark.slow
 def test_limits_of_urdf_1_2_are_the_default_of_timing_and_governor(tmp_path: Path) -> None:
     """26.13: the smaller one of acceleration and deceleration, and followers keep theirs."""
     limit = '<limit lower="-2" upper="2" velocity="1" acceleration="4" deceleration="3" jerk="50"/>'
