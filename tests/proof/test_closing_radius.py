@@ -198,7 +198,7 @@ def test_a_smaller_radius_is_proved_in_fewer_boxes(tmp_path: Path) -> None:
     for share in (0.5, 0.1):
         closes = rp.prove(design, margin=0.01, seconds=5, closes=share * largest.metres).closes
         assert closes.metres >= share * largest.metres and closes.complete
-        assert closes.boxes < largest.boxes / 10 and "asked" in closes.reason
+        assert closes.boxes < largest.boxes / 10 and "requested" in closes.reason
 
 
 @pytest.mark.slow
