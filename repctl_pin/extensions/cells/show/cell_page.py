@@ -210,7 +210,8 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     """Write the smallest known distance from the joint limits, and which joints are left out.
 
     ``path`` is empty, or has the motion along the sample path, which is then included. A joint is
-    left out if it ends the range of a sector's angle or spin.
+    left out if its limit is the end of the range of a sector, about its axis or of the tool's spin:
+    there its distance from the limit is 0 by design.
     """
     found, unit = design.evaluation, design.task._joint_unit
     margins = [float(motion.limit_margin.min()) for motion in path]
