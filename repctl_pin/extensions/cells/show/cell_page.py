@@ -143,7 +143,7 @@ def _words(design: CellDesign) -> dict[str, str]:
     if design.proof is None:
         words["Tested, not proved"] = (
             "The numbers are those of the worst pose found: among poses all over "
-            f"the {shape}, and by a search between them. A worse one may exist; --prove is there to "
+            f"the {shape}, and by a search between them. A worse one may exist; --prove is to "
             "exclude it."
         )
     return words
