@@ -218,6 +218,9 @@ def test_levels_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     task, t, q, c = with_levels(0.0)
     with pytest.raises(rp.InputError, match="third array"):
         rp.audit((t, q), task, levels=["c"])
+    with pytest.raises(rp.InputError, match="levels must be"):
+        rp.audit((t, q), task, levels=5)
+    assert rp.audit((t, q, c[:, 0]), task).repeats
     with pytest.raises(rp.InputError, match=r"levels as numbers \(1441, k\)"):
         rp.audit((t, q, c[:-1]), task)
     file = tmp_path / "log.csv"

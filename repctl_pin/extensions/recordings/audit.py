@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.arguments import Array, flag, positive, read_only
+from ...base.arguments import Array, flag, list_of_names, positive, read_only
 from ...base.errors import InputError
 from ...model.length import elbow, joint_scale
 from ...model.robot import Robot
@@ -306,7 +306,8 @@ def audit(
         tolerance = positive(tolerance, "tolerance", "m")
     task = _task(robot, frame, kind)
     units = np.where(task.revolute & degrees, np.pi / 180, 1.0)
-    levels = [levels] if isinstance(levels, str) else list(levels)
+    levels = [levels] if isinstance(levels, str) else levels
+    levels = list_of_names(levels, "levels", "names of columns")
     if isinstance(log, tuple) and len(log) in (2, 3):
         if levels:
             raise InputError(

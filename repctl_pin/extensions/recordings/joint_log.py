@@ -286,8 +286,8 @@ def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> Inpu
 def joint_log(t: Any, q: Any, units: Array, levels: Any = None) -> JointLog:
     """Make a log from times t (T,), s, and joint positions q (T, n), after checking them.
 
-    ``units`` (n,) are the units of q in rad or m, such as π/180 for degrees. ``levels`` (T, k) are
-    the commanded levels, rad or m.
+    ``units`` (n,) are the units of q in rad or m, such as π/180 for degrees. ``levels``, (T,) or
+    (T, k), are the commanded levels, rad or m.
     """
     times, values, n = as_numbers(t), as_numbers(q), len(units)
     sizes = None if values is None or times is None else (times.shape, values.shape)
@@ -299,6 +299,8 @@ def joint_log(t: Any, q: Any, units: Array, levels: Any = None) -> JointLog:
     assert times is not None and values is not None
     if levels is not None:
         added = as_numbers(levels)
+        if added is not None and added.ndim == 1:
+            added = added[:, None]
         if added is None or added.ndim != 2 or len(added) != len(times):
             got = "others" if added is None else f"shape {added.shape}"
             raise InputError(
