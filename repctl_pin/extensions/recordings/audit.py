@@ -306,7 +306,6 @@ def audit(
         tolerance = positive(tolerance, "tolerance", "m")
     task = _task(robot, frame, kind)
     units = np.where(task.revolute & degrees, np.pi / 180, 1.0)
-    levels = [levels] if isinstance(levels, str) else levels
     levels = list_of_names(levels, "levels", "names of columns")
     if isinstance(log, tuple) and len(log) in (2, 3):
         if levels:
