@@ -185,7 +185,9 @@ def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
         basis, R = row_factor(J, mode="complete")
     except SingularityError:
         k = int(np.argmin(inverse_condition_number(J)))
-        raise SingularityError(f"the Jacobian loses rank near {named(task, Q[k])}") from None
+        raise SingularityError(
+            f"the Jacobian loses rank near {named(task, Q[k])}", remedy="choose a smaller region"
+        ) from None
     side = np.prod(np.sign(np.diagonal(R, axis1=-2, axis2=-1)), axis=-1) * np.sign(
         np.linalg.det(basis)
     )

@@ -91,7 +91,9 @@ def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> b
     links = dict(zip(names, (_last(parts, name) for name in names), strict=True))
     left_out = _add_shapes(model, [links[name] for name in names], folder)
     if left_out:
-        notes.append(f"left out: shapes of MuJoCo without a URDF shape ({left_out})")
+        notes.append(
+            "left out and not checked for collisions: shapes that URDF does not have ({left_out})"
+        )
     parts += _site_parts(model, names, {part.name for part in parts})
     if model.ntendon:
         notes.append("left out: tendons, which do not change the kinematics")

@@ -92,6 +92,7 @@ def _waypoints(table: CsvTable, columns: Mapping[str, str]) -> Waypoints:
 def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPath]:
     """Read a file of waypoints, and return a function ``(task, q0) → path`` through them.
 
+    Positions are in m. ``blend`` is the radius of rounded corners, m; 0 keeps the corners.
     Without quaternions in the file, a frame keeps its orientation at q0. In a file for several
     frames, each has its own columns, ``left.x, left.y, left.z``. The text before the dot is the
     frame's name, or a part of it that no other frame's name contains. A frame without columns

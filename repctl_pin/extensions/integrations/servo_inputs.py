@@ -45,7 +45,11 @@ class SteadyTime:
         self._clock = self._time = self._last_tick = 0.0
 
     def at(self, now: float) -> float:
-        """Convert a clock reading ``now``, s, to steady time, s: the sum of all forward steps."""
+        """Convert a clock reading ``now``, s, to steady time, s: the sum of its forward steps.
+
+        A reading at which the clock stands still or runs back adds nothing; :meth:`tick` then adds
+        a whole period.
+        """
         step = now - self._clock
         if np.isfinite(step):
             self._clock = now

@@ -182,7 +182,11 @@ class _Samples(NamedTuple):
         s: Array,
         Q: Array,
     ) -> _Samples:
-        """Bound the arcs of a path from s_i to s_(i+1), and the errors of its samples Q_i."""
+        """Bound the way of the frames from s_i to s_(i+1), and the errors of the samples Q_i.
+
+        ``s`` (K + 1,) are path parameters. The samples (K, n) of the lift, the joint motion along
+        the path on one leaf, should have the poses of the path at s_i and the level of the first.
+        """
         arcs = np.array(
             [[one.arc(a, b) for one in paths_of(path) if one.arc] for a, b in pairwise(s.tolist())]
         )
@@ -301,7 +305,11 @@ class LiftBoxes:
         return (half, h, bent) if (half < h).all() else None
 
     def bent(self, h: Array) -> Array:
-        """Bound the nonlinear part ``|A| Δ(h) h`` on boxes of half-widths h (K, n)."""
+        """Bound what a linear model of J_V misses, ``|A| Δ(h) h`` (K, n), rad or m.
+
+        A approximates J_V⁻¹ at the middle of each box, and Δ(h) bounds the change of J_V in the box
+        of half-widths h (K, n).
+        """
         rounds = self.problem.round
         across = h.sum(axis=1)
         found = np.einsum("kij,kj->ki", self.rounding, h)

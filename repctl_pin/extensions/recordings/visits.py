@@ -287,7 +287,8 @@ def _closest(
 
     ``X`` (T, d) are the poses of the log, and ``pose`` (d,) is the given pose, all as points of
     :func:`_features`. Between two rows the motion is assumed straight; across a gap of the log,
-    where ``whole`` is False, it is unknown.
+    where ``whole`` is False, it is unknown. ``run`` are the numbers of the rows; those within
+    ``tolerance``, m, are the ``rows`` of the result.
     """
     offsets = X[run] - pose
     distances = np.linalg.norm(offsets, axis=1)

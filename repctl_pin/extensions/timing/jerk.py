@@ -325,8 +325,9 @@ def _times(s: Array, x: Array, slope: Array) -> Array:
     """Compute the time of every interval, (K - 1,), s; exact for a parabola x(s).
 
     x = ṡ² and ``slope`` = x′ are given at the stages s (K,). The time is ``2h/(v₀+v₁) artanh(y)/y``
-    with ``y² = x″ h² / 2 (v₀+v₁)²``, where h is the length of the interval and v₀, v₁ are ṡ at its
-    ends.
+    with ``y² = x″ h² / (2 (v₀+v₁)²)``, where h is the length of the interval, x″ the change of x′
+    on it over h, and v₀, v₁ are ṡ at its ends. For x″ < 0, arctan(|y|)/|y| takes the place of
+    artanh(y)/y.
     """
     h = np.diff(s)
     v = np.sqrt(np.maximum(x, 0.0))

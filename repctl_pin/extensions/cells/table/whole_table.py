@@ -773,7 +773,11 @@ def _opened(
 def _values(
     table: Table, floods: _Floods, openings: _Openings, symmetries: tuple[Symmetry, ...]
 ) -> Array:
-    """Rate windows by the area of their largest rectangle and their range of the angle: (K,)."""
+    """Rate K windows, ranges of the sector's angle in which bodies are apart: (K,), m².
+
+    The rating is the area of the largest rectangle, m², times a share that grows with the range;
+    larger is better. See :class:`_Floods` and :class:`_Openings`.
+    """
     found = rectangles(openings.mask)
     return found.area * _turns(table, floods, openings, found, symmetries)
 
