@@ -224,6 +224,24 @@ def test_a_hundred_thousand_poses_of_other_tasks_violate_nothing(
         assert task.limit_margin(points.Q).min() >= proof.limit_margin
 
 
+def test_a_smaller_neighbourhood_of_the_polynomial_gives_a_proof(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """55: with d* of 2 cm, F near the inner edge of xarm7's table is not proved unique on the
+    smallest boxes. The proof begins again with a smaller d*, and names the one that it proves."""
+    task = rp.Robot.load("xarm7").task("link_eef", "pose")
+    q = np.array([-0.42, -0.22, 0, 0.09, 0, 0.31, 0])
+    cell = rp.Sector(task, task.placement(q), radius=0.03, height=0.09)
+    options = rp.FitOptions(samples=64, held_out=64)
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, posture=q, degree=1, options=options
+    )
+    proof = rp.prove(found)
+    assert proof and "within (0.005," in proof.what
+    monkeypatch.setattr(cells, "SLACKS", cells.SLACKS[:1])
+    assert "too small to halve" in rp.prove(found).reason
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "frame", "start"),
