@@ -14,6 +14,8 @@ from arms import spatial_task
 from inside import cells, margins
 
 import repctl_pin as rp
+from repctl_pin.base.certificate import Proof
+from repctl_pin.extensions.proof import cell_search
 
 
 def function_over(
@@ -224,6 +226,29 @@ def test_a_hundred_thousand_poses_of_other_tasks_violate_nothing(
         assert task.limit_margin(points.Q).min() >= proof.limit_margin
 
 
+def test_a_proof_begins_again_with_a_smaller_neighbourhood(
+    places: rp.CellDesign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Quick twin: the distances are tried from the largest on, until one gives a proof. If none
+    does, the first is reported."""
+    tried: list[float] = []
+
+    def bounded(problem: cells.CellProof, *_: object) -> Proof:
+        tried.append(float(problem.near.max()))
+        proved = len(tried) > enough
+        reason = "" if proved else cell_search.UNDECIDED
+        return Proof("", proved, 0.5, 0.1, 0.1, 1, np.zeros(3), np.ones(3), reason)
+
+    monkeypatch.setattr(cell_search, "bound_cell", bounded)
+    for enough, count, reported in ((0, 1, 0), (1, 2, 1), (2, 3, 2), (3, 3, 0)):
+        tried.clear()
+        proof = rp.prove(places)
+        assert proof.proved == (enough < 3)
+        assert len(tried) == count and tried == sorted(tried, reverse=True)
+        assert f"{tried[reported]:.2g}" in proof.what
+
+
+@pytest.mark.slow
 def test_a_smaller_neighbourhood_of_the_polynomial_gives_a_proof(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
