@@ -97,8 +97,8 @@ def independent(
     if len(kept) < r:
         why = f" ({'; '.join(dropped[:4])}{'; …' if len(dropped) > 4 else ''})" if dropped else ""
         raise InputError(
-            f"{len(kept)} independent potentials are too few for r = {r}{why}; "
-            "raise the degree or add other potentials"
+            f"{len(kept)} independent potentials are too few for r = {r}, the number of redundant "
+            f"joints{why}; raise the degree of the potentials, or add others"
         )
     return Independent(
         left[kept],

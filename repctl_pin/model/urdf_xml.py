@@ -127,7 +127,8 @@ def _note_foreign(root: etree._Element, notes: list[str]) -> None:
     ]
     if undeclared:
         notes.append(
-            f"ignored: elements and attributes of {_some(f'{prefix}:' for prefix in undeclared)}"
+            "ignored: elements and attributes with a prefix that the file does not declare: "
+            + _some(f"{prefix}:" for prefix in undeclared)
         )
 
 

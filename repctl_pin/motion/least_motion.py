@@ -302,9 +302,11 @@ class _Cost:
         return step, -float((slope * a).sum()) / 2
 
     def _bent(self, Q: Array, inverse: Array, N: Array, gradient: Array, *, exact: bool) -> Array:
-        """Evaluate the blocks ``−λᵀ (H N) N`` (K, r, r) at free configurations Q, or convex parts.
+        """Evaluate the blocks ``−λᵀ (H N) N`` (K, r, r) at the configurations Q that are optimised.
 
-        ``inverse`` is J⁺ (K, n, m), and ``gradient`` (K, n) is the gradient of the cost.
+        λ = J⁺ᵀ ∇cost (K, m) are the multipliers of the path constraint. ``inverse`` is J⁺
+        (K, n, m), and ``gradient`` (K, n) is the gradient of the cost. Unless ``exact``, each block
+        is replaced by its positive semidefinite part.
         """
         forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
         bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(Q))

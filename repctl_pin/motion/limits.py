@@ -281,7 +281,7 @@ def _per_joint(
         if len(given) != n:
             raise InputError(
                 f"{name!r} has {what}s of {len(given)} joints, but {task.frame!r} is moved by {n}",
-                remedy=f"give {n} numbers",
+                remedy=f"give {n} numbers, one {what} per joint, in place of the name",
             )
     return per_joint(given, n, what)
 

@@ -171,7 +171,7 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
             turn = np.abs(away[:, :3]).max()
             raise InputError(
                 f"{where} is for another {made_for.robot}: at its check configurations the frame "
-                f"{made_for.frame!r} lies {shift:.3g} m and {turn:.3g} rad elsewhere; "
+                f"{made_for.frame!r} is displaced by {shift:.3g} m and {turn:.3g} rad; "
                 "the URDF or the locked joints have changed, so design again"
             )
 

@@ -191,7 +191,7 @@ class Study:
 
     @property
     def elbow(self) -> int:
-        """Index, from 0, of the elbow joint at the start, whose trace is drawn.
+        """Index, from 0 among the task's joints, of the elbow joint, whose trace is drawn.
 
         The elbow joint is the joint in the middle of the arm whose origin moves most in
         self-motions.

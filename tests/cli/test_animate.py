@@ -69,6 +69,7 @@ def test_a_studys_csv_is_read_back(study: rp.Study, folder: Path, animated) -> N
         np.testing.assert_allclose(pane.of(drawn), expected, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_followed_csv_is_read_back(study: rp.Study, tmp_path: Path, animated) -> None:
     """The file says how many cycles it holds; so can the command."""
     motion = study.row("repeatable").motion
@@ -182,6 +183,7 @@ def test_a_bad_motion_is_refused_with_its_line(
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_the_command_from_a_csv_a_design_and_options(
     study: rp.Study,
     folder: Path,

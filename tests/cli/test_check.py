@@ -116,6 +116,7 @@ def test_check_refuses_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
         assert len(error) == 1 and word in error[0]
 
 
+@pytest.mark.slow
 def test_a_saved_design_is_checked_over_its_own_region(
     tmp_path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -86,7 +86,7 @@ def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
     )
     inner = unescape(page.partition('srcdoc="')[2].partition('"></iframe>')[0])
     scene = json.loads(inner.partition('id="scene">')[2].partition("</script>")[0])
-    assert [arm["label"] for arm in scene["arms"]] == ["J⁺", "q = F(x)"]
+    assert [arm["label"] for arm in scene["arms"]] == ["J⁺", "One function, q = F(x)"]
     assert scene["arms"][1]["drift"][-1] < 1e-9 < scene["arms"][0]["drift"][-1]
     assert scene["paths"][0] == 16  # the edges of the cell
 
@@ -114,6 +114,7 @@ def test_the_page_plays_and_fits_a_phone(made: Path, driver: Any) -> None:
         driver.switch_to.default_content()
 
 
+@pytest.mark.slow
 def test_a_cell_round_a_path_and_round_poses(
     made: Path, capsys: pytest.CaptureFixture[str], no_tours: None
 ) -> None:

@@ -114,6 +114,7 @@ def test_regions_and_desires(
     )
 
 
+@pytest.mark.slow
 def test_a_region_with_a_singularity_is_refused_unless_it_may_shrink(
     tmp_path: Path, capsys: pytest.CaptureFixture
 ) -> None:

@@ -55,6 +55,7 @@ def test_the_same_words_are_the_same_joint_path(tmp_path, monkeypatch, capsys) -
     assert animated["drift"]["pseudoinverse"] == studied["strategies"]["pseudoinverse"]["drift"]
 
 
+@pytest.mark.slow
 def test_without_a_path_all_take_the_same(tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     without_pictures(monkeypatch)

@@ -68,6 +68,7 @@ def test_the_file_says_what_it_was_made_for(rail: Path, capsys) -> None:
     assert animated["files"] == ["repctl-out/rail/animation.html"]
 
 
+@pytest.mark.slow
 def test_another_elbow_keeps_the_designs_path(tmp_path, monkeypatch, capsys) -> None:
     """Started elsewhere on the self-motion, the hand where it was, the arm follows the path of the
     design."""

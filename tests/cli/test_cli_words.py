@@ -58,6 +58,7 @@ def test_too_high_a_degree_is_lowered(command: list[str], tmp_path, monkeypatch,
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_python_is_told_in_its_own_words() -> None:
     for options in (
         {"start": [0, 1]},

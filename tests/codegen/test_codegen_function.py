@@ -215,6 +215,7 @@ int main(void)
 """
 
 
+@pytest.mark.slow
 def test_exported_f_checks_limits_on_every_leaf_but_the_evaluated_one(tmp_path: Path) -> None:
     """Issue 37, item 1: limits that c = 0 needs no check of were written as infinite for all."""
     needed("gcc")
@@ -263,6 +264,7 @@ int main(void)
 """
 
 
+@pytest.mark.slow
 def test_a_cells_control_in_c_knows_its_cell_and_the_limits(tmp_path: Path) -> None:
     """Outside the cell, and where a step would pass a joint's limit, it says so; told to go on, it
     goes on."""

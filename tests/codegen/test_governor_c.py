@@ -219,6 +219,7 @@ int main()
 """
 
 
+@pytest.mark.slow
 @NEEDS_C
 @pytest.mark.parametrize("dt", some([0.001, 0.02], 0.02))
 def test_exported_code_moves_back_from_beyond_a_limit(dt: float, tmp_path: Path) -> None:

@@ -888,6 +888,7 @@ def test_a_fit_whose_last_descent_fails_keeps_the_optimum_before(
     assert design.fit_cost == pytest.approx(coarse.cost)
 
 
+@pytest.mark.slow
 def test_converged_tells_the_truth(fitted: Callable[..., rp.Design]) -> None:
     """A quasi-Newton method that starts where Gauss–Newton stopped finds next to nothing more."""
     for kind in ("pose", "axis"):

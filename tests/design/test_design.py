@@ -106,6 +106,7 @@ def test_baselines_stand_beside_it(panda: rp.Robot, panda_design: rp.Design) -> 
     assert "constant rows  singular near" in panda_design.summary([refused])
 
 
+@pytest.mark.slow
 def test_a_summary_computes_nothing_and_baselines_report_progress(
     panda_design: rp.Design, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -1201,8 +1202,8 @@ def test_too_few_independent_potentials_are_refused_with_the_reasons() -> None:
         with pytest.raises(rp.InputError) as error:
             fitted(*names)
         assert str(error.value) == (
-            f"{count} independent potentials are too few for r = 2{why}; "
-            "raise the degree or add other potentials"
+            f"{count} independent potentials are too few for r = 2, the number of redundant "
+            f"joints{why}; raise the degree of the potentials, or add others"
         )
 
 

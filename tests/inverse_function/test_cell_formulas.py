@@ -327,6 +327,7 @@ def test_the_smallest_singular_value_is_searched_for_on_its_own(tmp_path: Path) 
     assert least.min() * 0.999 < j.smallest_singular_value <= least.min() + 1e-7
 
 
+@pytest.mark.slow
 def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
     """The penalty is a mean over its poses, so fewer of them would weigh the others more."""
     cell = cell_of(half_width=0.15)

@@ -786,6 +786,7 @@ def test_the_degrees_are_as_low_as_the_function_allows(tmp_path: Path) -> None:
         assert np.abs(low.values(U) @ low.fit(U, Q) - Q).max() > 3e-5
 
 
+@pytest.mark.slow
 def test_limits_in_the_cost_keep_the_joints_inside(tmp_path: Path) -> None:
     task = planar_task([1.0, 0.9, 0.8], tmp_path)
     x = task.placement([0.6, -1.2, 1.4])
@@ -890,6 +891,7 @@ def test_bodies_in_the_cost_are_kept_apart(tmp_path: Path) -> None:
     assert np.allclose(hulls[distances > 0], distances[distances > 0])
 
 
+@pytest.mark.slow
 def test_another_posture_is_used_where_the_first_one_collides(tmp_path: Path) -> None:
     """A post that the first link sweeps over between the middle and the corners; the arm has two
     postures, and the search offers that one first."""
@@ -1228,6 +1230,7 @@ def test_poses_out_of_reach_and_beyond_a_singularity_are_two_causes(tmp_path: Pa
     assert float(left[0]) == pytest.approx(away["reach"] - 2.7, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("limit_margin", "share"), [(0.05, 1.0), pytest.param(0.0, 0.8, marks=pytest.mark.slow)]
 )

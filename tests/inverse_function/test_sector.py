@@ -282,6 +282,7 @@ def test_a_symmetric_coordinate_has_ends(name: str, i: int) -> None:
                     evaluate()
 
 
+@pytest.mark.slow
 def test_each_coordinate_of_width_0_is_held() -> None:
     """One of them alone is enough to be outside, one pose at a time and in a batch."""
     F = found("one orientation").function
@@ -377,6 +378,7 @@ def test_the_cost_of_the_reduced_function_is_that_of_the_whole(name: str) -> Non
     assert j.extra_speed_worst >= np.sqrt((own / wanted).max()) - 1 - 1e-9
 
 
+@pytest.mark.slow
 def test_how_far_round_the_tool_and_what_ends_it() -> None:
     """The range of the spin is that of the last joint, around a middle that is not the posture's;
     at both ends the joint is inside its limits, a little further it is not."""
@@ -408,6 +410,7 @@ def test_how_far_round_the_tool_and_what_ends_it() -> None:
     assert np.abs(solved.Q - q_ref).max() < 6e-5  # it is still the function
 
 
+@pytest.mark.slow
 def test_tilts_stay_about_the_axes_that_were_given() -> None:
     """The middle of the spin moves, and the placement stays: moved with it, the tilts would be
     about other axes, and F refused poses of the cell."""
@@ -459,6 +462,7 @@ def test_a_spin_beyond_half_a_turn_is_the_same_in_every_form() -> None:
     assert np.abs([slow(x) for x in targets] - Q).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_range_that_ends_at_the_joints_is_measured_to_half_a_turn() -> None:
     """The angle may go on to half a turn, as far as the joint does; what lies beside the sector in
     another coordinate is named by that. The posture of the design is that of the middle."""
@@ -586,6 +590,7 @@ def test_poses_beyond_other_limits_do_not_end_the_angle(tmp_path: Path) -> None:
     assert turn.spread == pytest.approx(np.ptp(Q[covered, 0]), abs=2e-3)
 
 
+@pytest.mark.slow
 def test_a_sector_without_a_covered_pose_is_refused(tmp_path: Path) -> None:
     """Two joints that hardly move leave only the middle."""
     says = "theta3 is .* rad beyond its limit; no smaller"

@@ -362,6 +362,7 @@ def test_the_whole_table_of_baxter_has_no_collision() -> None:
     assert rp.Bodies(found.task).distances(F.batch(U)).min() > -1e-3
 
 
+@pytest.mark.slow
 def test_a_cut_of_a_function_is_the_same_function(panda_pose: rp.Task) -> None:
     """Law: at poses of a part, the chart over the part gives the configurations of the whole."""
     place = panda_pose.placement(panda_pose.reference)
@@ -376,6 +377,7 @@ def test_a_cut_of_a_function_is_the_same_function(panda_pose: rp.Task) -> None:
     assert np.abs(part.solve(U).Q - whole.Q).max() < 1e-9
 
 
+@pytest.mark.slow
 def test_a_cut_of_a_box_that_turns_keeps_the_middle_of_the_rotation(panda_pose: rp.Task) -> None:
     """The same law, for a box with rotations, which become narrower on both sides."""
     place = panda_pose.placement(panda_pose.reference)

@@ -211,6 +211,7 @@ def test_margins_are_compared_from_the_smallest_up(panda_design, q_panda) -> Non
     assert order(0.3, np.inf, 0.9) > order(0.2, np.inf, 0.9)
 
 
+@pytest.mark.slow
 def test_the_leaf_of_least_speed_keeps_half_of_the_margin() -> None:
     """Less joint speed than on the clearest leaf, half of whose limit margin it keeps."""
     task, q0 = rp.Robot.load("planar3r").task("tool", "xy"), np.array([0.3, 1.2, 0.8])
@@ -228,6 +229,7 @@ def test_the_leaf_of_least_speed_keeps_half_of_the_margin() -> None:
         rp.best_leaf(inverse, path, q0, by="speeed")
 
 
+@pytest.mark.slow
 def test_the_leaf_of_least_speed_may_lie_on_another_self_motion(tmp_path: Path) -> None:
     """θ₃ = constant leaves an arm of two links, whose joints have a closed form. Its elbow stays
     up or down on a self-motion: the wrist never comes to where θ₂ would be 0 or π."""

@@ -157,6 +157,7 @@ def test_a_gap_that_cannot_be_settled_is_said(tmp_path: Path) -> None:
     assert found.undecided == ("l2", "thin")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chosen", some([True, False], True))
 def test_a_study_whose_motions_all_collide_says_so_first(
     tmp_path: Path, chosen: bool, only_starts: Callable[..., None], quick_choices: None

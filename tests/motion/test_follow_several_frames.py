@@ -196,6 +196,7 @@ def test_columns_of_no_frame_are_refused_in_one_line(hands, tmp_path, header, me
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.slow
 def test_an_audit_counts_visits_of_both_hands(hands, constant):
     """Both hands return and the joints do not; or the left one alone, while the right climbs."""
     task, q0 = hands

@@ -101,6 +101,7 @@ def test_poses_of_the_arm_are_found(name: str, kind: str, most: int) -> None:
     assert all("cannot" not in said and "41 starts" in said for said in refused)
 
 
+@pytest.mark.slow
 def test_out_of_reach_is_said_where_it_is_proved() -> None:
     """Issue 37, item 20: links of 1 m each reach 3 m from joint 1; a rail adds its stroke; and the
     hole of an arm round its base is not proved, so that it says what was tried."""

@@ -335,6 +335,7 @@ def test_an_approach_from_beyond_a_limit_never_goes_farther_out(ring) -> None:
             rp.approach(begin, ring, rp.Limits(acceleration=6.0))
 
 
+@pytest.mark.slow
 def test_a_straight_way_with_bounded_jerk_takes_the_time_of_the_closed_form(ring) -> None:
     """``T = a/J + √((a/J)² + 4Δ/a)`` where the acceleration limit is met, ``T³ = 32 Δ/J`` where it
     is not."""
@@ -438,6 +439,7 @@ def jerky(ring) -> rp.TimedMotion:
     return rp.timed(ring, rp.Limits(velocity=2.0, acceleration=6.0, jerk=100.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bounded", some([True, False], False))
 def test_an_override_keeps_the_path_and_the_limits(ring, jerky, bounded) -> None:
     timed = jerky if bounded else rp.timed(ring, rp.Limits(velocity=2.0, acceleration=6.0))

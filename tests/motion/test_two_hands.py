@@ -44,6 +44,7 @@ def test_talos_comes_back_with_both_hands_and_its_waist(both):
     assert closed.tracking_error.max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_tray_keeps_its_pose_between_the_hands_while_they_move():
     robot = rp.Robot.load("baxter")
     task = robot.task(["left_gripper", ("right_gripper", "pose", "left_gripper")])

@@ -150,6 +150,7 @@ def test_surroundings_must_not_be_touched(tmp_path, capsys) -> None:
     assert touch["links"] == ["tip", "post"] and 0 < touch["cycle"] < 1
 
 
+@pytest.mark.slow
 def test_baxter_breaks_a_limit_in_cycle_7_and_ours_none() -> None:
     """Ten cycles of the study's circle, from the middle of the joints' ranges."""
     task = rp.Robot.load("baxter").task("left_gripper", "pose")

@@ -125,6 +125,7 @@ def apart(
     return used
 
 
+@pytest.mark.slow
 def test_two_solutions_at_one_pose_are_apart_as_bounded(tmp_path: Path) -> None:
     for task in (panda(), spatial_task(7, tmp_path, kind="pose", seed=3)):
         problem = problem_of(task)
@@ -172,6 +173,7 @@ def velocity_changes_off(problem: cells.CellProof, library: ctypes.CDLL | None =
     return worst
 
 
+@pytest.mark.slow
 def test_the_frame_s_velocity_changes_as_bounded(tmp_path: Path) -> None:
     arms = planar_task((1.0, 0.9, 0.8), tmp_path), sliding_task(tmp_path)
     for arm in arms:

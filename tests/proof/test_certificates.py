@@ -166,6 +166,7 @@ def test_a_joint_left_out_of_the_limit_margin_is_named(
     assert rp.load_cell(file).proof.seal == proof.seal
 
 
+@pytest.mark.slow
 def test_a_proof_of_another_cell_is_dropped(sector: rp.CellDesign, tmp_path: Path) -> None:
     """Issue 37, item 2, for cells and sectors."""
     content = json.loads(rp.save(sector, tmp_path / "s.json").read_text())

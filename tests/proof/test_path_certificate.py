@@ -95,6 +95,7 @@ def test_a_path_that_goes_back_on_itself_closes_without_a_certificate() -> None:
     assert rp.path_certificate(inverse, short, q)
 
 
+@pytest.mark.slow
 def test_both_hands_at_once() -> None:
     task = rp.Robot.load("baxter").task(["left_gripper", "right_gripper"], "position")
     q = rp.Problem(task, path=False).start

@@ -125,6 +125,7 @@ def test_both_hands_are_enclosed_though_one_is_still() -> None:
     assert around(design, path, q).proved
 
 
+@pytest.mark.slow
 def test_lengths_of_arcs_are_bounds() -> None:
     """Sums of chords of random arcs never exceed them; polynomial pieces have their own."""
     problem = rp.Problem("panda")

@@ -70,6 +70,7 @@ def test_what_the_loops_do_on_the_circle(
     assert all(row.tracking < 1e-3 and row.limit_margin > 0 for row in rows.values())
 
 
+@pytest.mark.slow
 def test_a_program_that_stops_is_said_to_have_stopped(
     scenes: list, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -113,6 +113,7 @@ def test_survey(run: Run) -> None:
     assert all(line in steady(table) for line in steady(told))
 
 
+@pytest.mark.slow
 def test_a_short_survey_has_the_columns_and_the_arm_of_the_page(
     capsys: pytest.CaptureFixture[str], quick_choices: None
 ) -> None:
@@ -350,6 +351,7 @@ def test_nearest_panda(run: Run) -> None:
     assert "6.986 rad/m²" in told and "not repeatable" in told
 
 
+@pytest.mark.slow
 def test_nearest_panda_with_few_steps(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -453,6 +455,7 @@ def test_leaves_of_nearest_ppr_are_level_sets() -> None:
         module.leaves(lambda Q: np.cos(3 * Q[..., 2]), (0.2,), 3)
 
 
+@pytest.mark.slow
 def test_the_largest_square_of_the_paper() -> None:
     """J⁺ ends where the paper says; k = 1 closes from G, and k = 0 on the smallest square."""
     module = example("ten_squares")

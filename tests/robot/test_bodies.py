@@ -583,6 +583,7 @@ def test_never_above_the_meshes(name: str, count: int) -> None:
         assert (meshes[apart] - ours[apart]).max() < 0.02
 
 
+@pytest.mark.slow
 def test_the_pandas_elbow_comes_near_its_body_under_the_pseudoinverse(
     panda_pose: rp.Task, panda_design: rp.Design, q_panda: np.ndarray
 ) -> None:

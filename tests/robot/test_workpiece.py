@@ -194,6 +194,7 @@ def test_a_path_on_a_turntable_closes_with_the_same_joints(tmp_path: Path) -> No
         assert np.allclose(table.actInv(tool).translation[:2], wanted, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_saved_design_and_its_c_know_the_workpiece(tmp_path: Path) -> None:
     """The file names the workpiece; the exported C agrees with Python to rounding."""
     task = planar_cell(tmp_path)
@@ -276,6 +277,7 @@ def test_the_command_takes_the_workpiece(
     assert "--base and --on are mutually exclusive" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_joint_that_only_rounding_couples_to_the_task_is_held() -> None:
     """57.7: a6 turns the torch about its wire, up to the 4e-6 by which 1.5708 is not π/2."""
     task = rp.Robot.load(WELD).task("torch", "axis", on="workpiece")

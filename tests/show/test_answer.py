@@ -105,6 +105,7 @@ def test_violations_are_marked_and_named(study: rp.Study, beyond: rp.Study, fold
     assert [note for note in study.notes if note.startswith("joint speed: ")]
 
 
+@pytest.mark.slow
 def test_what_lies_outside_the_region_is_the_loudest_line(study: rp.Study, folder: Path) -> None:
     motion = study.row("repeatable").motion
     small = replace(motion, region=rp.Box(study.q0, 0.2))
@@ -138,6 +139,7 @@ def test_it_fits_24_rows_and_80_columns(
     assert re.search(r"^! usual control: .*^1\d more notes: --full$", violated, re.M | re.S)
 
 
+@pytest.mark.slow
 def test_a_stopped_motion_is_named_in_the_sentence(study: rp.Study, folder: Path) -> None:
     stopped = {"motion": None, "stopped": "the Jacobian <loses> rank"}
     plain = changed(study, pseudoinverse=stopped, posture=stopped)

@@ -211,6 +211,7 @@ def test_every_axis_of_every_figure_has_a_name_and_its_unit(figures: dict) -> No
             assert "(" in ax.get_ylabel()
 
 
+@pytest.mark.slow
 def test_a_control_that_goes_away_at_once_does_not_hide_the_drift(
     mixed: tuple[rp.Study, dict],
 ) -> None:

@@ -151,6 +151,7 @@ def test_a_cell_holds_the_page_the_table_and_the_figures(
         assert ax.lines[0].get_ydata().tolist() == q.tolist()
 
 
+@pytest.mark.slow
 def test_a_study_shows_itself(study: rp.Study) -> None:
     assert study._repr_html_() == inline(study).html == rp.animation(study)._repr_html_()
 

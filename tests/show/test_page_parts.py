@@ -75,11 +75,11 @@ def test_surfaces_are_read_from_the_cache_unless_textures_colour_them(
     assert np.allclose(read_surface(tmp_path / "twice.stl").points, 2 * first.points, atol=1e-4)
     with pytest.raises(rp.InputError, match="over 100 triangles"):
         read_surface(tmp_path / "one.stl", 100)
-    textured = trimesh.creation.box()
-    image = Image.new("RGB", (2, 2), "red")
-    textured.visual = trimesh.visual.TextureVisuals(np.zeros((8, 2)), image=image)
-    textured.export(tmp_path / "box.dae")
-    assert b"<init_from" in (tmp_path / "box.dae").read_bytes()
+    trimesh.creation.box().export(tmp_path / "box.dae")
+    text = (tmp_path / "box.dae").read_text(encoding="utf-8")
+    image = '<library_images><image id="i"><init_from>red.png</init_from></image></library_images>'
+    text = text.replace("<library_geometries", image + "<library_geometries")
+    (tmp_path / "box.dae").write_text(text, encoding="utf-8")
     count = len([*kept.iterdir()])
     read_surface(tmp_path / "box.dae")
     assert len([*kept.iterdir()]) == count
@@ -198,7 +198,6 @@ DAE = """<?xml version="1.0"?>
 
 
 def test_collada_units_colours_and_textures(tmp_path: Path) -> None:
-    from PIL import Image
 
     paint = Image.new("RGB", (8, 8), (255, 255, 255))
     colors = {(0, 7): (153, 102, 51), (7, 0): (0, 0, 255), (0, 0): (0, 255, 0)}

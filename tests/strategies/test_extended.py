@@ -81,6 +81,7 @@ def test_numerical_derivatives_come_close(panda_pose: rp.Task) -> None:
         assert np.abs(rough.potentials.gradients(Q) - V).max() < tolerance * np.abs(V).max()
 
 
+@pytest.mark.slow
 def test_on_the_leaf_U_stays_at_its_minimum(panda: rp.Robot) -> None:
     """Follow a path from the posture: at every point q is the constrained minimum that another
     optimiser finds."""

@@ -27,6 +27,7 @@ def planar() -> rp.Study:
     return rp.study("planar4r", **QUICK)
 
 
+@pytest.mark.slow
 def test_why_a_kind_was_taken_is_said_where_nobody_chose_it(planar: rp.Study) -> None:
     """Where it was given, test_study.py finds no such note."""
     assert "using task xy, because 4 joints are not redundant for a pose task" in planar.notes
@@ -219,6 +220,7 @@ def test_files_name_their_run_and_it_is_the_control_files_checksum(
     assert {file: file.read_bytes() for file in folder.iterdir() if file.is_file()} == before
 
 
+@pytest.mark.slow
 def test_speed_limits_of_0_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = planar_urdf([0.4, 0.3, 0.2])
     slow = re.sub(r'velocity="[^"]*"', 'velocity="0"', text, count=1)

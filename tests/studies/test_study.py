@@ -277,6 +277,7 @@ def test_a_plane_beside_a_path_of_its_own_is_refused() -> None:
         rp.study(rp.Problem("panda", path=lambda task, q0: rp.circle(task, q0, 0.1), plane="xz"))
 
 
+@pytest.mark.slow
 def test_a_path_out_of_reach_is_refused() -> None:
     far = lambda t, q: rp.polygon(t, q, [[30.0, 0, 0], [30.0, 10.0, 0]])  # noqa: E731
     with pytest.raises(rp.InputError, match="cannot reach"):

@@ -92,21 +92,23 @@ def test_a_narrowed_axis_is_told_by_inspect_and_study(
     lower, upper = robot.lower[1], robot.upper[1]
     assert (lower, upper) == (-2.0, pytest.approx(0.3 / 0.25))
     said = robot.narrowed["j2"]
-    assert said.startswith("! j2 narrowed from [-2, 2] to [-2, 1.2] rad, because it drives rod")
+    assert said.startswith(
+        "! j2 narrowed from [-2, 2] to [-2, 1.2] rad, because of the limits of rod, which it drives"
+    )
     assert [*robot.narrowed] == ["j2"]
     path = str(tmp_path / "made.urdf")
     assert main(["inspect", path]) == 0
     assert (
-        "\n! j2 narrowed from [-2, 2] to [-2, 1.2] rad, because it drives rod"
-        in capsys.readouterr().out
+        "\n! j2 narrowed from [-2, 2] to [-2, 1.2] rad,"
+        " because of the limits of rod, which it drives" in capsys.readouterr().out
     )
     assert said in rp.Problem(robot).warnings
     few = ["--task", "position", "--cycles", "1", "--steps", "40", "--degree", "1"]
     monkeypatch.chdir(tmp_path)  # a long path would leave fewer rows for notes
     assert main(["study", path, *few, "--out", "."]) == 0
     assert (
-        "\n! j2 narrowed from [-2, 2] to [-2, 1.2] rad, because it drives rod"
-        in capsys.readouterr().out
+        "\n! j2 narrowed from [-2, 2] to [-2, 1.2] rad,"
+        " because of the limits of rod, which it drives" in capsys.readouterr().out
     )
     # not of an arm that the joint does not move
     assert said not in rp.Problem(rp.Robot.load(path, base="l2")).warnings
@@ -119,7 +121,8 @@ def test_a_narrowed_axis_is_told_by_design_cell_follow_and_move(tmp_path: Path, 
     load(tmp_path, *arm(), joint("rod", "l1", "cylinder", more=FOLLOWER + limit))
     path, said = (
         str(tmp_path / "made.urdf"),
-        "! j2 narrowed from [-2, 2] to [-2, 1.2] rad, because it drives rod",
+        "! j2 narrowed from [-2, 2] to [-2, 1.2] rad,"
+        " because of the limits of rod, which it drives",
     )
     few = ["--task", "position", "--samples", "64", "--held-out", "64", "--out", str(tmp_path)]
     assert main(["design", path, *few, "--degree", "1"]) == 0
@@ -165,11 +168,13 @@ def test_notes_on_the_file_are_warnings_of_the_robot(tmp_path: Path, capsys) -> 
     [
         (
             'lower="-9" upper="0.49" velocity="9"',
-            "j2 narrowed from [-2, 2] to [-1.96, 2] rad, because it drives rod",
+            "j2 narrowed from [-2, 2] to [-1.96, 2] rad,"
+            " because of the limits of rod, which it drives",
         ),
         (
             'lower="-9" upper="9" velocity="0.2"',
-            "! speed limit of j2 lowered from 1 to 0.8 rad/s, because it drives rod",
+            "! speed limit of j2 lowered from 1 to 0.8 rad/s,"
+            " because of the limits of rod, which it drives",
         ),
         ('lower="-9" upper="9" velocity="9"', ""),
         ('lower="-0.5" upper="0.5" velocity="0.25"', ""),
@@ -184,6 +189,7 @@ def test_a_small_loss_is_a_note_and_a_large_one_a_warning(
     assert found.startswith(said) and bool(found) == bool(said)
 
 
+@pytest.mark.slow
 def test_limits_of_urdf_1_2_are_the_default_of_timing_and_governor(tmp_path: Path) -> None:
     """26.13: the smaller one of acceleration and deceleration, and followers keep theirs."""
     limit = '<limit lower="-2" upper="2" velocity="1" acceleration="4" deceleration="3" jerk="50"/>'

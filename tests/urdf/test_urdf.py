@@ -574,11 +574,14 @@ KIND = {
             '<drake:joint name="x"/><sensor:camera/>',
             joint().replace("<axis", '<axis drake:x="1"'),
         ),
-        ["ignored: elements and attributes of drake:, sensor:"],
+        [
+            "ignored: elements and attributes with a prefix that the file does not declare: "
+            "drake:, sensor:"
+        ],
     ),
     "prefix of links": (
         robot(links("a", "b"), '<my:link name="c"/>', joint()),
-        ["ignored: elements and attributes of my:"],
+        ["ignored: elements and attributes with a prefix that the file does not declare: my:"],
     ),
     "colour": (
         robot(

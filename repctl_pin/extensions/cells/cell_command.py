@@ -579,7 +579,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
 
     def both(period: float) -> dict[str, rp.Motion]:
         lock = rp.LeafLock(2)
-        own = followed("q = F(x)", design.inverse, period, integrator=lock)
+        own = followed("One function, q = F(x)", design.inverse, period, integrator=lock)
         usual = LABELS["pseudoinverse"]
         return followed(usual, design.desired, period) | own if own else {}
 

@@ -86,7 +86,8 @@ class ToolFunction:
             if (targets.ndim == 2 and targets.shape[1] != 7) or targets.ndim < 2:
                 raise InputError(
                     "poses of a tool must be placements, or a (K, 4, 4) or (K, 7) array",
-                    remedy="give coordinates of the cell to the function of the frame, of_frame",
+                    remedy="if they are coordinates of the cell, give them to this function's "
+                    "attribute of_frame",
                 )
             X = homogeneous(*as_poses(self.task, targets))
         else:

@@ -117,11 +117,11 @@ def bound_reach(
     seconds: float,
     most: float,
 ) -> Reach:
-    """Find a lower bound on the length of lines whose lifts stay in the clearance of their places.
+    """Find a length up to which the lift of every straight line stays in its place's clearance.
 
     A lift is the joint path of a straight line of the end effector. It begins in a place, which is
-    a box of joints, and must stay in the clearance around that place. The length is the closing
-    radius of a design.
+    a box of joints. The clearance is the larger box around the place in which it must stay. The
+    length is the closing radius of a design.
 
     Parameters
     ----------
@@ -208,7 +208,10 @@ class _Search:
         )
 
     def advance(self) -> None:
-        """Halve one batch of undecided boxes, the smallest S first, and bound the rates there."""
+        """Halve one batch of undecided boxes, and bound the joint motion per metre in the halves.
+
+        The boxes in the smallest S_k around their place come first.
+        """
         take = np.arange(len(self.low))
         if len(take) > _BATCH:
             take = np.argpartition(self.within, _BATCH)[:_BATCH]

@@ -248,9 +248,10 @@ def _by(one: MotionSummary, summaries: Sequence[MotionSummary]) -> str:
 
 
 def _alone(one: MotionSummary) -> str:
-    """Name a controller that a sentence does not compare with another one.
+    """Name a controller in a sentence that compares it with no other one.
 
-    The name is "the repeatable control", because "the repeatable one" would need another control.
+    A repeatable one is "the repeatable control" there, not "the repeatable one"; others keep their
+    label.
     """
     return under(one.label).replace("repeatable one", "repeatable control")
 

@@ -339,7 +339,7 @@ class Cell:
         if off[at] > TURNED and (np.abs(U[at]) <= self._bounds + EDGE).all():
             raise InputError(
                 f"{which} lies outside the cell, by {off[at]:.3g} m or rad along a coordinate of "
-                "width 0; widen the cell along that coordinate"
+                f"width 0; only {', '.join(self.names)} may change, so widen the cell"
             )
         i = int(np.argmax(np.abs(U[at]) - self._bounds))
         name, unit, width = self.names[i], self.units[i], self._active_widths[i]

@@ -117,9 +117,36 @@ def cell_page(
         tour=" ".join([_OF_THE_TOUR, *(f"{capital(note)}." for note in notes)]),
         slices=None if slices is None else framed(slices, words),
         figures=design.figures(),
+        words=_words(design),
         command=command,
         details={"joints": ", ".join(task.joint_names), "seed": str(design.seed)} | versions(),
     )
+
+
+def _words(design: CellDesign) -> dict[str, str]:
+    """Explain the words of the page, by name."""
+    shape = "sector" if isinstance(design.cell, Sector) else "box"
+    usual, part = _usual(design), redundant_part(design.task)
+    region = {
+        "box": "the hand poses for which the function was made: its outline bounds the positions",
+        "sector": "the hand poses for which the function was made, around an axis of the arm: its "
+        "outline bounds the positions",
+    }[shape]
+    words = {
+        f"The {shape}, or cell": f"{region}. The line under the first sentences names its size.",
+        f"One {part} per pose": "The joints depend only on where the hand is, q = F(x), not on "
+        f"the way there. Wherever the hand goes in the {shape}, it comes back to the same joints.",
+        "Sample path": f"a closed path through the {shape}, as an example. Orange is the {usual} "
+        "control, whose joints need not come back; blue is the function, whose joints do.",
+        "Joint limits, limit margin": "the distance of the nearest joint from the end of its range",
+    }
+    if design.proof is None:
+        words["Tested, not proved"] = (
+            "The numbers are those of the worst pose found: among poses all over "
+            f"the {shape}, and by a search between them. A worse one may exist; --prove is to "
+            "exclude it."
+        )
+    return words
 
 
 def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
@@ -210,7 +237,8 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     """Write the smallest known distance from the joint limits, and which joints are left out.
 
     ``path`` is empty, or has the motion along the sample path, which is then included. A joint is
-    left out if it ends the range of a sector's angle or spin.
+    left out if its limit is the end of the range of a sector, about its axis or of the tool's spin:
+    there its distance from the limit is 0 by design.
     """
     found, unit = design.evaluation, design.task._joint_unit
     margins = [float(motion.limit_margin.min()) for motion in path]

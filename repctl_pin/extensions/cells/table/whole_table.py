@@ -64,7 +64,7 @@ _DEAREST, _SHARES = 6.0, 5
 out; and number of such maxima that are tried down to the mean itself."""
 
 _BETTER = 0.2
-"""Advantage in worth, relative, below which a place is not compared with the best one."""
+"""Advantage in rating, relative, below which a place is not compared with the best one."""
 
 _KEPT, _AS_GOOD = 3, 0.95
 """Number of windows of the angle per flood for which rectangles are searched for; and share of what
@@ -283,11 +283,11 @@ def whole_table(
     within = _affordable(tested, openings, widest, limits)
     sectors = _sectors(table, tested, openings, within, line, symmetries)
     ranked = _ranked(fit, sectors, limits, report)
-    if distance == _CLEAR and ranked and ranked[0].worth < _MUCH * ranked[0].most:
+    if distance == _CLEAR and ranked and ranked[0].rating < _MUCH * ranked[0].most:
         # where bodies end the sector, a smaller distance may leave more of it
         closer = limits._replace(distance=_TIGHT)
         others = _ranked(fit, ranked, closer, report)
-        if ranked[0].worth < _MUCH * others[0].worth:
+        if ranked[0].rating < _MUCH * others[0].rating:
             ranked, limits = others, closer
     design = _designed(fit, ranked, limits, report)
     report("locked joints", 0.95)
@@ -371,17 +371,17 @@ def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float,
 
 
 class _Place(NamedTuple):
-    """Sector, configuration in its middle (n,), upper bound of its worth, and a quick design.
+    """Sector, configuration in its middle (n,), and the upper bound ``most`` of its rating.
 
-    ``window`` is the range of its angle at which bodies are apart; None for a whole turn.
-    ``worth`` is that of the quick design, 0 without one.
+    ``window`` is the range of the sector's angle in which bodies are apart; None for a whole turn.
+    ``rating`` is that of the quick design ``design``, see :func:`_rating`; 0 without a design.
     """
 
     cell: Cell
     posture: Array
     most: float
     window: Window | None = None
-    worth: float = 0.0
+    rating: float = 0.0
     design: CellDesign | None = None
 
 
@@ -396,8 +396,8 @@ def _sectors(
     """Choose the best sectors with different configurations in their middles, the best first."""
     middles = (found.first + found.last) // 2
     postures = floods.Q[openings.flood, middles[:, 0], middles[:, 1]]
-    worth = found.area * SPACING**2 * _turns(table, floods, openings, found, symmetries)
-    order = np.argsort(-worth, kind="stable")[: int((worth > 0).sum())]
+    rating = found.area * SPACING**2 * _turns(table, floods, openings, found, symmetries)
+    order = np.argsort(-rating, kind="stable")[: int((rating > 0).sum())]
     order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
     places = []
     for k in order:
@@ -408,7 +408,7 @@ def _sectors(
             window = Window(outward, float(openings.half[k]))
         q, turns = _central(table.task, symmetries, postures[k], window and at)
         cell = _sector(table, line, symmetries, found.first[k], found.last[k], turns)
-        places.append(_Place(cell, q, float(worth[k]), window))
+        places.append(_Place(cell, q, float(rating[k]), window))
     return places
 
 
@@ -476,7 +476,7 @@ def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report
     ranked: list[_Place] = []
     for k, place in enumerate(places):
         report(f"posture {k + 1} of {len(places)}", 0.3 + 0.15 * k)
-        best = max((one.worth for one in ranked), default=0.0)
+        best = max((one.rating for one in ranked), default=0.0)
         if place.design is None and place.most < (1 + _BETTER) * best:
             ranked.append(place)
             continue
@@ -484,9 +484,9 @@ def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report
             q = given(place.cell, place.posture)
             there = limits._replace(window=place.window)
             share, design = covered_share(fit, place.cell, q, there, place.design)
-            worth = share * _worth(place.cell, design, there)
-            ranked.append(place._replace(posture=q, worth=worth, design=design))
-    return sorted(ranked, key=lambda place: -place.worth)
+            rating = share * _rating(place.cell, design, there)
+            ranked.append(place._replace(posture=q, rating=rating, design=design))
+    return sorted(ranked, key=lambda place: -place.rating)
 
 
 def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Report) -> CellDesign:
@@ -523,7 +523,7 @@ def _failed(ranked: list[_Place], limits: Required) -> str:
     return f": extra joint speed exceeds {most}"
 
 
-def _worth(cell: Cell, design: CellDesign | None, limits: Required) -> float:
+def _rating(cell: Cell, design: CellDesign | None, limits: Required) -> float:
     """Rate a quick design by area, range around the arm, body distance and joint speed.
 
     Later cuts at bodies lower the rating by 10 % where bodies are near, and by 15 % where they
@@ -733,10 +733,10 @@ def _best_clear(
     ``bound`` (S,) is what each flood would be worth without bodies.
     """
     wide = _opened(table, floods, bound, _CLEAR, symmetries)
-    worth = _values(table, floods, wide, symmetries).max()
-    if worth < _MUCH * bound.max():
+    rating = _values(table, floods, wide, symmetries).max()
+    if rating < _MUCH * bound.max():
         tight = _opened(table, floods, bound, _TIGHT, symmetries)
-        if worth < _MUCH * _values(table, floods, tight, symmetries).max():
+        if rating < _MUCH * _values(table, floods, tight, symmetries).max():
             return _TIGHT, tight
     return _CLEAR, wide
 
@@ -762,9 +762,9 @@ def _opened(
         clear.append(np.isfinite(flood[..., 0]) & ~np.all(there.near | there.out, axis=0))
         middle, half, mask = windows(there)
         some = _Openings(np.full(len(half), k), middle, half, mask, clear[-1][None])
-        worth = _values(table, floods, some, symmetries)
-        values.append(min(worth.max(), bound[k]))
-        best = np.argsort(-worth, kind="stable")[:_KEPT]
+        rating = _values(table, floods, some, symmetries)
+        values.append(min(rating.max(), bound[k]))
+        best = np.argsort(-rating, kind="stable")[:_KEPT]
         parts.append([some.flood[best], middle[best], half[best], mask[best]])
     flood, middle, half, mask = (np.concatenate(each) for each in zip(*parts, strict=True))
     return _Openings(flood, middle, half, mask, np.array(clear))

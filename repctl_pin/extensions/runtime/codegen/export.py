@@ -118,9 +118,11 @@ def export_c(
 def _texts(
     control: RepeatableInverse | InverseFunction, name: str, source: Source, region: Region | None
 ) -> dict[str, str]:
-    """Write the texts of all files, by file name.
+    """Compose the texts of all exported files, by file name.
 
-    ``source`` has the texts of the C header and the C source."""
+    ``name`` is the prefix of the files and of the C functions, ``source`` has the texts of the C
+    header and the C source, and the test vectors lie in ``region``; None stands for the control's
+    own region."""
     if isinstance(control, InverseFunction):
         inverse = control.inverse
         declared, functions = (filled("function.hpp", name, {}), _function_vectors(control, name))
