@@ -14,12 +14,7 @@ from commands import refused, told
 from numpy.typing import NDArray
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.cell_design_result import CellDesign
-from repctl_pin.extensions.cells.evaluate.cell_evaluation import evaluate_cell
-from repctl_pin.extensions.cells.evaluate.cell_failures import FailureReason
 from repctl_pin.extensions.cells.fit import trimming
-from repctl_pin.extensions.cells.fit.cell_fit import CellFit
-from repctl_pin.extensions.cells.geometry.cut import cut_sides
 from repctl_pin.extensions.cells.table import approach, flood, whole_table, windows
 
 FEW = rp.FitOptions(samples=128, held_out=256)
@@ -115,15 +110,15 @@ def test_bodies_that_a_joint_does_not_move_are_as_near_at_every_angle(tmp_path: 
     ).any()
 
 
-def near_itself(task: rp.Task) -> tuple[CellFit, CellDesign]:
+def near_itself(task: rp.Task) -> tuple[whole_table.CellFit, rp.CellDesign]:
     """A quick design over a small sector, on which bodies are 9 to 12 cm apart, without a request
     for a distance."""
     q = np.array([0, -0.3, 0, -2.7, 0, 2.4, 0.785])
     cell = rp.Sector(task, task.placement(q), radius=0.04, height=0.04, angle=0.1)
     more = {"limit_margin": 0.05, "seed": 0, "keep": True}
-    fit = CellFit(rp.Pseudoinverse(task), 1, samples=64, held_out=64, **more)
+    fit = whole_table.CellFit(rp.Pseudoinverse(task), 1, samples=64, held_out=64, **more)
     found = fit.design(cell, q, quick=True)
-    assert isinstance(found, CellDesign) and found.body_distance > 0
+    assert isinstance(found, rp.CellDesign) and found.body_distance > 0
     return fit, found
 
 
@@ -146,9 +141,11 @@ def test_a_body_distance_below_the_required_one_is_a_failure(panda_pose: rp.Task
     """Quick twin: with the pose and the distance in its words; the distance itself is enough."""
     _, found = near_itself(panda_pose)
 
-    def failures(required: float) -> tuple[FailureReason, ...]:
+    def failures(required: float) -> tuple:
         chart = found.function.chart
-        return evaluate_cell(found.desired, chart, 64, 2, quick=True, required=required).failures
+        return trimming.evaluate_cell(
+            found.desired, chart, 64, 2, quick=True, required=required
+        ).failures
 
     assert not found.failures and not failures(found.body_distance)
     (one,) = failures(found.body_distance + 0.003)
@@ -159,7 +156,7 @@ def test_a_body_distance_below_the_required_one_is_a_failure(panda_pose: rp.Task
 def test_a_cut_leaves_no_bad_pose_and_keeps_what_is_far_from_them(k: int) -> None:
     U = np.random.default_rng(k).uniform(-1, 1, (500, k))
     bad = U[:, 0] > 0.6
-    low, high = cut_sides(U, bad)
+    low, high = trimming.cut_sides(U, bad)
     assert not (bad & ((U >= low) & (U <= high)).all(axis=1)).any()
     assert (low == -1).all() and (high[1:] == 1).all() and 0.5 < high[0] < 0.7
 
@@ -170,7 +167,7 @@ def test_a_cut_prefers_the_coordinate_that_counts_less() -> None:
     bad = (U > 0.7).all(axis=1)
     for light in (0, 1):
         weights = np.where(np.arange(2) == light, 0.3, 1.0)
-        _, high = cut_sides(U, bad, weights=weights)
+        _, high = trimming.cut_sides(U, bad, weights=weights)
         assert high[light] < 0.8 and high[1 - light] == 1
 
 
