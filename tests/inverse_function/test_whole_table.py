@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 import repctl_pin as rp
 from repctl_pin.extensions.cells.fit import trimming
-from repctl_pin.extensions.cells.geometry.cut import cut_sides
 from repctl_pin.extensions.cells.table import approach, flood, whole_table, windows
 
 FEW = rp.FitOptions(samples=128, held_out=256)
@@ -111,11 +110,53 @@ def test_bodies_that_a_joint_does_not_move_are_as_near_at_every_angle(tmp_path: 
     ).any()
 
 
+def near_itself(task: rp.Task) -> tuple[whole_table.CellFit, rp.CellDesign]:
+    """A quick design over a small sector, on which bodies are 9 to 12 cm apart, without a request
+    for a distance."""
+    q = np.array([0, -0.3, 0, -2.7, 0, 2.4, 0.785])
+    cell = rp.Sector(task, task.placement(q), radius=0.04, height=0.04, angle=0.1)
+    more = {"limit_margin": 0.05, "seed": 0, "keep": True}
+    fit = whole_table.CellFit(rp.Pseudoinverse(task), 1, samples=64, held_out=64, **more)
+    found = fit.design(cell, q, quick=True)
+    assert isinstance(found, rp.CellDesign) and found.body_distance > 0
+    return fit, found
+
+
+@pytest.mark.slow
+def test_a_body_distance_short_of_the_requested_one_is_cut_off(
+    panda_pose: rp.Task, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """55: where the first search misses that bodies are nearer than requested, the evaluation
+    decides. Only collisions counted there, so a design 3 mm short was returned."""
+    fit, found = near_itself(panda_pose)
+    asked, search = found.body_distance + 0.003, trimming._near
+    monkeypatch.setattr(trimming, "_near", lambda chart, _, seed: search(chart, -np.inf, seed))
+    kept = trimming.kept_where_good(fit, found, trimming.Required(distance=asked))
+    assert kept is not None and kept.body_distance >= asked == kept.requested_body_distance
+    Q = kept.function.batch(np.random.default_rng(0).uniform(-1, 1, (500, kept.cell.k)))
+    assert rp.Bodies(panda_pose).distances(Q).min() > asked - 1e-4
+
+
+def test_a_body_distance_below_the_required_one_is_a_failure(panda_pose: rp.Task) -> None:
+    """Quick twin: with the pose and the distance in its words; the distance itself is enough."""
+    _, found = near_itself(panda_pose)
+
+    def failures(required: float) -> tuple:
+        chart = found.function.chart
+        return trimming.evaluate_cell(
+            found.desired, chart, 64, 2, quick=True, required=required
+        ).failures
+
+    assert not found.failures and not failures(found.body_distance)
+    (one,) = failures(found.body_distance + 0.003)
+    assert one.cause == "collision" and f"come to {1e3 * found.body_distance:.2g} mm" in one.what
+
+
 @pytest.mark.parametrize("k", [1, 2, 4])
 def test_a_cut_leaves_no_bad_pose_and_keeps_what_is_far_from_them(k: int) -> None:
     U = np.random.default_rng(k).uniform(-1, 1, (500, k))
     bad = U[:, 0] > 0.6
-    low, high = cut_sides(U, bad)
+    low, high = trimming.cut_sides(U, bad)
     assert not (bad & ((U >= low) & (U <= high)).all(axis=1)).any()
     assert (low == -1).all() and (high[1:] == 1).all() and 0.5 < high[0] < 0.7
 
@@ -126,7 +167,7 @@ def test_a_cut_prefers_the_coordinate_that_counts_less() -> None:
     bad = (U > 0.7).all(axis=1)
     for light in (0, 1):
         weights = np.where(np.arange(2) == light, 0.3, 1.0)
-        _, high = cut_sides(U, bad, weights=weights)
+        _, high = trimming.cut_sides(U, bad, weights=weights)
         assert high[light] < 0.8 and high[1 - light] == 1
 
 
@@ -455,3 +496,20 @@ def test_what_cannot_be_is_refused(capsys: pytest.CaptureFixture[str], panda: rp
         ("--down --size 0.1 --heights 0,1", "--heights and --size are mutually exclusive"),
     ):
         assert why in refused(capsys, "cell", "panda", *options.split())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "kind", "leaf"), [("xarm7", "pose", 0.3), ("ur5", "axis", 0.99)])
+def test_a_whole_table_is_proved(name: str, kind: str, leaf: float) -> None:
+    """55: xarm7's ended at a box too small to halve, because d* was too wide for a proof there."""
+    task = rp.Robot.load(name).task(None, kind)
+    place = rp.best_cell(task, orientation="down")
+    assert place.table is not None
+    found, F = place.table.design, place.table.design.function
+    proof = rp.prove(found, seconds=30)
+    assert proof, proof.reason
+    assert proof.leaf_margin > leaf and proof.limit_margin > 0.1
+    U = np.random.default_rng(5).uniform(-1, 1, (10_000, F.cell.k))
+    U[::2] = np.sign(U[::2])  # half of them at the corners
+    s = np.linalg.svd(task.jacobians(F.batch(U)), compute_uv=False)
+    assert s[:, task.m - 1].min() >= proof.sigma_min

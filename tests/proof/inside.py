@@ -7,6 +7,7 @@ from repctl_pin.extensions.cells.evaluate import margins
 from repctl_pin.extensions.proof import (
     arm_angle,
     boxes,
+    cell_search,
     cells,
     chain,
     enclosure,
@@ -19,6 +20,7 @@ from repctl_pin.extensions.proof import (
 __all__ = [
     "arm_angle",
     "boxes",
+    "cell_search",
     "cells",
     "chain",
     "enclosure",

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 import sectors
 from arms import spatial_task
-from inside import cells, margins
+from inside import cell_search, cells, margins
 
 import repctl_pin as rp
 
@@ -222,6 +222,47 @@ def test_a_hundred_thousand_poses_of_other_tasks_violate_nothing(
         assert s[:, -1].min() >= proof.sigma_min
         assert margins.leaf_margins(chart, points).min() >= proof.leaf_margin
         assert task.limit_margin(points.Q).min() >= proof.limit_margin
+
+
+def test_a_proof_begins_again_with_a_smaller_neighbourhood(
+    places: rp.CellDesign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Quick twin: the distances are tried from the largest on, until one gives a proof. If none
+    does, the first is reported."""
+    tried: list[float] = []
+
+    def bounded(problem: cells.CellProof, *_: object) -> rp.Proof:
+        tried.append(float(problem.near.max()))
+        proved = len(tried) > enough
+        reason = "" if proved else cell_search.UNDECIDED
+        return rp.Proof("", proved, 0.5, 0.1, 0.1, 1, np.zeros(3), np.ones(3), reason)
+
+    monkeypatch.setattr(cell_search, "bound_cell", bounded)
+    for enough, count, reported in ((1, 2, 1), (3, 3, 0)):
+        tried.clear()
+        proof = rp.prove(places)
+        assert proof.proved == (enough < 3)
+        assert len(tried) == count and tried == sorted(tried, reverse=True)
+        assert f"{tried[reported]:.2g}" in proof.what
+
+
+@pytest.mark.slow
+def test_a_smaller_neighbourhood_of_the_polynomial_gives_a_proof(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """55: with d* of 2 cm, F near the inner edge of xarm7's table is not proved unique on the
+    smallest boxes. The proof begins again with a smaller d*, and names the one that it proves."""
+    task = rp.Robot.load("xarm7").task("link_eef", "pose")
+    q = np.array([-0.42, -0.22, 0, 0.09, 0, 0.31, 0])
+    cell = rp.Sector(task, task.placement(q), radius=0.03, height=0.09)
+    options = rp.FitOptions(samples=64, held_out=64)
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, posture=q, degree=1, options=options
+    )
+    proof = rp.prove(found)
+    assert proof and "within (0.005," in proof.what
+    monkeypatch.setattr(cells, "SLACKS", cells.SLACKS[:1])
+    assert "too small to halve" in rp.prove(found).reason
 
 
 @pytest.mark.slow

@@ -25,6 +25,8 @@ _MOST = 400_000
 """Maximum number of initial boxes."""
 _SMALLEST = 1e-4
 """Half-width, relative to that of the cell, below which an undecided box stops the search."""
+UNDECIDED = "a box too small to halve is undecided"
+"""Reason of a proof that ended at such a box: a smaller d* may suffice."""
 
 
 def bound_cell(
@@ -164,7 +166,7 @@ class _CellSearch:
             (leaf_margins(chart, points) - self.leaf, "the leaf margin there is {leaf:.4g}"),
             (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
             (-away.max(axis=1), "F is {away:.2g} rad or m too far from q_ref to be proved unique"),
-            ((high - low).max(axis=1) - 2 * _SMALLEST, "a box too small to halve is undecided"),
+            ((high - low).max(axis=1) - 2 * _SMALLEST, UNDECIDED),
         ):
             where = int(np.argmin(short))
             if short[where] < 0:

@@ -39,8 +39,8 @@ from ..cells.geometry.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
 from .chain import FREE, Chain, chain_of, relative_rounding, tool_reach
 from .taylor import ORDER, basis, space_of
 
-_NEAR = 1.25, 0.02
-"""Factor, and summand in rad or m, from which d* is made.
+SLACKS = (1.25, 0.02), (1.1, 0.005), (1.02, 0.001)
+"""Factors, and summands in rad or m, from which d* is made; the largest d* comes first.
 
 d* is the distance from q_ref within which F is proved to be unique: the factor times the largest
 distance of F from q_ref that a search found, plus the summand.
@@ -95,6 +95,8 @@ class CellProof:
     ----------
     chart
         Chart of the function.
+    slack
+        Factor and summand of d*, one of ``SLACKS``.
 
     Raises
     ------
@@ -102,14 +104,14 @@ class CellProof:
         If there is no native library.
     """
 
-    def __init__(self, chart: Chart) -> None:
+    def __init__(self, chart: Chart, slack: tuple[float, float] = SLACKS[0]) -> None:
         self.use(required_library("a proof"))
         cell = chart.cell
         self.chart, self.cell, self.task = chart, cell, cell.task
         self.polynomials, self.poses = _Polynomials.of(chart), _pose_tables(cell)
         self._space = space_of(cell.k)
         self.lower, self.upper = limits_of(cell)
-        self.near = _NEAR[0] * farthest(chart) + _NEAR[1]
+        self.near = slack[0] * farthest(chart) + slack[1]
         whole = chain_of(self.task)
         self.eps = relative_rounding(whole)
         value = self.polynomials.sizes

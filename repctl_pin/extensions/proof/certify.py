@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from time import thread_time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -373,8 +374,8 @@ def _of_cell(
     the limit margin to prove, rad or m, by default slightly below the smallest margin found.
     ``seconds`` is the processor time.
     """
-    from .cell_search import bound_cell
-    from .cells import CellProof
+    from .cell_search import UNDECIDED, bound_cell
+    from .cells import SLACKS, CellProof
 
     found = design.evaluation
     leaf = 0.9 * _least_leaf_margin(design) if goal is None else goal
@@ -384,8 +385,15 @@ def _of_cell(
         limit = found.limit_margin_worst - 0.1 * abs(found.limit_margin_worst) - 0.01
     else:
         limit = -np.inf
-    problem = CellProof(design.function.chart)
-    proof = bound_cell(problem, leaf, limit, seconds, report)
+    end, tried = thread_time() + seconds, []
+    # too wide a neighbourhood of q_ref prevents a proof, however small the boxes are
+    for slack in SLACKS:
+        problem = CellProof(design.function.chart, slack)
+        proof = bound_cell(problem, leaf, limit, end - thread_time(), report)
+        tried.append((problem, proof))
+        if proof.reason != UNDECIDED:
+            break
+    problem, proof = next((one for one in tried if one[1].proved), tried[0])
     near = ", ".join(f"{v:.2g}" for v in problem.near)
     proof = replace(
         proof,

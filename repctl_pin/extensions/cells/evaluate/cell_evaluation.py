@@ -308,14 +308,14 @@ class _SpeedRatio(Quantity):
 
 
 def evaluate_cell(
-    desired: Inverse, chart: Chart, count: int, seed: int, *, quick: bool
+    desired: Inverse, chart: Chart, count: int, seed: int, *, quick: bool, required: float = 0.0
 ) -> Evaluation:
     """Measure a cell's function F on held-out poses: coverage, cost, joint speeds and margins.
 
     ``desired`` is the inverse G_d with which F is compared; in ``chart``, F is s = 0. The held-out
     poses are ``count`` Sobol points; corners of the cell and poses found by searches are added. A
     quick evaluation searches neither for the largest joint speeds nor for the smallest body
-    distances.
+    distances. A body distance below the ``required`` one, m, is a failure by collision.
     """
     cell, candidate = chart.cell, CandidateFunction.zero(chart)
     U = np.concatenate([cell.sample(count, seed), cell.corners()])
@@ -328,7 +328,7 @@ def evaluate_cell(
     inside = rows_of(held_out, held_out.covered)
     if not len(inside.U):
         return _nothing_covered(failures)
-    distance, links, stop = _bodies(candidate, at, count, quick)
+    distance, links, stop = _bodies(candidate, at, count, quick, required)
     tested = joined([at, low])
     tested = rows_of(tested, tested.covered)
     return Evaluation(
@@ -449,15 +449,15 @@ def _failures(cell: Cell, at: Sample, low: Sample, near: Array) -> tuple[Failure
 
 
 def _bodies(
-    candidate: CandidateFunction, at: Sample, count: int, quick: bool
+    candidate: CandidateFunction, at: Sample, count: int, quick: bool, required: float
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
     """Compute the minimum body distance over covered poses of the cell.
 
-    Return the distance, m, the two links, and the failure by collision, which is None if there is
-    no collision. Body distances are slow to compute, so they are evaluated only at the corners and
-    at the first 1024 of the ``count`` held-out poses; the first 64 if ``quick``. If nothing
-    collides there, the nearest pose of each pair of bodies is searched for; a quick evaluation
-    omits the search.
+    Return the distance, m, the two links, and the failure by collision, which is None if the
+    distance is at least the ``required`` one. Body distances are slow to compute, so they are
+    evaluated only at the corners and at the first 1024 of the ``count`` held-out poses; the first
+    64 if ``quick``. If nothing collides there, the nearest pose of each pair of bodies is searched
+    for; a quick evaluation omits the search.
     """
     cell = candidate.chart.cell.whole
     bodies = bodies_of(cell.task)
@@ -471,7 +471,7 @@ def _bodies(
         U, Q = np.concatenate([U, nearer.U]), np.concatenate([Q, nearer.Q])
         distances = np.concatenate([distances, bodies.distances(nearer.Q)])
     links = bodies.nearest(Q[int(np.argmin(distances))]).links
-    return float(distances.min()), links, touching(cell, U, distances, links, share)
+    return float(distances.min()), links, touching(cell, U, distances, links, share, required)
 
 
 def _all_round(

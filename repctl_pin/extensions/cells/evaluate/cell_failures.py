@@ -173,18 +173,19 @@ def _most_singular(cell: Cell, U: Array, Q: Array) -> tuple[Array, float]:
 
 
 def touching(
-    cell: Cell, U: Array, distances: Array, links: tuple[str, str], share: float
+    cell: Cell, U: Array, distances: Array, links: tuple[str, str], share: float, required: float
 ) -> FailureReason | None:
     """Describe the failure that two links collide, from body distances (K,), m, at poses U (K, k).
 
     ``links`` are the links with the smallest distance, ``share`` is the fraction of the sampled
-    poses with a collision. Return None if no distance is below 0.
+    poses with a collision. Return None if no distance is below the ``required`` one.
     """
-    touch = distances < 0
-    if not touch.any():
-        return None
     at = int(np.argmin(distances))
-    what = f"at {cell.where(U[at])}, {links[0]} and {links[1]} collide"
+    least = float(distances[at])
+    if least >= required:
+        return None
+    how = "collide" if least < 0 else f"come to {1e3 * least:.2g} mm"
+    what = f"at {cell.where(U[at])}, {links[0]} and {links[1]} {how}"
     return _reason("collision", share, cell, U[at], what)
 
 

@@ -301,7 +301,8 @@ def _cut_until_good(
             ends = dict(zip(coordinates, zip(low, high, strict=True), strict=True))
             chart, stops = _cut(chart, ends, fit.limit_margin), stops[:0]
             continue
-        if design.function.chart is not chart or design.held_out < fit.held_out:
+        short = design.held_out < fit.held_out or (design is found and limits.distance > 0)
+        if short or design.function.chart is not chart:
             design = _evaluated(fit, found, chart, limits)
         stops = _stops(design, limits, bodies_only)
         if not len(stops) and design.extra_speed <= limits.mean:
@@ -323,7 +324,8 @@ def _weights(cell: Cell, coordinates: Sequence[int]) -> Array:
 def _stops(design: CellDesign, limits: Required, bodies_only: bool) -> Array:
     """Return the poses, in all coordinates of the cell (K, k), at which a design's function fails.
 
-    Collisions count only if a body distance is required.
+    Collisions count only if a body distance is required. They are those of the design's evaluation,
+    which decides whether bodies keep the distance.
     """
     collide = bool(np.isfinite(limits.distance))
     return np.array(
@@ -399,7 +401,14 @@ def _evaluated(fit: CellFit, found: CellDesign, chart: Chart, limits: Required) 
 
     Its requested body distance is that of the limits.
     """
-    evaluation = evaluate_cell(fit.desired, chart, fit.held_out, fit.seed + 2, quick=False)
+    evaluation = evaluate_cell(
+        fit.desired,
+        chart,
+        fit.held_out,
+        fit.seed + 2,
+        quick=False,
+        required=max(limits.distance, 0.0),
+    )
     links = " and ".join(found.evaluation.nearest_bodies)
     before, after = found.function.chart.cell, chart.cell
     names = {after.whole.coordinate_names[i]: 2 * after.widths[i] for i in before.free}
