@@ -84,6 +84,7 @@ def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
         and "limit margin" in page
         and "http" not in page.partition("<iframe")[0]
     )
+    assert "<dt>Tested, not proved</dt>" in page and "<dt>Proved</dt>" not in page
     inner = unescape(page.partition('srcdoc="')[2].partition('"></iframe>')[0])
     scene = json.loads(inner.partition('id="scene">')[2].partition("</script>")[0])
     assert [arm["label"] for arm in scene["arms"]] == ["J⁺", "One function, q = F(x)"]

@@ -140,7 +140,12 @@ def _words(design: CellDesign) -> dict[str, str]:
         "control, whose joints need not come back; blue is the function, whose joints do.",
         "Joint limits, limit margin": "the distance of the nearest joint from the end of its range",
     }
-    if design.proof is None:
+    if design.proof is not None:
+        words["Proved"] = (
+            f"A computation with bounds on its errors covers every pose of the {shape}, not only "
+            "tested ones. Body distances are tested only."
+        )
+    else:
         words["Tested, not proved"] = (
             "The numbers are those of the worst pose found: among poses all over "
             f"the {shape}, and by a search between them. A worse one may exist; --prove is to "
