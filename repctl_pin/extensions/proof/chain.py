@@ -214,7 +214,7 @@ def frame_change(kind: str, distance: Array) -> Array:
 def relative_rounding(chain: Chain) -> float:
     """Bound the relative rounding of any sum or screw of a proof: ``512 (P + N + 2) u``, u = 2⁻⁵³.
 
-    P is the number of joints along the chain, and N the number of joints of the arm.
+    P is the number of joints along the chain, N that of the task's joints and the virtual ones.
     The error of a rotation after k joints is at most 64 k u, and the error of a screw is at most
     128 (k + 2) u times its length. The error of a sum of N products is at most (N + 2) u times the
     sum of their absolute values; see docs/theory.md.
