@@ -266,7 +266,7 @@ def _narrowed(
         said.append(
             f"{joint.name} narrowed from {_interval(joint.lower, joint.upper)} "
             f"to {_interval(*left)} {'m' if joint.kind == 'prismatic' else 'rad'}, "
-            f"because of the limits of {', '.join(by)}, which it drives"
+            f"because it drives {', '.join(by)}"
         )
         most = _loss(joint.upper - joint.lower, left[1] - left[0])
     if slowed_by:
@@ -274,7 +274,7 @@ def _narrowed(
         said.append(
             f"speed limit of {joint.name} lowered from {was} to {velocity:.4g} "
             f"{'m' if joint.kind == 'prismatic' else 'rad'}/s, "
-            f"because of the limits of {', '.join(slowed_by)}, which it drives"
+            f"because it drives {', '.join(slowed_by)}"
         )
         most = max(most, _loss(joint.velocity, velocity))
     if not said:

@@ -92,6 +92,21 @@ def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
     assert scene["paths"][0] == 16  # the edges of the cell
 
 
+def test_a_proof_that_is_not_reached_is_not_called_one(
+    made: Path, capsys, no_tours: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither in the first lines nor among the words of the page."""
+    prove = rp.prove
+    monkeypatch.setattr(rp, "prove", lambda design, **_: prove(design, limit_margin=9.0, seconds=1))
+    few = ["--half-width", "0.2", "--degree", "2", "--held-out", "256"]
+    out = made / "not proved"
+    assert main([*cell_of(made), *few, "--prove", "--out", str(out)]) != 0
+    assert "Tested at 256 poses, not proved." in " ".join(capsys.readouterr().out.split())
+    page = (out / "cell.html").read_text("utf-8")
+    assert "<dt>Tested, not proved</dt>" in page and "<dt>Proved</dt>" not in page
+    assert "<dt>Sample path</dt>" not in page
+
+
 @pytest.mark.slow
 def test_the_page_plays_and_fits_a_phone(made: Path, driver: Any) -> None:
     """One load, at two sizes; what the tour's frame draws is looked at elsewhere."""

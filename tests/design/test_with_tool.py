@@ -137,7 +137,7 @@ def test_a_saved_design_of_a_tool_comes_back(
     with pytest.raises(rp.InputError, match="frame"):
         rp.load_design(file, panda.task("panda_hand_tcp"))
     plain = rp.save(at_flange, tmp_path / "flange.json")
-    with pytest.raises(rp.InputError, match="lies"):
+    with pytest.raises(rp.InputError, match="is displaced by"):
         rp.load_design(plain, moved.task)
 
 

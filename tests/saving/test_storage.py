@@ -276,7 +276,7 @@ def test_a_urdf_that_was_changed_is_refused(tmp_path) -> None:
     ):
         rp.load(saved)
     file.write_text(planar_urdf([1, 0.8, 0.601]))
-    with pytest.raises(rp.InputError, match=r"lies 0\.00\d* m"):
+    with pytest.raises(rp.InputError, match=r"displaced by 0\.00\d* m"):
         rp.load(saved, rp.Robot.load(file).task("tool", "xy"))
 
 

@@ -92,23 +92,21 @@ def test_a_narrowed_axis_is_told_by_inspect_and_study(
     lower, upper = robot.lower[1], robot.upper[1]
     assert (lower, upper) == (-2.0, pytest.approx(0.3 / 0.25))
     said = robot.narrowed["j2"]
-    assert said.startswith(
-        "! j2 narrowed from [-2, 2] to [-2, 1.2] rad, because of the limits of rod, which it drives"
-    )
+    assert said.startswith("! j2 narrowed from [-2, 2] to [-2, 1.2] rad, because it drives rod")
     assert [*robot.narrowed] == ["j2"]
     path = str(tmp_path / "made.urdf")
     assert main(["inspect", path]) == 0
     assert (
-        "\n! j2 narrowed from [-2, 2] to [-2, 1.2] rad,"
-        " because of the limits of rod, which it drives" in capsys.readouterr().out
+        "\n! j2 narrowed from [-2, 2] to [-2, 1.2] rad, because it drives rod"
+        in capsys.readouterr().out
     )
     assert said in rp.Problem(robot).warnings
     few = ["--task", "position", "--cycles", "1", "--steps", "40", "--degree", "1"]
     monkeypatch.chdir(tmp_path)  # a long path would leave fewer rows for notes
     assert main(["study", path, *few, "--out", "."]) == 0
     assert (
-        "\n! j2 narrowed from [-2, 2] to [-2, 1.2] rad,"
-        " because of the limits of rod, which it drives" in capsys.readouterr().out
+        "\n! j2 narrowed from [-2, 2] to [-2, 1.2] rad, because it drives rod"
+        in capsys.readouterr().out
     )
     # not of an arm that the joint does not move
     assert said not in rp.Problem(rp.Robot.load(path, base="l2")).warnings
@@ -121,8 +119,7 @@ def test_a_narrowed_axis_is_told_by_design_cell_follow_and_move(tmp_path: Path, 
     load(tmp_path, *arm(), joint("rod", "l1", "cylinder", more=FOLLOWER + limit))
     path, said = (
         str(tmp_path / "made.urdf"),
-        "! j2 narrowed from [-2, 2] to [-2, 1.2] rad,"
-        " because of the limits of rod, which it drives",
+        "! j2 narrowed from [-2, 2] to [-2, 1.2] rad, because it drives rod",
     )
     few = ["--task", "position", "--samples", "64", "--held-out", "64", "--out", str(tmp_path)]
     assert main(["design", path, *few, "--degree", "1"]) == 0
@@ -168,13 +165,11 @@ def test_notes_on_the_file_are_warnings_of_the_robot(tmp_path: Path, capsys) -> 
     [
         (
             'lower="-9" upper="0.49" velocity="9"',
-            "j2 narrowed from [-2, 2] to [-1.96, 2] rad,"
-            " because of the limits of rod, which it drives",
+            "j2 narrowed from [-2, 2] to [-1.96, 2] rad, because it drives rod",
         ),
         (
             'lower="-9" upper="9" velocity="0.2"',
-            "! speed limit of j2 lowered from 1 to 0.8 rad/s,"
-            " because of the limits of rod, which it drives",
+            "! speed limit of j2 lowered from 1 to 0.8 rad/s, because it drives rod",
         ),
         ('lower="-9" upper="9" velocity="9"', ""),
         ('lower="-0.5" upper="0.5" velocity="0.25"', ""),

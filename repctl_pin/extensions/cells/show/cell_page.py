@@ -117,33 +117,35 @@ def cell_page(
         tour=" ".join([_OF_THE_TOUR, *(f"{capital(note)}." for note in notes)]),
         slices=None if slices is None else framed(slices, words),
         figures=design.figures(),
-        words=_words(design),
+        words=_words(design, motions),
         command=command,
         details={"joints": ", ".join(task.joint_names), "seed": str(design.seed)} | versions(),
     )
 
 
-def _words(design: CellDesign) -> dict[str, str]:
-    """Explain the words of the page, by name."""
+def _words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
+    """Explain the words of the page, by name; ``motions`` are those along the sample path."""
     shape = "sector" if isinstance(design.cell, Sector) else "box"
     usual, part = _usual(design), redundant_part(design.task)
-    region = {
-        "box": "the hand poses for which the function was made: its outline bounds the positions",
-        "sector": "the hand poses for which the function was made, around an axis of the arm: its "
-        "outline bounds the positions",
-    }[shape]
+    around = ", around an axis of the arm" if shape == "sector" else ""
+    covered = "" if design.evaluation.everywhere else ", where the function covers it"
     words = {
-        f"The {shape}, or cell": f"{region}. The line under the first sentences names its size.",
+        f"The {shape}, or cell": f"the hand poses for which the function was made{around}: its "
+        "outline bounds the positions. The line under the first sentences names its size.",
         f"One {part} per pose": "The joints depend only on where the hand is, q = F(x), not on "
-        f"the way there. Wherever the hand goes in the {shape}, it comes back to the same joints.",
-        "Sample path": f"a closed path through the {shape}, as an example. Orange is the {usual} "
-        "control, whose joints need not come back; blue is the function, whose joints do.",
+        f"the way there. Wherever the hand goes in the {shape}{covered}, at each pose it has the "
+        "same joints again.",
         "Joint limits, limit margin": "the distance of the nearest joint from the end of its range",
     }
-    if design.proof is not None:
+    if motions:
+        blue = "Blue is the function, whose joints come back."
+        if len(motions) > 1:
+            blue = f"Orange is the {usual} control, whose joints need not come back. {blue}"
+        words["Sample path"] = f"a closed path through the {shape}, as an example. {blue}"
+    if design.proof:
         words["Proved"] = (
-            f"A computation with bounds on its errors covers every pose of the {shape}, not only "
-            "tested ones. Body distances are tested only."
+            "The bounds that the rows above call proved hold at every pose of the "
+            f"{shape}. Other numbers are those of the worst pose found."
         )
     else:
         words["Tested, not proved"] = (
@@ -196,7 +198,7 @@ def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = Non
         if motion.speed_ratio > TOO_FAST:
             times = f"{motion.speed_ratio:.2g} times the speed limit"
             said.append(Span(f"On the sample path, {times}.", "bad"))
-    if design.proof is None:
+    if not design.proof:
         said.append(Span(f"Tested at {design.held_out:,} poses, not proved."))
     sentence = Span(_covered(design)), _cost(design)
     return Headline(tuple(map(_unbroken, sentence)), tuple(map(_unbroken, said)))
