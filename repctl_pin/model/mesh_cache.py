@@ -60,7 +60,7 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
             return dict(arrays)
     made = make()
     content = io.BytesIO()
-    np.savez(content, allow_pickle=False, **made)
+    np.savez(content, **made)
     with suppress(OSError, InputError):
         kept.parent.mkdir(parents=True, exist_ok=True)
         write_whole(kept, content.getvalue())

@@ -92,7 +92,7 @@ def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> b
     left_out = _add_shapes(model, [links[name] for name in names], folder)
     if left_out:
         notes.append(
-            "left out and not checked for collisions: shapes that URDF does not have ({left_out})"
+            f"left out and not checked for collisions: shapes that URDF does not have ({left_out})"
         )
     parts += _site_parts(model, names, {part.name for part in parts})
     if model.ntendon:

@@ -108,7 +108,9 @@ def _has_no_textures(path: Path) -> bool:
     kind = path.suffix.lower()
     if kind == ".dae" and path.is_file():
         with suppress(InputError, OSError):
-            return b"<init_from" not in _read_bytes(path)
+            data = _read_bytes(path)
+            # a zero byte: UTF-16, in which the name is not found
+            return b"init_from" not in data and b"\0" not in data
     return kind in (".stl", ".off")
 
 
@@ -119,7 +121,7 @@ def _cached(path: Path, most: int) -> Surface:
         f"surface of at most {most} triangles",
         lambda: {name: np.asarray(values) for name, values in vars(_read(path, most)).items()},
     )
-    return Surface(**arrays)
+    return Surface(**{name: arrays[name] for name in Surface.__dataclass_fields__})
 
 
 def _read(path: Path, most: int) -> Surface:

@@ -214,6 +214,26 @@ def test_returns_to_pose_and_level(tmp_path: Path) -> None:
     np.testing.assert_allclose(read.visits.q, slipped.visits.q, atol=1e-12)
 
 
+def test_an_elbow_that_lags_behind_its_command_repeats() -> None:
+    """The hand rests, the level takes three values, and the joints follow it with a lag of 0.1 s."""
+    F = function_of("poses of one orientation")
+    rng, rate = np.random.default_rng(1), 50
+    values = np.array([-0.2, 0.05, 0.3])
+    c = np.repeat(values[rng.permutation(np.arange(24) % 3)], 2 * rate)
+    leaf = np.empty(len(c))
+    leaf[0] = c[0]
+    for k in range(1, len(c)):
+        leaf[k] = leaf[k - 1] + (c[k] - leaf[k - 1]) * (1 - np.exp(-1 / (0.1 * rate)))
+    hand = F.cell.at(np.zeros(F.cell.k))
+    q = np.array([F(hand, leaf=[level]) for level in leaf])
+    q = q + 1e-5 * rng.standard_normal(q.shape)
+    t = np.arange(len(c)) / rate
+    found = rp.audit((t, q, c), F.task)
+    assert found.repeats and found.returns >= 3
+    slipping = np.array([F(hand, leaf=[x]) for x in leaf + 1e-3 * t])
+    assert not rp.audit((t, slipping, c), F.task).repeats
+
+
 def test_levels_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     task, t, q, c = with_levels(0.0)
     with pytest.raises(rp.InputError, match="third array"):

@@ -67,7 +67,7 @@ def run(options: Options) -> int:
     say("reading the log and searching for repeated poses")
     frame, kind = options.asked_frames()
     try:
-        levels = options.levels.split(",") if options.levels else ()
+        levels = [name.strip() for name in (options.levels or "").split(",") if name.strip()]
         others = options.of("degrees", "tolerance")
         found = rp.audit(options.log, robot, frame=frame, kind=kind, levels=levels, **others)
     except InputError as error:

@@ -149,7 +149,9 @@ def find_visits(
         if (score := _score(there, each, tolerance)) > rank:
             best, chosen, rank = there, int(row), score
     target = task.as_target(task.placements(Q[chosen]))
-    made = [_configuration(task, t, Q, one, target, noise) for one in best]
+    # joints that follow a commanded level lag behind it at first
+    late = levels.shape[1] > 0
+    made = [_configuration(task, t, Q, one, target, noise, late) for one in best]
     times = np.array([float(_at(t, one.at)) for one in best])
     deviation, bias = _errors(task, made, noise, _quantum(Q))
     at_visits = np.array([_at(levels, one.at) for one in best])
@@ -339,14 +341,15 @@ class _Estimate(NamedTuple):
 
 
 def _configuration(
-    task: Task, t: Array, Q: Array, one: _Pass, target: pin.SE3, noise: Array
+    task: Task, t: Array, Q: Array, one: _Pass, target: pin.SE3, noise: Array, late: bool
 ) -> _Estimate:
     """Estimate the configuration of a visit: the mean of at least four rows, or an interpolation.
 
-    ``one`` is the visit, ``target`` the pose, and ``noise`` (n,) the noise of the joints.
+    ``one`` is the visit, ``target`` the pose, and ``noise`` (n,) the noise of the joints. ``late``
+    is that of :func:`_average`.
     """
     if len(one.rows) >= _AVERAGED:
-        q, A, bend = _average(task, Q[one.rows], target, noise)
+        q, A, bend = _average(task, Q[one.rows], target, noise, late)
     else:
         q, A, bend = _interpolated(task, t, Q, one.at, target)
     return _Estimate(_onto(task, q, target), task.error(q, target), A, bend)
@@ -373,14 +376,16 @@ def _errors(task: Task, made: list[_Estimate], noise: Array, quantum: Array) -> 
     return np.array(deviation), np.array(bias)
 
 
-def _average(task: Task, Q: Array, target: pin.SE3, noise: Array) -> tuple[Array, Array, Array]:
+def _average(
+    task: Task, Q: Array, target: pin.SE3, noise: Array, late: bool
+) -> tuple[Array, Array, Array]:
     """Average the configurations (K, n) of a visit.
 
     The rows need not lie evenly around the pose ``target``. A linear regression of q on the task
     error e, along the directions in which the hand moves most, gives the configuration at
     ``e = 0``. If the arm also moves in other ways during the visit, by more than the noise, only
-    the first half of the rows is used. Otherwise a motion between two configurations would have the
-    same mean in both directions, and hide their difference.
+    the first half of the rows is used, or the last half if ``late``. Otherwise a motion between two
+    configurations would have the same mean in both directions, and hide their difference.
 
     Returns
     -------
@@ -402,7 +407,7 @@ def _average(task: Task, Q: Array, target: pin.SE3, noise: Array) -> tuple[Array
     moved = np.abs(rest[half:].mean(axis=0) - rest[:half].mean(axis=0))
     least = _MOVED * 2 / np.sqrt(len(Q)) * noise + _EXACT
     if half >= _AVERAGED and (moved > least).any():
-        return _average(task, Q[:half], target, noise)
+        return _average(task, Q[half:] if late else Q[:half], target, noise, late)
     A = np.eye(task.n) + slopes @ task.jacobian(q)
     spread = max(1.0, float(np.linalg.norm(weights)))
     return q, spread * A, np.abs(q - Q.mean(axis=0))

@@ -145,11 +145,11 @@ def _words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
     if design.proof:
         words["Proved"] = (
             "The bounds that the rows above call proved hold at every pose of the "
-            f"{shape}. Other numbers are those of the worst pose found."
+            f"{shape}. Other margins and distances are the smallest found."
         )
     else:
         words["Tested, not proved"] = (
-            "The numbers are those of the worst pose found: among poses all over "
+            "Margins and distances are the smallest found: at poses all over "
             f"the {shape}, and by a search between them. A worse one may exist; --prove is to "
             "exclude it."
         )
