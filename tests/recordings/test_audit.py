@@ -215,7 +215,7 @@ def test_returns_to_pose_and_level(tmp_path: Path) -> None:
 
 
 def test_an_elbow_that_lags_behind_its_command_repeats() -> None:
-    """The hand rests, the level takes three values, and the joints follow it with a lag of 0.1 s."""
+    """The hand rests, the level takes three values, and the joints lag by 0.1 s."""
     F = function_of("poses of one orientation")
     rng, rate = np.random.default_rng(1), 50
     values = np.array([-0.2, 0.05, 0.3])

@@ -150,7 +150,7 @@ def _words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
     else:
         words["Tested, not proved"] = (
             "Margins and distances are the smallest found: at poses all over "
-            f"the {shape}, and by a search between them. A worse one may exist; --prove is to "
+            f"the {shape}, and by a search between them. A smaller one may exist; --prove is to "
             "exclude it."
         )
     return words
