@@ -44,7 +44,7 @@ def main() -> np.ndarray:
     circle = 0.03 * np.stack([np.cos(s) - 1, np.sin(s), 0 * s], axis=1)
     elbows = np.linspace(-0.2, 0.2, ARMS)[:, None]
     start = jnp.array([F(F.cell.placement, leaf=c) for c in elbows])
-    data = jax.vmap(lambda q: mjx.make_data(model).replace(qpos=q))(start)
+    data = jax.vmap(lambda q: mjx.make_data(model).replace(qpos=q, ctrl=q))(start)
     ends = []
     for _ in range(CYCLES):
         for point in circle:

@@ -121,7 +121,7 @@ def _cached(path: Path, most: int) -> Surface:
         f"surface of at most {most} triangles",
         lambda: {name: np.asarray(values) for name, values in vars(_read(path, most)).items()},
     )
-    return Surface(**{name: arrays[name] for name in Surface.__dataclass_fields__})
+    return Surface(arrays["points"], arrays["normals"], arrays["colors"], arrays["faces"])
 
 
 def _read(path: Path, most: int) -> Surface:

@@ -246,6 +246,22 @@ def test_a_proof_begins_again_with_a_smaller_neighbourhood(
         assert f"{tried[reported]:.2g}" in proof.what
 
 
+def test_a_proof_whose_last_trial_ran_out_of_time_says_so(
+    places: rp.CellDesign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With the whole time, not what was left of it: more of it may help."""
+    undecided = rp.Proof("", False, 0.5, 0.1, 0.1, 1, None, None, cell_search.UNDECIDED)
+    bound, trials = cell_search.bound_cell, []
+
+    def bounded(*given: object) -> rp.Proof:
+        trials.append(given)
+        return undecided if len(trials) == 1 else bound(*given[:5], spent=100.0)
+
+    monkeypatch.setattr(cell_search, "bound_cell", bounded)
+    proof = rp.prove(places, seconds=90)
+    assert len(trials) == 2 and not proof and proof.reason.startswith("stopped after 90 s")
+
+
 @pytest.mark.slow
 def test_a_smaller_neighbourhood_of_the_polynomial_gives_a_proof(
     monkeypatch: pytest.MonkeyPatch,

@@ -198,7 +198,6 @@ DAE = """<?xml version="1.0"?>
 
 
 def test_collada_units_colours_and_textures(tmp_path: Path) -> None:
-
     paint = Image.new("RGB", (8, 8), (255, 255, 255))
     colors = {(0, 7): (153, 102, 51), (7, 0): (0, 0, 255), (0, 0): (0, 255, 0)}
     for pixel, color in colors.items():  # counted from the top left corner

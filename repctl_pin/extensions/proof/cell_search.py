@@ -25,6 +25,8 @@ _MOST = 400_000
 """Maximum number of initial boxes."""
 _SMALLEST = 1e-4
 """Half-width, relative to that of the cell, below which an undecided box stops the search."""
+STOPPED = "stopped after"
+"""Beginning of the reason of a proof whose time ended."""
 UNDECIDED = "a box too small to halve is undecided"
 """Reason of a proof that ended at such a box: a smaller d* may suffice."""
 
@@ -35,6 +37,7 @@ def bound_cell(
     limit: float,
     seconds: float,
     report: Callable[[str, float], None],
+    spent: float = 0.0,
 ) -> Proof:
     """Prove that F exists on a whole cell, and that its margins are above two goals.
 
@@ -51,6 +54,8 @@ def bound_cell(
         Processor time, s, after which the search stops.
     report
         Progress callback (step, fraction); the fraction is the proved share of the cell.
+    spent
+        Processor time of earlier searches, s, that counts as part of ``seconds``.
 
     Returns
     -------
@@ -58,11 +63,11 @@ def bound_cell(
         The proof, without a description yet. If the search stopped before its goal, the bounds are
         0 and −inf.
     """
-    end = thread_time() + seconds
+    end = thread_time() + seconds - spent
     search = _CellSearch(problem, max(leaf, 0.0), limit)
     while len(search.low) and not search.reason:
         if thread_time() > end:
-            search.stop(-1, search.low, search.high, f"stopped after {seconds:g} s")
+            search.stop(-1, search.low, search.high, f"{STOPPED} {seconds:g} s")
         else:
             search.advance()
             report("proving", 1 - search.volume())

@@ -374,7 +374,7 @@ def _of_cell(
     the limit margin to prove, rad or m, by default slightly below the smallest margin found.
     ``seconds`` is the processor time.
     """
-    from .cell_search import UNDECIDED, bound_cell
+    from .cell_search import STOPPED, UNDECIDED, bound_cell
     from .cells import SLACKS, CellProof
 
     found = design.evaluation
@@ -385,15 +385,17 @@ def _of_cell(
         limit = found.limit_margin_worst - 0.1 * abs(found.limit_margin_worst) - 0.01
     else:
         limit = -np.inf
-    end, tried = thread_time() + seconds, []
+    begin, tried = thread_time(), []
     # too wide a neighbourhood of q_ref prevents a proof, however small the boxes are
     for slack in SLACKS:
         problem = CellProof(design.function.chart, slack)
-        proof = bound_cell(problem, leaf, limit, end - thread_time(), report)
+        proof = bound_cell(problem, leaf, limit, seconds, report, thread_time() - begin)
         tried.append((problem, proof))
         if proof.reason != UNDECIDED:
             break
-    problem, proof = next((one for one in tried if one[1].proved), tried[0])
+    # more time may help after the last one only
+    if not (proof.proved or proof.reason.startswith(STOPPED)):
+        problem, proof = tried[0]
     near = ", ".join(f"{v:.2g}" for v in problem.near)
     proof = replace(
         proof,

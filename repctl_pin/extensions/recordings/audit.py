@@ -187,7 +187,7 @@ class Audit:
         level = " and level" if self.log.levels.shape[1] else ""
         times = f"{self.returns} returns to one hand pose{level}"
         if self.found is None:
-            return f"{name}: no hand pose is visited often enough for a verdict"
+            return f"{name}: no hand pose{level} is visited often enough for a verdict"
         seconds, unit = self.clock
         error = f"{100 * self.error * seconds:.2g} cm per {unit}"
         name_of = self.links[self.part]

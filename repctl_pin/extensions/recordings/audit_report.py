@@ -179,13 +179,16 @@ def _distance(audit: Audit) -> str:
 
     This explains why there is no verdict: no pose was visited often enough.
     """
+    level = " and level" if audit.log.levels.shape[1] else ""
     if audit.returns > 0:
         back = hands_are(len(audit.task.frames))
-        return f" often enough: {back} back at a pose once"
+        return f" often enough: {back} back at a pose{level} once"
     if not np.isfinite(audit.visits.nearest):
-        return ": no pose is left and visited again"
+        return f": no pose{level} is left and visited again"
     nearest, allowed = metres(audit.visits.nearest), metres(audit.visits.tolerance)
-    said = f": no pose is visited again nearer than {nearest} ({allowed} would count)"
+    said = f": no pose{level} is visited again nearer than {nearest} ({allowed} would count)"
+    if level:
+        said += ", where the level counts as a rotation of the hand"
     return _unbroken(said)
 
 

@@ -80,7 +80,8 @@ class Visits:
     noise : (n,) array
         Noise of each joint, standard deviation, rad or m.
     nearest : float
-        Smallest distance at which the hand came back to one of the poses tried, m.
+        Smallest distance at which the hand came back to one of the poses tried, m; a difference of
+        the level by 1 rad counts as a quarter of the arm's length, too.
     deviation : (N, n) array
         Standard deviation of the joints at each visit due to the noise of the log, rad or m.
     bias : (N, n) array

@@ -129,9 +129,10 @@ def _words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
     usual, part = _usual(design), redundant_part(design.task)
     around = ", around an axis of the arm" if shape == "sector" else ""
     covered = "" if design.evaluation.everywhere else ", where the function covers it"
+    outline = ": its outline bounds the positions" if motions else ""
     words = {
-        f"The {shape}, or cell": f"the hand poses for which the function was made{around}: its "
-        "outline bounds the positions. The line under the first sentences names its size.",
+        f"The {shape}, or cell": f"the hand poses for which it was made{around}{outline}. "
+        "The line under the first sentences names its size.",
         f"One {part} per pose": "The joints depend only on where the hand is, q = F(x), not on "
         f"the way there. Wherever the hand goes in the {shape}{covered}, at each pose it has the "
         "same joints again.",
@@ -148,10 +149,11 @@ def _words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
             f"{shape}. Other margins and distances are the smallest found."
         )
     else:
+        tried = "--prove tries to prove" if design.proof is None else "No proof was reached of"
         words["Tested, not proved"] = (
             "Margins and distances are the smallest found: at poses all over "
-            f"the {shape}, and by a search between them. A smaller one may exist; --prove is to "
-            "exclude it."
+            f"the {shape}, and by a search between them. Smaller ones may exist. {tried} the leaf "
+            "margin and the limit margin."
         )
     return words
 
