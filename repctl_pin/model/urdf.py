@@ -245,6 +245,7 @@ def _joint(
     """
     name = element.get("name")
     kind = element.get("type")
+    # limits; without an element, there are none
     limit = element.find("limit")
     lower = -math.inf
     upper = math.inf
@@ -257,11 +258,13 @@ def _joint(
         if lower == upper == 0.0:  # exporters write this if no range was given
             notes.append(f"joint {name!r} has no range (lower = upper = 0): read as unlimited")
             lower, upper = -math.inf, math.inf
+    # speeds: 0 counts as no limit
     if kind != "fixed" and limit is not None:
         velocity = number(limit, "velocity") or math.inf
         slowing = [number(limit, name) for name in ("acceleration", "deceleration")]
         acceleration = min(filter(None, slowing), default=math.inf)
         jerk = number(limit, "jerk") or math.inf
+    # the joint that it mimics
     mimic, multiplier, offset = _mimicked(element, joints, notes)
     return Joint(
         name=name,

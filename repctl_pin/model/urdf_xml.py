@@ -305,9 +305,11 @@ def expand(path: Path, most: int, package_dirs: Sequence[str] = ()) -> bytes:
             "a xacro file requires xacro, which is not installed; run `pip install xacro`, "
             "or run `xacro file.xacro > robot.urdf` on a machine with ROS"
         )
+    # the command, in which packages are found by name
     named = map(package_folder, package_dirs)
     folders = [f"{name}={os.path.abspath(folder)}" for name, folder in named]
     command = [sys.executable, "-c", _EXPAND, str(path.absolute()), *folders]
+    # a process of its own, within the time limit
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:
@@ -321,6 +323,7 @@ def expand(path: Path, most: int, package_dirs: Sequence[str] = ()) -> bytes:
         except BaseException:  # interrupted: do not wait for the process
             process.kill()
             raise
+    # xacro's own reason, in one line
     if process.returncode != 0:
         said = [
             line for line in complaints.decode(errors="replace").splitlines() if line.strip()

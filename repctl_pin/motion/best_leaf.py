@@ -378,6 +378,7 @@ class _Search:
         """
         task = self.inverse.task
         length = arm_length(task, q0) or 1.0
+        # one cycle, and the inverse along it
         try:
             motion = followed(
                 self.inverse, self.path, q0, cycles=1, steps=self.steps, integrator=LeafLock(2)
@@ -388,9 +389,11 @@ class _Search:
             G_d = self.desired.batch(motion.q)
         except SingularityError:
             return None
+        # a cycle that does not close is no candidate
         gap = np.linalg.norm((motion.q[-1] - motion.q[0]) / joint_scale(task, q0))
         if motion.tracking_error.max() > _LOST * length or gap > _LOST:
             return None  # the motion left the path, or did not close
+        # its margins, relative to their units
         clear = float(leaf_margin(N, self.inverse.potentials.gradients(motion.q)).min())
         least = motion.limit_margin.min(axis=0)
         bodies = motion._clearance_from(_BODY_POINTS).distance

@@ -54,6 +54,7 @@ def fitting_circle(
         If no such circle is found. Without a radius, circles down to 1 cm are tried, and down to 1
         mm inside a region and for very short arms.
     """
+    # what to try: radii, planes, and places of the start on the circle
     planes = (plane,) if plane is not None else task.kind.planes
     limit = 0.14 * arm_reach(task, q0)
     sizes = _RADII if region is None and limit > _SHORT else (*_RADII, *_SMALL)
@@ -61,6 +62,7 @@ def fitting_circle(
     strategy = control or Pseudoinverse(task)
     needed = 0.5 * dexterity_at(task, q0)
     touching: TaskPath | None = None
+    # the first circle without a collision; one with a collision if there is no other
     for size in radii:
         for flat in planes:
             for degrees in _DEGREES:
@@ -78,6 +80,7 @@ def fitting_circle(
                 touching = touching or path
     if touching is not None:
         return touching
+    # no circle was found
     size_text = (
         f"of radius {radius:g} m" if radius is not None else f"of {100 * radii[-1]:g} cm or more"
     )

@@ -288,6 +288,7 @@ def _run(
     would be meaningless.
     """
     (cycles, n_steps), used = counts, 0.0
+    # largest credible motion of a joint in one step
     most_step = _JUMP * np.where(task.revolute, 1.0, np.maximum(joint_scale(task, q), size))  # (n,)
     surely = float(most_step.min()) ** 2
     advance = method.advance
@@ -296,6 +297,7 @@ def _run(
     Qdot = np.empty_like(Q)
     Q[0] = q
     step, end = 0, cycles * n_steps
+    # compiled steps as far as they go, then one step at a time
     with np.errstate(over="ignore", invalid="ignore"):
         while True:
             if in_c is not None:
@@ -309,6 +311,7 @@ def _run(
                 raise SingularityError(
                     f"{error}, in cycle {1 + step // n_steps} of {path.name}"
                 ) from None
+            # a jump makes the result meaningless
             moved = following - q
             if not (ddot(moved, moved) < surely or (np.abs(moved) < most_step).all()):
                 raise SingularityError(

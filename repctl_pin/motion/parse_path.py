@@ -51,8 +51,10 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
     """
     if plane is not None and plane not in PLANES:
         raise InputError(f"no plane {plane!r}; choose from {', '.join(PLANES)}")
+    # rounding of corners, for any path that has them
     words, _, blended = text.partition(":blend=")
     blend = _length(blended, text) if blended or text.endswith(":blend=") else 0.0
+    # a file
     if words.lower().endswith(".csv") or os.path.isfile(words):
         if plane is not None:
             raise InputError(
@@ -61,6 +63,7 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
                 remedy="omit the plane",
             )
         return waypoint_path(words, blend)
+    # a named shape: a circle that fits, or one with all its numbers
     kind, *parts = words.split(":")
     if blend and kind not in ("square", "polygon"):
         raise InputError(

@@ -108,6 +108,7 @@ def solve_ik(
     iterations = as_int(iterations, "iterations", 1, MOST_STEPS)
     limits = flag(limits, "limits")
     _require_reach(task, target, limits=limits)
+    # Newton from several starts; the first solution within limits counts
     outside: InputError | None = None
     nearest: _Attempt | None = None
     for start in _starts(task, q0):
@@ -120,6 +121,7 @@ def solve_ik(
             return task.check(attempt.q, "a solution") if limits else attempt.q
         except InputError as error:
             outside = outside or error
+    # why there is none
     if outside is not None:
         raise InputError(
             f"{task.frame!r} at {_where(target)} m: from {_STARTS} starts no solution inside the "

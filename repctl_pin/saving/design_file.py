@@ -81,6 +81,7 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
     """
     where = str(path)
     text = read_whole(path, _LARGEST)
+    # format and schema first, then the content by its class
     try:
         head = msgspec.json.decode(text, type=_Head)
         if head.format not in kinds:
@@ -110,6 +111,7 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
             f"{where} is not a design file: not valid JSON ({error}); give a file of "
             "repctl design, repctl cell or rp.save"
         ) from None
+    # no control characters, and unchanged since it was written
     plain = json.loads(text)  # as written: an older file has fewer fields than its class
     if _printable(plain) != plain:
         raise InputError(

@@ -139,6 +139,7 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
             "replaces them; design again with --weight absolute, if ψ are absolute angles, or "
             "with rp.WeightedInverse(task, np.linalg.inv(T @ T.T))"
         )
+    # names first
     mine = identity(task)
     for key, name in {
         "robot": "robot",
@@ -159,6 +160,7 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
             f"{where} is for the joints {', '.join(made_for.joints)}, in this order, "
             f"not {', '.join(mine.joints)}; give a task with these joints"
         )
+    # then the kinematics, at the check configurations
     if not made_for.fingerprint:
         raise InputError(f"{where} has no fingerprint of the kinematics; design again")
     for check in made_for.fingerprint:

@@ -249,6 +249,7 @@ def _rows(
     plain = Pseudoinverse(task)
     usual = period or path.period or PERIOD
     options: dict[str, Any] = {"cycles": cycles, "steps": steps, "period": usual}
+    # J⁺ and the repeatable inverse, which decide the period
     last = _repeatable(design, path, q0, options)
     followed = _run("pseudoinverse", plain, path, q0, options)
     first = _resolved(followed, plain)
@@ -263,6 +264,7 @@ def _rows(
             replace(row, motion=row.motion.slowed(factor)) if row.motion else row
             for row in (first, last)
         )
+    # all controllers, in the order of the table
     near, other = _postures(task, q0)
     margin = _leaf_margin(design, last.motion)
     rows = [
@@ -272,6 +274,7 @@ def _rows(
         *(_run(name, control, path, q0, options) for name, control in custom.items()),
         replace(last, leaf_margin=margin, distance=design.relative_distance),
     ]
+    # starts on an edge between two motions
     edges = [
         *edge_warning(followed, plain, path, q0, options),
         *edge_warning(last, design.inverse, path, q0, options),

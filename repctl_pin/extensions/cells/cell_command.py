@@ -187,6 +187,7 @@ def run(options: Options) -> int:
         )
     say = progress(options.quiet)
     require_proofs(options.prove)
+    # the cell: as given, or the best one
     asked = _asked(options, in_percent(say))
     cell = asked.cell
     try:
@@ -208,6 +209,7 @@ def run(options: Options) -> int:
     except rp.NoFunctionError as error:
         error.remedy = _remedy(error, asked)
         raise
+    # the proof, and the files: all or none
     design = proved(design, say) if options.prove else design
     say("drawing")
     with written_together(folder) as staged:
@@ -216,6 +218,7 @@ def run(options: Options) -> int:
         made = [*pictures, rp.save(design, staged / "cell.json")]
     files = [folder / file.name for file in made]
 
+    # notes: what --shrink left, and how the place and the start were chosen
     kept = cell.widths > 0
     kept[list(cell.free)] = False
     if options.shrink and (design.cell.widths[kept] < cell.widths[kept]).any():
@@ -345,6 +348,7 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     import numpy as np
     import pinocchio as pin
 
+    # orientation of the tool, and what the options limit
     task = _oriented_task(options)
     orientation: Any = None
     if options.rpy is not None:
@@ -357,6 +361,7 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         more["heights"] = _numbers(options.heights, "--heights", 2)
     if options.most_extra is not None:
         more["most_extra"] = np.array(_numbers(options.most_extra, "--most-extra", 2)) / 100
+    # the largest sector, or the best place for the box
     place = rp.best_cell(
         task,
         None if options.size is None else _numbers(options.size, "--size"),
@@ -378,6 +383,7 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
             note += f"; a larger sector, {one.area:.2f} m² in place of {area:.2f}, has {one}"
         notes = (note, *_approach_note(place))
         return _Asked(cell, place.posture, "searched for the sector", False, notes, place)
+    # a box, with rotations if they are given
     posture: Any = place.posture
     if options.half_angle != "0":
         angle = _numbers(options.half_angle, "--half-angle")
@@ -460,6 +466,7 @@ def _require_one_shape(options: Options) -> None:
         value = said[name[2:].replace("-", "_")]
         return value not in (None, False, _DEFAULTS.get(name))
 
+    # options that exclude or need one another
     if [given("--down"), given("--forward"), given("--rpy")].count(True) > 1:
         raise InputError("--down, --forward and --rpy are mutually exclusive")
     for one, other in _NOT_BOTH:
@@ -469,6 +476,7 @@ def _require_one_shape(options: Options) -> None:
         for name in filter(given, names):
             if not given(needed_one):
                 raise InputError(f"{name} requires {needed_one}")
+    # options of the box, and of the whole table
     turned = next(filter(given, _ORIENTATIONS), "")
     if not turned and not given("--size"):
         for name in filter(given, ("--yaw", "--approach", *_OF_THE_TABLE)):
@@ -479,6 +487,7 @@ def _require_one_shape(options: Options) -> None:
     for name in _OF_THE_TABLE if given("--size") else ():
         if given(name):
             raise InputError(f"{name} and --size are mutually exclusive")
+    # the shape itself
     if options.sector and options.radius is None:
         raise InputError("--sector requires --radius")
     if not (given("--half-width") or given("--size") or options.sector or turned):

@@ -216,6 +216,7 @@ class CellDesign:
             if self.task.r == 1
             else "best found there on other leaves:"
         )
+        # limits, and what self-motion could reach there
         margin = (
             f"{j.limit_margin_worst:.3g} {unit} at the worst pose found by search "
             f"({most} {j.attainable_margin_worst:.3g})"
@@ -226,6 +227,7 @@ class CellDesign:
         )
         if left_out := self.function.chart.cell.excepted:
             margin += f"\nwithout {', '.join(left_out)}, whose limits end the range"
+        # bodies and singularities
         bodies = _NO_BODIES
         if np.isnan(j.body_distance):
             bodies = "not known: the bodies have changed since it was evaluated"
@@ -234,6 +236,7 @@ class CellDesign:
             bodies += _unmet(j.body_distance, self.requested_body_distance)
         sigma = f"{j.smallest_singular_value:.3g}"
         sigma += _unmet(j.smallest_singular_value, self.requested_sigma_min)
+        # joint speed, on average and at its worst
         error = f" ± {100 * j.extra_speed_error:.1g}" if j.extra_speed > 1e-5 else ""
         speed = f"{ratio_in_percent(j.extra_speed)}{error} on average, "
         speed += f"{ratio_in_percent(j.extra_speed_worst)} at the worst pose"
@@ -242,6 +245,7 @@ class CellDesign:
             speed += f"\n{worst} at the worst pose in the worst task direction"
         if self.proof:
             speed += f"\nproved: {self.proof.extra_speed_words}"
+        # the function itself
         leaf = (
             "not known: evaluated by an older version"
             if np.isnan(j.leaf_margin)

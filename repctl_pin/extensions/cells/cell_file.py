@@ -386,6 +386,7 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
             "a cell's file must name at least one degree that was tried; design the cell again"
         )
     degree = as_int(content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE)
+    # the cell, and coefficients of the due shape
     cell = _cell(content, task)
     C, due = (np.array(content.coefficients), (comb(cell.k + degree, cell.k), task.n, 1 + task.r))
     if C.shape != due:
@@ -398,10 +399,12 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
         raise InputError(
             f"the pose u of each failure must be {cell.whole.k} numbers; design the cell again"
         )
+    # figures that older files lack
     if figures.limit_margin_worst is None:  # infinite, or not in older files
         figures.limit_margin_worst = figures.limit_margin
     if figures.attainable_margin_worst is None:
         figures.attainable_margin_worst = figures.attainable_margin
+    # bodies that have changed since are not known
     distance = _known_distance(content, task)
     failures = tuple(
         made(FailureReason, reason)
@@ -417,6 +420,7 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
         turns=tuple(made(Turn, turn) for turn in figures.turns),
         leaf_margin=np.nan if figures.least_leaf_margin is None else figures.least_leaf_margin,
     )
+    # the function on its chart
     chart = Chart(cell, Monomials(cell.k, degree), C)
     return made(
         CellDesign,

@@ -111,9 +111,11 @@ class Servo:
         tool: Placement | None = None,
         clutch: Clutch | None = None,
     ) -> None:
+        # rate and tolerances
         self.dt = 1 / positive(rate, "rate", "1/s")
         self.timeout = positive(timeout, "timeout", "s")
         self.tolerance = positive(tolerance, "tolerance", "rad (m)")
+        # the law, and the tool that it moves
         if tool is not None and isinstance(design, Design):
             design, tool = design.with_tool(tool), None
         self.cell = design.function.cell if isinstance(design, CellDesign) else None
@@ -126,6 +128,7 @@ class Servo:
             require_pose(self.task)
         proof = design.proof if isinstance(design, Design) else None
         self._closes = proof.closes if proof else None
+        # the governor keeps the limits
         self._governor = Governor(
             inverse,
             self.dt,
@@ -139,6 +142,7 @@ class Servo:
         self._limits = joint_limits(self.task, limits)
         robot = self.task.robot
         self.base = robot.base or robot.model.frames[1].name
+        # state of the node: no joints were received
         self.state = State.WAITING
         self.reason = "no joint states yet"
         self.status = Status.OK

@@ -69,6 +69,7 @@ def run(options: Options) -> int:
     say = progress(options.quiet or options.json)
     if options.csv is not None and options.csv == options.yaml:
         raise InputError("--csv and --yaml name the same file; give each another name")
+    # the function and the poses
     design = options.load_saved()
     if not isinstance(design, rp.CellDesign):
         raise InputError(
@@ -77,6 +78,7 @@ def run(options: Options) -> int:
         )
     limits = options.asked_limits()
     X, names = _poses(options.through, design.cell)
+    # the timed motion, and its violations
     moved = between(
         design.function,
         X,
@@ -94,6 +96,7 @@ def run(options: Options) -> int:
         refuse_violations(motion, "move the poses, or write it anyway with --allow-violations")
     if options.csv or options.yaml:
         refuse_coarse(moved)
+    # the files
     texts = ((options.csv, csv_text), (options.yaml, yaml_text))
     files = [write_whole(name, text(moved)) for name, text in texts if name is not None]
     return report(options, lambda: result, lambda: fitted("\n".join(_lines(result, moved))), files)

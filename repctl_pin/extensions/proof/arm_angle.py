@@ -94,6 +94,7 @@ class ArmAngleChain:
         model = angle.task.model
         data, neutral = model.createData(), pin.neutral(model)
 
+        # the joints that move the points of the angle
         def screw(j: int) -> Array:
             J = pin.computeJointJacobian(model, data, neutral, j)
             return np.asarray(J[:, model.idx_vs[j]])
@@ -102,6 +103,7 @@ class ArmAngleChain:
         ids = sorted({int(i) for j, _ in carried for i in model.supports[j] if i > 0})
         at = {j: i for i, j in enumerate(ids)}
         axes, revolute = joint_axes(model, ids)
+        # their chain, parents first
         placements = [model.jointPlacements[j] for j in ids]
         sideways = angle.singular
         chain = cls(

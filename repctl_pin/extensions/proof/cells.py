@@ -215,6 +215,7 @@ class CellProof:
         """
         chain, poses, parts = self.chain, self.poses, self.polynomials
         k, kind = self.cell.k, self.task.kind
+        # tables of monomials
         made = Monomials(k, max(self.chart.monomials.degree, ORDER))
         models = Monomials(k, ORDER)
         ints: dict[str, ArrayLike] = {
@@ -225,6 +226,7 @@ class CellProof:
             "beneath": models.lower,
             "powers": models.exponents.T,
         }
+        # bounds of the chart, the joints and the tool
         reals: dict[str, ArrayLike] = {
             "parts": np.moveaxis(parts.parts, 1, 0),
             "rest": parts.rest,
@@ -237,6 +239,7 @@ class CellProof:
             "tips": _tips(chain, self.farthest),
         }
         reals |= poses
+        # sizes and flags
         scalars = {
             "chain": ctypes.addressof(self._chain),
             "space": self._space,

@@ -345,10 +345,12 @@ def _sampled(
         """Evaluate the largest rates (K, n) at configurations (K, S, n)."""
         return _rates(task, field, Q, ratio).max(axis=1)
 
+    # rates at the start give the length of a step
     rates = _rates_at_start(largest(places.center[:, None]))
     whole = float((places.clearance / rates).min())
     free = _FREE * places.clearance / whole  # whatever the goal, or Ω would be filled
     step = (whole if goal is None else min(whole, goal)) / _STEPS
+    # box around box, each a step larger, until the clearance is used
     width, length = np.zeros((K, n)), 0.0
     boxes: list[tuple[Array, Array]] = []
     while len(boxes) < _MOST_STEPS:

@@ -212,22 +212,26 @@ def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
     rad/s or m/s. A unit in which the log exceeds these limits is excluded. InputError is raised if
     several units remain.
     """
+    # steps of time, and the fastest joint relative to its limit
     steps = np.diff(log.t)
     step = float(np.median(steps))
     speeds = np.abs(np.diff(log.q, axis=0)) / steps[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = float(np.nanmax(np.quantile(speeds, 0.99, axis=0) / fastest))
     ratio = ratio if np.isfinite(ratio) else 0.0
+    # units in which the times count from 1970
     since = {
         unit
         for unit, s in _UNITS.items()
         if _EPOCH[0] < log.t[0] * s < _EPOCH[1] and _STEPS[0] <= step * s <= _STEPS[1]
     }
+    # a unit in the column's name decides
     named = _unit_of(clock)
     if named:
         return named, named in since
     if len(since) == 1:
         return since.pop(), True
+    # else the unit in which the joints are neither too fast nor at rest
     possible = [
         unit
         for unit, s in _UNITS.items()

@@ -33,6 +33,7 @@ def unit_notes(task: Task, log: JointLog) -> list[str]:
     beyond = _beyond(task, q)
     if (beyond <= _SLIGHT).all() and _speed_ratio(task, log.t, q) < _TOO_FAST:
         return []
+    # the joint that is farthest beyond its limits
     worst = int(np.argmax(beyond))
     value = float(q[np.argmax(np.abs(q[:, worst])), worst])
     found = (
@@ -41,6 +42,7 @@ def unit_notes(task: Task, log: JointLog) -> list[str]:
     )
     if beyond[worst] <= _SLIGHT:
         found = f"{log.name}: the joints are far faster than their speed limits"
+    # degrees?
     turned = q * np.where(task.revolute, np.pi / 180, 1.0)
     within = (_beyond(task, turned) <= _WRONG).all()
     if np.abs(q[:, task.revolute]).max(initial=0.0) > 2 * np.pi and within:
@@ -49,6 +51,7 @@ def unit_notes(task: Task, log: JointLog) -> list[str]:
         return [f"{found}; check the times"]
     if beyond[worst] < _WRONG:
         return [f"{found} (rad or m)"]
+    # another order of the joints?
     orders = {
         "reversed": np.arange(task.n)[::-1],
         "alphabetical": np.argsort(np.argsort(task.joint_names)),  # as ROS sorts them

@@ -132,6 +132,7 @@ class Recording:
         sessions: Sequence[object] | ArrayLike | None = None,
     ) -> None:
         task = one_frame(require_task(task), "a recording")
+        # joints, in rad and within limits
         if joints is None and poses is None:
             raise InputError("a recording needs joints= or poses=")
         if any(given is not None and not np.size(given) for given in (joints, poses)):
@@ -139,6 +140,7 @@ class Recording:
         Q = None if joints is None else as_configurations(joints, task.n, "a recording")
         if Q is not None:
             require_radians(task, Q)
+        # poses: of the joints, or as recorded
         if poses is None:
             assert Q is not None
             require_limits(task, Q)
@@ -152,11 +154,13 @@ class Recording:
                 f"there are {len(Q)} rows of joints, but {size} poses",
                 remedy="give one pose per row of joints",
             )
+        # joints and poses must belong together
         if Q is not None and poses is not None:
             seven = as_numbers(poses)
             quaternions = seven is not None and seven.ndim == 2
             require_agreement(task, Q, p, R, quaternions=quaternions)
             require_limits(task, Q)
+        # sessions and their times
         names, session = _sessions(sessions, size)
         t = None if times is None else _times(times, size)
         if t is not None:

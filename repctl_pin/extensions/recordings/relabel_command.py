@@ -74,6 +74,7 @@ def run(options: Options) -> int:
     file, folder = _places(options)
     say = progress(options.json)
     needed("matplotlib", by="repctl relabel")
+    # the function: of a file, or designed for the recording
     design = options.load_saved() if options.saved else None
     if isinstance(design, rp.Design):
         raise InputError(
@@ -85,6 +86,7 @@ def run(options: Options) -> int:
     if options.leaf is not None:
         what = "is not a list of numbers; separate them by commas"
         leaf = numbers_of(options.leaf, "--leaf", what)
+    # the recording with its new joints
     say("reading")
     names = options.joints and options.joints.split(",")
     relabeled = rp.relabel(
@@ -97,6 +99,7 @@ def run(options: Options) -> int:
     from ...show.plots.motions import png
     from .relabel_plots import joints_figure
 
+    # the files: all or none
     say("drawing")
     picture = png(joints_figure(relabeled))
     with written_together(folder) as staged:

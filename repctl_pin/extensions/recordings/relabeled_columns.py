@@ -78,6 +78,7 @@ def relabeled_columns(
     """
     task, old, source = recording.task, recording.joints, recording.source
     assert source is not None
+    # joints by column, and what was recorded in place of them
     found = np.isfinite(Q[:, 0])
     every = np.ones_like(found)
     joints = {
@@ -86,6 +87,7 @@ def relabeled_columns(
     }
     known = [] if old is None else [(recording.places, old, Q)]
     known += [(*recording.further[name], made) for name, made in further.items()]
+    # each column of the file: new, removed, or as it was
     poses = _pose_columns(recording, Q, source.widths)
     new = dict[str, NewCells]()
     removed, recomputed = list[str](), list[str]()
@@ -106,6 +108,7 @@ def relabeled_columns(
             recomputed.append(name)
         elif old is not None and _of_old_joints(name, task.joint_names):
             removed.append(name)
+    # a file without a column of joints gets them
     whole = (*JOINTS, *([str(source.joints)] if isinstance(source, DataSet) else []))
     if not (set(joints) <= set(new) or any(name in new for name in whole)):
         new |= joints

@@ -91,12 +91,14 @@ def with_own_times(
     InputError
         If the motion's own times exceed the limits.
     """
+    # the path over its length, and the time at which it passes each point
     s = _summed(np.linalg.norm(np.diff(Q, axis=0), axis=1))
     from scipy.interpolate import CubicSpline  # slow to import
 
     curve = CubicSpline(s, Q, bc_type="not-a-knot")
     own = clock - clock[0]
     most = min(most, float(own[-1]) * (0.5 if added < 2 else 1.0))
+    # smallest smoothing that the joint speeds at the ends allow
     r = _least_smoothing(curve(s, 1) * np.gradient(s, own)[:, None], limits)
     short, r, nearest, why = 0.0, min(max(r, _SHORTEST), most), np.inf, ""
 
@@ -111,6 +113,7 @@ def with_own_times(
             nearest, why = used, _worst(limits, moved, t + float(clock[0]), joints)
         return segment if used <= _KEPT else None
 
+    # longer smoothing until the limits are kept, then halve the interval
     found = None
     while r <= most and (found := tried(r)) is None:
         short, r = r, r * _LONGER

@@ -61,11 +61,13 @@ def own_loop(
         its own, or the potentials have too many terms. The visitor then cannot draw a loop.
     """
     task, q0 = motion.task, motion.q[0]
+    # the laws of the controllers, which the page evaluates in JavaScript
     laws = [_law(strategy) for strategy in strategies]
     singles = of_singles(task, q0)
     bases = {single.robot.base for single, _ in singles}
     if (len(singles) > 1 and bases != {None}) or any(law is None for law in laws):
         return None
+    # the kinematic tree, and the links that the task moves
     tree, own = joint_tree(task), arm_links(task)
     base = tree.base and _carried(tree.base)
     shapes = Visuals.of(task.robot).shapes
@@ -82,6 +84,7 @@ def own_loop(
         }
         for j in range(len(tree.parents))
     ]
+    # frames, joints, limits and other ends, in plain types
     return {
         "frames": [
             {

@@ -94,6 +94,7 @@ class Viewer:
         start: ArrayLike | None = None,
         port: int = 0,
     ) -> None:
+        # check the arguments
         one_frame(require_task(task), "a viewer")
         if path is not None:
             require_type(path, TaskPath, "path", "a path, such as rp.circle(task, q0)")
@@ -109,12 +110,14 @@ class Viewer:
         self.task = task
         self.names = listed
         self.offset = np.zeros(3)
+        # the page of the arm at its start
         self._visuals = Visuals.of(task.robot)
         self._first: Array | None = None
         q0 = vector(task.reference if start is None else start, task.n, "the start")
         self._reach = arm_length(task, q0) or 1.0
         self._elbow = elbow(task, q0)
         page = self._page(q0, path)
+        # serve it from a thread of its own
         try:
             sockets = bind_sockets(as_int(port, "the port", 0, 65535), _HOST)
         except OSError as error:
@@ -239,6 +242,7 @@ class Viewer:
         shifted by 0.3 rad or m in each joint. Only these bodies are sent later.
         """
         task = self.task
+        # which bodies move: those that differ between three configurations
         Q = np.array(
             [
                 q0,
@@ -251,11 +255,13 @@ class Viewer:
         self._moving = moving_of(placements)
         surfaces = read_surfaces(shapes)
         frames = Frames(np.arange(3), (1,), 3)
+        # the part that the page points at, and the frame
         outer, off = body_drift(self._visuals.corners(surfaces), placements, frames.per_cycle)
         link, _ = farthest(shapes, off[-1], arm_links(task))
         points = task.positions(Q)
         tips = points[:, None]
         colours = (VERMILLION, BLUE, GREEN, PURPLE) * len(self.names)
+        # one arm per pane, all at the start
         arms = [
             Arm(
                 name,

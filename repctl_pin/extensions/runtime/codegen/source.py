@@ -83,6 +83,7 @@ def write_source(
     InputError
         If the potentials or the region contain Python functions, which cannot be written as C.
     """
+    # a cell function is written with its inverse
     inverse, declared, defined = control, "", ""
     if isinstance(control, InverseFunction):
         inverse = control.inverse
@@ -91,12 +92,14 @@ def write_source(
     inverse = require_type(
         inverse, RepeatableInverse, "inverse", "a repeatable inverse, such as design.inverse"
     )
+    # tables and native sources of the arm
     task = inverse.task
     kept = _checked_region(inverse, region)
     cell = kept if isinstance(kept, Cell) else None
     arm = native_arm(task, inverse.potentials, kept)
     headers, sources = _native_files(inverse, kept)
     chart = "#define CHART\n\n" if headers else ""
+    # values of the placeholders in the templates
     parts = {
         "about": about(control, kept),
         "n": task.n,
@@ -111,6 +114,7 @@ def write_source(
         "staying": int(cell is not None),
         "stays": "stay_inside = 1" if cell else "stay_inside = 0",
     }
+    # sections that are optional
     governed = governor_source(task, name) if governor else ("", "", "")
     closing = _closing_source(closes, task, name)
     sections = {

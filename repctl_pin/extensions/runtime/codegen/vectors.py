@@ -133,9 +133,11 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
     OK.
     """
     task, q = inverse.task, vector.q
+    # numbers that are not finite are refused by all functions
     if not np.isfinite(q).all():
         refused = dict.fromkeys(("usable", "inside", "velocity", "step", "torque"), BAD_NUMBER)
         return refused | dict.fromkeys(("qdot", "q_next", "tau"), np.zeros(task.n))
+    # placement, Jacobian and level
     said: dict[str, Any] = {
         "placement": task.placements(q),
         "J": task.jacobian(q),
@@ -144,6 +146,7 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
     }
     beyond = region is not None and not region.ratio(q[None])[0] <= 1 + _EDGE
     said["inside"] = OUTSIDE if beyond else OK
+    # velocity, step and torque; the step stays inside if the vector asks for it
     said["velocity"], said["qdot"] = asked(lambda: inverse.velocity(q, vector.xdot), task.n)
     said["step"], said["q_next"] = asked(
         lambda: inverse.step(
