@@ -627,6 +627,20 @@ def test_the_elbow_slider_keeps_the_hand_and_chooses_the_leaf(
         "const input = document.getElementById('elbow'), [value, kind] = arguments;"
         "input.value = value; input.dispatchEvent(new Event(kind, { bubbles: true }))"
     )
+    # under the pointer, the part that it moves is named; then again that of the study
+    names = [
+        driver.execute_script(
+            "const slider = document.getElementById('elbow'), [kind] = arguments;"
+            "slider.dispatchEvent(new Event(kind)); const { own } = repctl;"
+            "return [document.querySelector('.callout b').textContent, own.scene.part, own.part,"
+            "own.arms.map((arm) => arm.part)]",
+            kind,
+        )
+        for kind in ("none", "pointerenter", "focus", "pointerleave", "blur")
+    ]
+    assert [told for _, told, *_ in names[1:3]] == 2 * [names[1][2]]
+    assert all(told.startswith(f"{names[1][2]} ") for told, *_ in names[1:3])
+    assert names[0] == names[3] == names[4]
     driver.execute_script(slider, 12, "input")
     assert "at rest while the arm moves" in said(driver)
     # named after the part that moves most, which is outlined and whose displacement is told

@@ -41,7 +41,8 @@ _ABOUT = {
 }
 _UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one"}
 LEAST_AT_EACH_INSTANT = (
-    "The usual control has the smallest joint speed at each instant, not over a whole cycle."
+    "At each instant no control moves the joints more slowly than the usual one; over a whole "
+    "cycle another can."
 )
 """Why a motion can need less joint speed over a cycle than J⁺."""
 

@@ -165,6 +165,9 @@ export class Own {
     });
     input.addEventListener("input", () => this.slide(Number(input.value)));
     input.addEventListener("change", () => this.settle());
+    for (const begin of ["pointerenter", "focus"])
+      input.addEventListener(begin, () => this.pointAhead());
+    for (const end of ["pointerleave", "blur"]) input.addEventListener(end, () => this.pointBack());
     // keys move the slider alone, not the time
     input.addEventListener("keydown", (event) => {
       if (/^(Arrow|Home|End|Page)/.test(event.key)) event.stopPropagation();
@@ -227,6 +230,29 @@ export class Own {
   elbowOff() {
     const { chain, arms, laws, part } = this;
     return Math.max(0, ...bodiesOff(chain, arms[0], laws[0].start, part));
+  }
+
+  // Outline and name the part that the slider moves, before it is moved.
+  pointAhead() {
+    const { arms, scene } = this;
+    if (this.lead || this.before) return;
+    this.before = { part: scene.part, places: arms.map(({ part, spot }) => ({ part, spot })) };
+    scene.part = this.part;
+    pointAt(arms, this.isOf(this.part));
+    this.player.show();
+  }
+
+  // Point at the part of before again, unless the slider was moved.
+  pointBack() {
+    const { arms, before, scene } = this;
+    this.before = null;
+    if (!before) return;
+    scene.part = before.part;
+    arms.forEach((arm, k) => {
+      Object.assign(arm, before.places[k]);
+      arm.outlinePart();
+    });
+    this.player.show();
   }
 
   isOf(part) {
@@ -361,6 +387,7 @@ export class Own {
 
   // Stop time, and show both arms as they are led from now on.
   beginGesture(lead) {
+    this.before = null;
     this.clock.play(false);
     this.player.plain();
     this.lead = lead;
@@ -684,6 +711,7 @@ export class Own {
 
   // Say what has happened after a number of cycles.
   report(cycles) {
+    this.before = null;
     const { chain, arms, result, shape, also, points } = this;
     const { sentence, notes, part } = answer(chain, arms, result, cycles, shape);
     this.shown = cycles;
@@ -773,6 +801,7 @@ export class Own {
 
   // Back to the study, with something to say or with its own sentence.
   leave(words) {
+    this.before = null;
     this.endGesture();
     this.stand(0, 0);
     Object.assign(this, { state: "study", points: null, looped: false });
@@ -990,7 +1019,8 @@ const LOOP_WORDS = {
   notes:
     "Under the repeatable one, the joints move 0.8 % slower in cycle 1, 8.8 % slower over all 10 " +
     "cycles (root mean square). " +
-    "The usual control has the smallest joint speed at each instant, not over a whole cycle. " +
+    "At each instant no control moves the joints more slowly than the usual one; over a whole " +
+    "cycle another can. " +
     "Joint limits are kept. The repeatable control stays far from where it fails: 0.88 (1 is " +
     "best, 0 fails). Collisions are not checked. Can you draw one, 25 cm or longer, under which " +
     "the usual arm drifts less? Your best: 0.88 mm from its start after 10 cycles.",

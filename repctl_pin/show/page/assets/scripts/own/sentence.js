@@ -8,7 +8,8 @@ const TURNED = 0.1; // rad, from which a joint is named although no part is off
 const FAR = 0.5; // leaf margin from which the repeatable control is far from where it fails
 const FROM = " from its start";
 const SMALLEST =
-  " The usual control has the smallest joint speed at each instant, not over a whole cycle.";
+  " At each instant no control moves the joints more slowly than the usual one; over a whole " +
+  "cycle another can.";
 const HANDS = { 1: "the hand is", 2: "both hands are" };
 
 // {sentence, notes, part} after a number of cycles, in pieces [words, tone]. `whose`: "your loop"
