@@ -17,7 +17,7 @@ from ..regions import Region
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .evaluation import Baseline, baselines, spectral_cost
-from .subject import belong_together, subject_of
+from .fingerprint import belong_together, subject_of
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from ..strategies import Pseudoinverse, RepeatableInverse, WeightedInverse
 from ..strategies.custom import CustomInverse
 from ..strategies.strategy import Inverse
 from .evaluation import evaluate_design
-from .subject import subject_of
+from .fingerprint import subject_of
 
 _SAME_ANGLE = 1e-7
 """Angle, rad, by which a pose of constant orientation may be off, see :class:`ClosingRadius`."""

@@ -120,7 +120,7 @@ CLOSING = _struct(ints="count", doubles="square chord", pointers="p R")
 """The struct Closing of closing.h: the poses of a closing radius."""
 
 CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers result inverse")
-"""The struct Call of calls.c: the arguments of one thread."""
+"""The struct Call of law_calls.c: the arguments of one thread."""
 
 GOVERNOR_CALL = _struct(
     ints="room",

@@ -5,7 +5,7 @@
 #include "function.h"
 
 #ifdef LEVEL /* of the library, in which chart.c is another object */
-#include "levels.h"
+#include "vector_levels.h"
 #define find_configuration LEVELLED(find_configuration)
 #define find_configurations LEVELLED(find_configurations)
 #include "chart_polynomials.h" /* of one pose */

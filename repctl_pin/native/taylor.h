@@ -5,7 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "levels.h"
+#include "vector_levels.h"
 
 /* As many lanes as a register holds; clang splits wide vectors well, gcc does not. */
 #if defined(__clang__) || defined(__AVX512F__)

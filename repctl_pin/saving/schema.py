@@ -15,7 +15,7 @@ import numpy as np
 
 from ..base.certificate import CHECKED_BEFORE, ClosingRadius, Proof
 from ..base.errors import InputError
-from ..design.subject import check_configurations, points_at
+from ..design.fingerprint import check_configurations, points_at
 from ..model.task import Task
 from ..paths.pieces import Piece, path_of, pieces_of
 from ..paths.several_paths import joined, paths_of

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..base.arguments import Array
 from ..base.errors import InputError
-from ..design.subject import check_configurations, points_at
+from ..design.fingerprint import check_configurations, points_at
 from ..model.kind import task_kind
 from ..model.robot import Robot
 from ..model.several_frames import SeveralFrames

@@ -5,7 +5,7 @@ Jacobian. A study does not use ``custom``, ``extended`` and ``limit_weight``, so
 imported here.
 """
 
-from .pseudoinverse import PostureControl as PostureControl
+from .posture import PostureControl as PostureControl
 from .pseudoinverse import Pseudoinverse as Pseudoinverse
 from .pseudoinverse import WeightedInverse as WeightedInverse
 from .repeatable import Bounded as Bounded

@@ -39,7 +39,7 @@ def holding_library() -> ctypes.PyDLL:
 
 
 def call_memory(task: Task, arm: Any, **more: Array) -> tuple[dict[str, Array], Any]:
-    """Allocate the arguments of C functions for one thread: the struct Call of calls.c.
+    """Allocate the arguments of C functions for one thread: the struct Call of law_calls.c.
 
     Returns the arrays by name, and the pointer to pass. ``more`` are further arrays. Allocating
     them at each call would take longer than the arithmetic.

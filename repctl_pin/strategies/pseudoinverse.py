@@ -1,4 +1,4 @@
-"""The pseudoinverse J⁺, the weighted J⁺_M, and J⁺ with a posture task in the null space."""
+"""The pseudoinverse J⁺, the weighted J⁺_M, and minimum joint speed with a null-space motion."""
 
 from __future__ import annotations
 
@@ -9,15 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import (
-    Array,
-    as_configurations,
-    as_matrices,
-    as_numbers,
-    positive,
-    shown,
-    vector,
-)
+from ..base.arguments import Array, as_configurations, as_matrices, as_numbers, shown, vector
 from ..base.errors import InputError, SingularityError
 from ..base.threads import PerThread
 from ..model.task import Task, own_task
@@ -51,7 +43,7 @@ class Pseudoinverse:
 
     def __init__(self, task: Task) -> None:
         self.task = redundant(task)
-        self._quick = PerThread(partial(_least_speed, self.task))
+        self._quick = PerThread(partial(least_speed, self.task))
         self._inverse = PerThread(partial(_least_inverse, self.task))
 
     def __repr__(self) -> str:
@@ -149,7 +141,7 @@ class WeightedInverse:
         return self(q) @ vector(xdot, self.task.m, "ẋ", "m/s and rad/s")
 
 
-def _least_speed(
+def least_speed(
     task: Task, posture: Array | None = None, gain: float = 0.0
 ) -> Callable[[Array, Array], Array]:
     """Create the function (q, ẋ) → ``q̇ = z + J⁺ (ẋ − J z)`` with ``z = K (q_p − q)``, per thread.
@@ -281,45 +273,3 @@ def redundant(value: Any) -> Task:
             remedy="use another kind of task",
         )
     return task
-
-
-class PostureControl:
-    """Pseudoinverse with null-space attraction to a posture.
-
-    ``q̇ = J⁺ ẋ + (I − J⁺ J) K (q_p − q)``. From a start at the posture, the motion converges to a
-    closed cycle. From any other start, the arm first moves to the posture: abruptly with a high
-    gain, slowly with a low one.
-
-    Parameters
-    ----------
-    task
-        The task to control.
-    posture : (n,) array
-        Posture q_p, rad (m for prismatic joints).
-    gain : float
-        Gain K, 1/s.
-
-    Raises
-    ------
-    InputError
-        If the posture is not n finite numbers, or the gain is negative.
-
-    Examples
-    --------
-    >>> hold = rp.PostureControl(task, q0, gain=2.0)  # 1/s
-    >>> hold.velocity(q0 + 0.1, [0.0, 0.0]).round(3)  # rad/s: to the posture, with the tool at rest
-    array([-0.018,  0.041, -0.041])
-    """
-
-    def __init__(self, task: Task, posture: ArrayLike, gain: float = 1.0) -> None:
-        self.task, self.posture = redundant(task), vector(posture, task.n, "a posture")
-        self.gain = positive(gain, "the gain of a posture", "1/s", zero=True)
-        self._quick = PerThread(partial(_least_speed, self.task, self.posture, self.gain))
-
-    def __repr__(self) -> str:
-        return described(self, self.task, f"gain {self.gain:g} 1/s")
-
-    def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
-        """Compute q̇ (n,), with attraction to the posture, for a task velocity ẋ (m,)."""
-        n, m = self.task.n, self.task.m
-        return self._quick.own(*as_velocity_arguments(q, xdot, n, m))

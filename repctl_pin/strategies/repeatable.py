@@ -391,7 +391,7 @@ class RepeatableInverse:
 
         A leaf is the set h(q) = c of the potentials h, on which pose x and level c determine q. On
         the solution branch of q0, the result depends on x and c alone, not on the motion before.
-        See :func:`on_leaf.solve`.
+        See :func:`leaf_ik.solve`.
 
         Parameters
         ----------
@@ -407,7 +407,7 @@ class RepeatableInverse:
         InputError
             If no configuration of the leaf reaches the target, or an argument cannot be used.
         """
-        from .on_leaf import solve
+        from .leaf_ik import solve
 
         return solve(self.task, self.potentials, self.step, target, q0, leaf)
 

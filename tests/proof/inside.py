@@ -7,26 +7,26 @@ from repctl_pin.extensions.cells.evaluate import margins
 from repctl_pin.extensions.proof import (
     arm_angle,
     boxes,
+    cell_bounds,
     cell_search,
-    cells,
     chain,
     enclosure,
     leaf_margin_bounds,
     lifts,
-    study,
+    study_certificate,
     taylor,
 )
 
 __all__ = [
     "arm_angle",
     "boxes",
+    "cell_bounds",
     "cell_search",
-    "cells",
     "chain",
     "enclosure",
     "leaf_margin_bounds",
     "lifts",
     "margins",
-    "study",
+    "study_certificate",
     "taylor",
 ]

@@ -13,7 +13,7 @@ import pinocchio as pin
 import pytest
 from arms import spatial_task
 from cell_functions import cell_of, chart_of, middle, panda
-from inside import cells, margins
+from inside import cell_bounds, margins
 from kernels import kernels
 from mutants import CELL_V
 from proofs import regular_start
@@ -88,7 +88,7 @@ def test_v_is_the_gradient_of_the_potentials_and_its_margin_the_price(
 
 
 def used(
-    problem: cells.CellProof,
+    problem: cell_bounds.CellProof,
     Uc: np.ndarray,
     half: np.ndarray,
     trials: int = 12,
@@ -126,7 +126,7 @@ def boxes(k: int, width: float, count: int = 8, seed: int = 0) -> tuple[Any, Any
 
 
 def enclosed(chart: Any, size: float) -> None:
-    problem = cells.CellProof(turned(chart, size))
+    problem = cell_bounds.CellProof(turned(chart, size))
     for width in (0.1, 1e-3):
         ratio, share = used(problem, *boxes(chart.cell.k, width), trials=2)
         assert ratio <= 1
@@ -159,7 +159,7 @@ def scenarios(every: dict[str, Any]) -> Any:
         C = chart.coefficients.copy()
         C[0, :, 0] += 1e-3 * np.random.default_rng(1).standard_normal(n)
         for size in (0.0, 0.3):
-            problem = cells.CellProof(turned(replace(chart, coefficients=C), size))
+            problem = cell_bounds.CellProof(turned(replace(chart, coefficients=C), size))
             whole = problem.chain
             for link in (None, 1, len(whole.p) - 1):
                 if link is not None:

@@ -15,7 +15,7 @@ import pytest
 from arms import planar_task, sliding_task, spatial_task
 from cell_functions import cell_of, chart_of, panda
 from controls import some
-from inside import cells, chain
+from inside import cell_bounds, chain
 from kernels import at, kernels, screws
 from mutants import CELL_C, COMMUTATOR
 from proofs import regular_start
@@ -65,7 +65,7 @@ def loose(chain: chain.Chain) -> np.ndarray:
 
 
 def bounds_of_two(
-    problem: cells.CellProof, steps: np.ndarray, library: ctypes.CDLL
+    problem: cell_bounds.CellProof, steps: np.ndarray, library: ctypes.CDLL
 ) -> tuple[np.ndarray, np.ndarray]:
     """Λ (2, N), its linear and angular row, of ``|∫ J ζ dt| ≤ Λ |ζ|`` with |δ| ≤ steps (n,); and
     the same for the largest ``|J ζ|``, which rows of free rotations get. NaN without a bound."""
@@ -82,18 +82,18 @@ def bounds_of_two(
     return mean, np.array([linear[free], angular[free]])
 
 
-def problem_of(task: rp.Task) -> cells.CellProof:
+def problem_of(task: rp.Task) -> cell_bounds.CellProof:
     """A small cell around the task's reference, of which only the chain matters here."""
     q = regular_start(task)
     turns = (1e-3,) if task.kind in ("pose", "axis") else ()
     cell = rp.Cell(task, task.placement(q), 1e-3, *turns)
-    problem = cells.CellProof(chart_of(cell, q, 1, 64))
+    problem = cell_bounds.CellProof(chart_of(cell, q, 1, 64))
     problem.farthest = np.full(task.n, 2.0)
     return problem
 
 
 def apart(
-    problem: cells.CellProof, middle: int, seed: int, library: ctypes.CDLL | None = None
+    problem: cell_bounds.CellProof, middle: int, seed: int, library: ctypes.CDLL | None = None
 ) -> np.ndarray:
     """Compare pairs of configurations at one pose with Λ: the largest shares of the integral's two
     rows, and of the largest velocity's linear one."""
@@ -150,7 +150,9 @@ def test_two_solutions_of_other_tasks_are_apart_as_bounded(kind: str, tmp_path: 
     assert kind == "axis" or used[2] > 0.1
 
 
-def velocity_changes_off(problem: cells.CellProof, library: ctypes.CDLL | None = None) -> float:
+def velocity_changes_off(
+    problem: cell_bounds.CellProof, library: ctypes.CDLL | None = None
+) -> float:
     """The largest share of the bounds that the frame's velocity changes by, joint by joint: small
     steps of any sign."""
     library, whole, worst = library or kernels(), problem.chain, 0.0
@@ -201,7 +203,7 @@ def test_a_wrong_bound_of_two_solutions_is_noticed(mutant: str, tmp_path: Path) 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_a_wrong_term_in_c_changes_the_bounds() -> None:
-    right = cells.CellProof(chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE, 4, 256))
+    right = cell_bounds.CellProof(chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE, 4, 256))
     right.see_from(right.chain.seen_from(4, 0.0))  # joints move it, not only turn it
     rng = np.random.default_rng(4)
     U = rng.uniform(-0.9, 0.9, (96, 6))
@@ -221,7 +223,7 @@ def test_without_the_native_library_a_proof_over_a_cell_says_so(
 ) -> None:
     monkeypatch.setenv("REPCTL_NATIVE", "no")
     with pytest.raises(rp.InputError, match=r"requires the native library.*; unset REPCTL"):
-        cells.CellProof(chart)
+        cell_bounds.CellProof(chart)
 
 
 def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(chart: Any) -> None:
@@ -229,7 +231,7 @@ def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(chart: Any) -> N
     Uc, half = np.zeros((2, 6)), np.full((2, 6), 0.01)
     C = chart.coefficients.copy()
     C[0, :, 0] += 1e-3
-    problem = cells.CellProof(replace(chart, coefficients=C))
+    problem = cell_bounds.CellProof(replace(chart, coefficients=C))
     assert (problem.bounds(Uc, half).leaf_margin > 0).all()
     for near in (1e-9, 0.3):
         problem.near = np.full(7, near)

@@ -254,11 +254,11 @@ def test_the_commands_prove_and_check_what_they_saved(
 def test_a_study_says_that_its_time_did_not_suffice_for_a_proof(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from inside import study
+    from inside import study_certificate
 
-    monkeypatch.setattr(study, "with_certificate", lambda design, spent, say: design)
+    monkeypatch.setattr(study_certificate, "with_certificate", lambda design, spent, say: design)
     found = rp.study("planar3r", cycles=1)
     (note,) = [note for note in found.notes if "not proved" in note]
-    assert "--prove" in note and note in study.unproved_note(found.design)
+    assert "--prove" in note and note in study_certificate.unproved_note(found.design)
     proved = replace(found.design, proof=rp.prove(found.design, margin=0.1, closes=False))
-    assert study.unproved_note(proved) == []
+    assert study_certificate.unproved_note(proved) == []

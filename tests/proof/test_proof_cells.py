@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 import sectors
 from arms import spatial_task
-from inside import cell_search, cells, margins
+from inside import cell_bounds, cell_search, margins
 
 import repctl_pin as rp
 
@@ -45,7 +45,7 @@ def check_enclosures(found: rp.CellDesign, width: float, count: int = 16) -> flo
     """Evaluate F in many boxes of poses: inside the enclosure; how much of its width is used; the
     share enclosed."""
     chart, task = found.function.chart, found.task
-    problem, rng, k = cells.CellProof(chart), np.random.default_rng(0), found.cell.k
+    problem, rng, k = cell_bounds.CellProof(chart), np.random.default_rng(0), found.cell.k
     Uc = rng.uniform(width - 1, 1 - width, (count, k))
     half = width * rng.uniform(0.3, 1, Uc.shape)
     bounds = problem.bounds(Uc, half)
@@ -182,7 +182,7 @@ def test_a_symmetric_joint_s_limits_are_narrower_by_the_sector_s_angle() -> None
     for name, width in (("position", 1.0), ("one orientation", -np.inf)):
         sector = sectors.found(name).function.chart.cell
         assert sector.removed[0].joint == 0
-        lower, upper = cells.limits_of(sector)
+        lower, upper = cell_bounds.limits_of(sector)
         narrower = [width, *np.zeros(6)]
         np.testing.assert_allclose(lower - sector.task.lower, narrower)
         np.testing.assert_allclose(sector.task.upper - upper, narrower)
@@ -211,7 +211,7 @@ def test_a_hundred_thousand_poses_of_other_tasks_violate_nothing(
     )
     proof = rp.prove(found)
     assert proof, proof.reason
-    near, chart = cells.CellProof(found.function.chart).near, found.function.chart
+    near, chart = cell_bounds.CellProof(found.function.chart).near, found.function.chart
     rng, r = np.random.default_rng(1), task.r
     for _ in range(10):
         U = rng.uniform(-1, 1, (10_000, found.cell.k))
@@ -231,7 +231,7 @@ def test_a_proof_begins_again_with_a_smaller_neighbourhood(
     does, the first is reported."""
     tried: list[float] = []
 
-    def bounded(problem: cells.CellProof, *_: object) -> rp.Proof:
+    def bounded(problem: cell_bounds.CellProof, *_: object) -> rp.Proof:
         tried.append(float(problem.near.max()))
         proved = len(tried) > enough
         reason = "" if proved else cell_search.UNDECIDED
@@ -277,7 +277,7 @@ def test_a_smaller_neighbourhood_of_the_polynomial_gives_a_proof(
     )
     proof = rp.prove(found)
     assert proof and "within (0.005," in proof.what
-    monkeypatch.setattr(cells, "SLACKS", cells.SLACKS[:1])
+    monkeypatch.setattr(cell_bounds, "SLACKS", cell_bounds.SLACKS[:1])
     assert "too small to halve" in rp.prove(found).reason
 
 
@@ -304,7 +304,7 @@ def test_a_third_of_a_million_poses_of_a_proved_cell_violate_nothing(
     )
     proof = rp.prove(found)
     assert proof, proof.reason
-    near = cells.CellProof(found.function.chart).near
+    near = cell_bounds.CellProof(found.function.chart).near
     rng, chart = np.random.default_rng(1), found.function.chart
     for _ in range(34):
         U = rng.uniform(-1, 1, (10_000, 6))

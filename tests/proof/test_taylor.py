@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from cell_functions import cell_of, chart_of
-from inside import cells, taylor
+from inside import cell_bounds, taylor
 from kernels import at, kernels
 from mutants import TAYLOR
 from second_order import monomials
@@ -116,7 +116,7 @@ def test_a_chart_of_degree_4_leaves_out_what_is_bounded(factor: float) -> None:
     C = np.zeros_like(chart.coefficients)
     C[(chart.monomials.exponents == [3, 1, 0]).all(axis=1)] = 1.0
     chart, half = replace(chart, coefficients=C), np.array([[0.4, 0.5, 0.1]])
-    parts = cells._Polynomials.of(chart)
+    parts = cell_bounds._Polynomials.of(chart)
     cubic = chart.monomials.values(half)[0, : parts.parts.shape[1]]
     values = cubic @ parts.parts[0, :, 0, 0]
     rest = np.prod(half**parts.fourth, axis=1) @ parts.rest[:, 0, 0]
@@ -132,7 +132,7 @@ def test_a_cell_s_function_and_gradients_hold_in_ball_arithmetic(count: int) -> 
     from arb_closure import arb, function_in_balls
 
     chart = chart_of(cell_of(rotation=0.2, half_width=0.05), MIDDLE)
-    problem = cells.CellProof(chart)
+    problem = cell_bounds.CellProof(chart)
     rng, k = np.random.default_rng(0), 6
     Uc = rng.uniform(-0.7, 0.7, (count, k))
     h = 10.0 ** rng.uniform(-7, -1, (count, 1)) * rng.uniform(0.2, 1, (count, k))

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from ...base.arguments import Array, as_int
 from ...base.certificate import fingerprint
 from ...base.errors import InputError
-from ...design.subject import check_configurations
+from ...design.fingerprint import check_configurations
 from ...model.catalogue import disabled_pairs
 from ...model.model import fixed_placements, link_frames
 from ...model.packages import find_mesh

@@ -3,5 +3,9 @@
 from ...base.plugins import Extension
 
 EXTENSION = Extension(
-    __name__, parts={"study_design": "study:with_certificate", "study_notes": "study:unproved_note"}
+    __name__,
+    parts={
+        "study_design": "study_certificate:with_certificate",
+        "study_notes": "study_certificate:unproved_note",
+    },
 )

@@ -16,7 +16,7 @@ from ...base.arguments import Array
 from ...base.certificate import Proof
 from ..cells.evaluate.margins import leaf_margins
 from .boxes import halved
-from .cells import CellBounds, CellProof
+from .cell_bounds import CellBounds, CellProof
 
 _BATCH = 1024
 _TRIALS = 48

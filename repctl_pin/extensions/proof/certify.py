@@ -14,7 +14,7 @@ from ...base.arguments import Array, finite, flag, positive, require_type, vecto
 from ...base.certificate import CELL_THEOREM, Proof
 from ...base.errors import InputError, SingularityError
 from ...design import Design
-from ...design.subject import subject_of
+from ...design.fingerprint import subject_of
 from ...model.task import Task
 from ...native import required_library
 from ...paths.task_path import ClosedPath
@@ -374,8 +374,8 @@ def _of_cell(
     the limit margin to prove, rad or m, by default slightly below the smallest margin found.
     ``seconds`` is the processor time.
     """
+    from .cell_bounds import SLACKS, CellProof
     from .cell_search import STOPPED, UNDECIDED, bound_cell
-    from .cells import SLACKS, CellProof
 
     found = design.evaluation
     leaf = 0.9 * _least_leaf_margin(design) if goal is None else goal

@@ -1,4 +1,4 @@
-/* Some files are compiled once for each level of the vector units; levels.c chooses. */
+/* Some files are compiled once for each level of the vector units; vector_levels.c chooses. */
 
 #ifndef REPCTL_LEVELS_H
 #define REPCTL_LEVELS_H

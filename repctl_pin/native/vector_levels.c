@@ -2,7 +2,7 @@
 
    The processor is asked by hand: the compiler's own test of it brings zig's sine and cosine in place of the system's. */
 
-#include "levels.h"
+#include "vector_levels.h"
 
 #include "linear_algebra.h"
 #include "function.h"
