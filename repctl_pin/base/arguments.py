@@ -137,7 +137,7 @@ def per_joint(
     """Convert one number above 0, or n of them, to an array (n,).
 
     Infinity is allowed unless ``finite`` is True. Joint positions are divided by finite numbers, so
-    these must also exceed the rounding error of a joint position.
+    a divisor must be larger than the rounding error of a joint position.
     """
     array = as_numbers(values)
     most = (
@@ -226,7 +226,7 @@ def as_matrices(
 
 
 def _known(letters: Sequence[str], sizes: Mapping[str, int]) -> str:
-    """Write the sizes that letters have in earlier arrays, such as ``n = 7``."""
+    """Format the sizes of axis letters that earlier arrays fixed, such as ``n = 7``."""
     return ", ".join(f"{x} = {sizes[x]}" for x in letters if x in sizes)
 
 

@@ -187,7 +187,7 @@ def unknown(
     if near:
         hint = f"did you mean {' or '.join(map(repr, near))}?"
     elif len(every) <= 12:
-        hint = f"choose from {', '.join(every)}" if every else "there is none"
+        hint = f"choose from {', '.join(every)}" if every else "there are none to choose from"
     else:
         hint = f"there are {len(every)}, such as {', '.join(every[:6])}"
     remedy = f"{hint} {listing}" if listing else hint

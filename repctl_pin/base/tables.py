@@ -262,7 +262,7 @@ class CsvTable(Table):
         names = list(next((own for own in unnamed if len(own) == len(first)), ()))
         if first and not names:
             forms = ", or ".join(", ".join(own) for own in unnamed)
-            count = f"{len(first)} field{'s' * (len(first) > 1)} without a header"
+            count = f"no header, and {len(first)} field{'s' * (len(first) > 1)} per line"
             raise InputError(f"{self.file}, line {line}: {count}", remedy=f"write {forms}")
         return names
 
@@ -551,7 +551,10 @@ def arrow_numbers(column: Any, width: int) -> Column:
 
 
 def arrow_replaced(table: Any, new: Mapping[str, NewCells], removed: Collection[str]) -> Any:
-    """Put new cells into an Arrow table, without the columns ``removed``; metadata stay."""
+    """Return a copy of an Arrow table with new cells and without the columns ``removed``.
+
+    The metadata of the table are kept.
+    """
     old = table
     for name, cells in new.items():
         if name in old.column_names:
@@ -621,8 +624,8 @@ def _flat(column: Any) -> Any:
 def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
     """Adapt the metadata of a Parquet file to the columns of a changed table.
 
-    Features describe columns; the library ``datasets`` refuses a file whose features do not match
-    its columns.
+    The library ``datasets`` stores a description of each column, its features, in the metadata. It
+    refuses a file whose features do not match the columns.
     """
     metadata = old.schema.metadata
     if not metadata or b"huggingface" not in metadata or table.column_names == old.column_names:
