@@ -493,7 +493,7 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
 def _drift_words(result: dict[str, Any], motion: rp.Motion) -> str:
     """Write the drift after the first cycle, and after the last."""
     if result["drift"] is None:
-        return "not a number"
+        return "cannot be computed reliably"
     first, last = (f"{number(d)}" for d in motion.drift[[0, -1]])
     more = f", {last} after {motion.cycles}" if motion.cycles > 1 else ""
     return f"{first} {motion.task.unit} after 1 cycle{more}"

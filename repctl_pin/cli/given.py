@@ -60,7 +60,8 @@ class Options(argparse.Namespace):
         """
         name = self.what if "what" in self else self.robot
         if "what" in self and self.robot is not None:
-            raise InputError("--robot requires a saved design", remedy=f"the robot is {name}")
+            remedy = f"omit --robot to use {name}"
+            raise InputError("--robot requires a saved design", remedy=remedy)
         if is_saved(name):
             raise InputError(
                 f"this command requires a robot, but {name} is a saved design",
@@ -364,7 +365,7 @@ def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
     """
     sides = zip(task.joint_names, box.bounds.half_width, strict=True)
     cut = [joint for joint, width in sides if width < half_width * (1 - 1e-9)]
-    return (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
+    return (f"Ω was cut at the joint limits of {', '.join(cut)}",) if cut else ()
 
 
 def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
@@ -376,7 +377,7 @@ def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.S
     from ..studies.around_motion import half_width_within
 
     if error.free is None:
-        center = "cut at the joint limits, it has another centre"
+        center = "a box cut at the joint limits has another centre"
         error.remedy = f"choose another --start, or a smaller --region: {center}"
     elif shrink:
         error.remedy = "use --shrink to design there"

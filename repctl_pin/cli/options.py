@@ -235,7 +235,7 @@ class Parser(argparse.ArgumentParser):
         add("--tool-speed", metavar="V", help=f"{speeds}; requires --acceleration")
 
     def levels(self, default: str = "") -> None:
-        """Add --leaf, how far levels may move in a proof; ``default`` ends its help."""
+        """Add --leaf, the maximum change of levels h(q) in a proof; ``default`` ends its help."""
         what = "prove closed paths of hand and elbow, their levels h(q) within C of the start's"
         self.add_argument("--leaf", type=positive, metavar="C", help=what + default)
 
