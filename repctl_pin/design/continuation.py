@@ -157,8 +157,9 @@ class Continuation:
         """Minimise the cost from coefficients A to an optimum without singularity in Ω.
 
         After each descent, singular configurations that a search of Ω finds are added to the
-        barrier points, and the descent is repeated from A. Return None if V, the gradients of the
-        potentials, is singular at A itself, or if every descent ends in a singular V.
+        barrier points, and the descent is repeated from A. Return None if A itself is singular at a
+        configuration found in this way, or if every descent ends in a singular V, the gradients of
+        the potentials.
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         begin = self._start(len(A))

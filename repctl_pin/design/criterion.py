@@ -274,7 +274,10 @@ class Differential:
         return Differential(self.L.astype(np.float32), self.S.astype(np.float32))
 
     def traces(self, basis: Array) -> Array:
-        """Evaluate the trace of each node's term of the matrix (K,), in coordinates ``B⁻¹ A``."""
+        """Evaluate the trace of each node's term of the Gauss–Newton matrix: (K,).
+
+        The matrix is in coordinates ``B⁻¹ A``, with B the (N, N) array ``basis``.
+        """
         rows = self.L.reshape(-1, self.L.shape[-1]) @ basis
         return np.trace(self.S) * np.sum(np.sum(rows**2, axis=1).reshape(len(self.L), -1), axis=0)
 
@@ -297,11 +300,12 @@ class Differential:
 
 
 def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differential, float]:
-    """Draw ``count`` nodes at random; their matrix estimates the matrix of all without bias.
+    """Estimate the Gauss–Newton matrix from ``count`` randomly drawn nodes, without bias.
 
     A node is drawn with a probability that is half constant, half in proportion to the trace of its
-    term in coordinates ``B⁻¹ A``, so that nodes near a singularity are seldom missed. The
-    terms are divided by the probabilities. Return also the trace of the matrix of all nodes.
+    term in coordinates ``B⁻¹ A``, so that nodes near a singularity are seldom missed. The terms are
+    divided by the probabilities. Return the drawn nodes' :class:`Differential`, and the trace of
+    the matrix of all nodes.
     """
     traces = [one.traces(basis) for one in model]
     every = np.concatenate(traces)

@@ -120,8 +120,9 @@ def _refined(
     """Descend on all nodes, from a result on few nodes; evaluate the design on held-out nodes.
 
     A singularity that the evaluation finds becomes a barrier point of ``fine``, and the descent is
-    repeated. The last singularity is returned if the result on few nodes, ``near``, is singular
-    there itself, or after the last repetition. ``samples`` is the number of all nodes.
+    repeated. The error of the last singularity is returned if ``near``, the result on few nodes, is
+    singular at the same configuration, or after the last repetition. ``samples`` is the number of
+    all nodes.
     """
     refusal: SingularRegionError | None = None
     for _ in range(_ROUNDS):

@@ -81,7 +81,7 @@ class SingularRegionError(SingularityError):
 @dataclass(frozen=True, eq=False)
 @read_only
 class Lowest:
-    """Smallest value of a measure that a search of a region found, and where.
+    """Smallest value of a measure that a search of a region found, and its configuration.
 
     The measure is a distance from a singularity; a value of 0 or less means that a singularity was
     found.
