@@ -247,9 +247,10 @@ def _search(strategy: Inverse, function: _Surface, region: Region, Q: Array) -> 
 
 
 def _improved(strategy: Inverse, function: _Surface, Q: Array, step: Array, size: Array) -> Array:
-    """Try five lengths of each step from Q (K, n), take the best, and drop points without progress.
+    """Try five lengths of each step from Q (K, n), and return the points of smallest ‖s‖.
 
-    ``size`` (K,) is ‖s‖ at Q. A point that is dropped is a local minimum of ‖s‖ above 0.
+    ``size`` (K,) is ‖s‖ at Q. A point that no length improves is left out: it is a local minimum of
+    ‖s‖ above 0.
     """
     trials = Q[:, None] + 0.5 ** np.arange(5)[:, None] * step[:, None]  # (K, 5, n)
     norms = _norms(strategy, function, trials.reshape(-1, Q.shape[1])).reshape(len(Q), -1)
@@ -363,8 +364,9 @@ def _walked(
 
 
 def _dexterity(strategy: Inverse, Q: Array) -> Array:
-    """Evaluate σ_min / σ_max of J at every row of Q, in comparable joint units: (K,).
+    """Evaluate σ_min / σ_max of J at every row of Q (K, n): (K,).
 
-    The ratio is 0 at a singularity, near which defects cannot be evaluated.
+    Prismatic joints are in arm lengths, which makes them comparable with revolute ones. The ratio
+    is 0 at a singularity, near which defects cannot be evaluated.
     """
     return inverse_condition_number(strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0]))
