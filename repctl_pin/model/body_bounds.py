@@ -91,7 +91,7 @@ _NEARBY = 0.05
 """Relative motion of a pair's bodies since its last test, m, below which it may be measured."""
 
 _KEPT, _CREDIT = 64, 8
-"""Numbers of distances stored per pair, and of measurements allowed beyond the tests they saved."""
+"""Number of distances stored per pair; maximum excess of measurements over the tests they saved."""
 
 
 class BodyBounds:
@@ -205,7 +205,7 @@ class BodyBounds:
         return np.minimum(self._radii[body], np.einsum("mi,mi->m", box, self._half[body]))
 
     def reach(self, joints: Mapping[str, Joint], strokes: Array) -> Array:
-        """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
+        """Bound how fast each joint changes the distance of each pair: (P, N), m per rad or m.
 
         A pair's distance changes by at most ``reach @ |q − q'|`` from q to q', because the distance
         is 1-Lipschitz in the points of its bodies. Per radian, a revolute joint moves a point by at

@@ -502,9 +502,10 @@ class _Ray:
 
 
 def _looks_up(corners: list[list[float]]) -> int:
-    """Return 1 if a triangle lies above the origin and faces up, −1 if it faces down, else 0.
+    """Return the sign with which the ray from the origin along +z crosses a triangle; 0 if not.
 
-    The three corners are given as x, y, z.
+    The sign is 1 if the triangle's normal points up, and −1 if it points down. The three corners
+    are given as x, y, z.
     """
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
     # twice the signed areas of the triangles formed by the origin and each edge

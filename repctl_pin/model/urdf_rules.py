@@ -35,8 +35,8 @@ _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _UNHANDY = re.compile(r'[,;"]')
 
 SEVERAL = {"planar": 3, "ball": 3, "spherical": 3, "floating": 6}
-"""Types of joints with several coordinates, and how many: ``ball`` and ``spherical`` are one type,
-which only other readers know."""
+"""Types of joints with several coordinates, and their number of coordinates. ``ball`` and
+``spherical`` mean the same; they are not in the URDF standard."""
 
 _FREEDOM = {"fixed": 0, **SEVERAL}  # coordinates of a joint; else 1
 
@@ -181,7 +181,7 @@ def finite(word: str) -> float | None:
 def axis_of(joint: etree._Element) -> tuple[float, float, float]:
     """Return a joint's unit axis: x if none is given, as URDF defines; 0 for a zero axis.
 
-    A zero axis is refused elsewhere.
+    :func:`_check_joint` refuses a zero axis.
     """
     axis = joint.find("axis")
     x, y, z = (numbers(axis, "xyz") if axis is not None else None) or (1.0, 0.0, 0.0)
