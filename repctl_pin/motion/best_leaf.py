@@ -66,7 +66,7 @@ _RANDOM = 8
 """Number of random starts, those of lowest joint speed, beside the starts along self-motions."""
 
 _LEAST_LEAF_MARGIN = 0.1
-"""Leaf margin that suffices for a start to replace the given one, even if that one has more."""
+"""Leaf margin that is sufficient for a start, even if the given start has a larger one."""
 
 _STARTS, _STEPS = 96, 16
 """Numbers of random configurations among which low joint speed is sought, and of points per cycle
@@ -76,7 +76,7 @@ _LONGEST, _EXACT = 0.4, 1e-9
 """Longest step of any joint, and the task error at which a pose is reached; m or rad."""
 
 _ITERATIONS, _CORRECTIONS = 40, 2
-"""Maximum numbers of Newton steps to the path, and from each point of it to the next one."""
+"""Maximum numbers of Newton steps to the path, and from each point of the path to the next."""
 
 _JUMP = 1.0
 """Change of a joint between two points, rad or m, at which a motion is given up."""
@@ -351,7 +351,7 @@ class _Search:
     def improved(
         self, best: _LeafCandidate | None, starts: Iterable[Array | None], better: _Better
     ) -> _LeafCandidate | None:
-        """Return the best of the candidate ``best`` and the candidates from ``starts``."""
+        """Return the best of ``best`` and the candidates at ``starts``, compared by ``better``."""
         for candidate in self.allowed(starts):
             best = candidate if best is None or better(candidate, best) else best
         return best

@@ -46,7 +46,7 @@ _RESOLVED = 0.01
 """Distance between two runs, one with twice the steps, up to which a drift is resolved, as a share
 of the drift."""
 
-UNRESOLVED = "passes close to a singularity; its drift is not a number"
+UNRESOLVED = "passes close to a singularity; its drift cannot be computed reliably"
 """Beginning of the text on a motion whose drift depends on the number of steps."""
 
 _MOST = 100_000_000
@@ -247,13 +247,13 @@ def unresolved(strategy: Strategy, motion: Motion) -> str:
     fine = len(path_grid(path, 2 * steps)) - 1
     size = _size(path.points())
     for k, coarse in enumerate(motion.q[steps::steps]):
-        outcome = "one stops in"
+        outcome = "one of the two motions stops in"
         try:
             q = _run(method, task, path, (1, fine), size, q)[0][-1]
             gap = float(np.linalg.norm(q - coarse))
             if gap <= max(_RESOLVED * motion.drift[k], CLOSED):
                 continue
-            outcome = f"their ends are {gap:.2g} {task.unit} apart after"
+            outcome = f"the two motions are {gap:.2g} {task.unit} apart after"
         except SingularityError:
             pass
         runs = f"with {steps:,} and {fine:,} steps per cycle, {outcome} cycle {k + 1}"

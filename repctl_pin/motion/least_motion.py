@@ -264,7 +264,7 @@ class _Cost:
         return float(self.weights @ chords + stiff @ beyond) / 2
 
     def moved(self, Q: Array) -> Array | None:
-        """Move free configurations of Q (K, n) along J⁺ onto the path; None if one of them fails.
+        """Move free configurations of Q (K, n) along J⁺ onto the path; None if one cannot reach it.
 
         A step along the null space moves the frame off the path in second order.
         """

@@ -1,7 +1,8 @@
 """Search for the start whose closed motion needs minimum joint speed, before a design is made.
 
 Other starts with the frame at the same placement lie on the self-motions of the given start. The
-closed motion of :mod:`least_motion` from each start shows what the best controller could reach.
+closed motion of :mod:`least_motion` from each start shows what the best controller could reach. A
+start is freed if the search for the closed motion may also move the start along its self-motions.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ _STRIDE = 0.4
 """Distance between starts along a self-motion, rad; for prismatic joints in arm lengths."""
 
 _SPARE = (1.0, 1.1, 1.3, 1.6)
-"""Factors of the required joint-limit margin with which a free start is searched, one after the
-other, until the result has that margin."""
+"""Multiples of the required joint-limit margin. The search with a free start demands each in turn,
+until its result has the required margin."""
 
 _STEPS = 24
 """Number of points per cycle."""

@@ -79,11 +79,11 @@ def _walk(
 def self_moved(
     task: Task, q: Array, step: Array, target: Placement, *, limits: bool = True
 ) -> Array | None:
-    """Take a step of a self-motion: the configuration (n,) with the frame at the target.
+    """Return the configuration (n,) one step along a self-motion, with the frame at the target.
 
-    None if there is no such configuration near q + step, or if ``limits`` is True and the
-    configuration is outside the joint limits. A step along the null space changes the pose in
-    second order, which Newton's method corrects.
+    Return None if there is no such configuration near q + step, or if it is outside the joint
+    limits and ``limits`` is True. A step along the null space changes the pose in second order,
+    which Newton's method corrects.
     """
     try:
         return solve_near(task, q + step, target, tolerance=1e-11, limits=limits)

@@ -346,7 +346,7 @@ def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
 def random_configurations(task: Task, count: int, rng: np.random.Generator) -> Array:
     """Draw configurations (count, n), uniform between the joint limits.
 
-    A side of a joint without a limit is taken π rad (m) from the task's reference configuration.
+    Where a joint has no limit, the bound is π rad (m) from the task's reference configuration.
     """
     low = np.where(np.isfinite(task.lower), task.lower, task.reference - np.pi)
     high = np.where(np.isfinite(task.upper), task.upper, task.reference + np.pi)

@@ -24,7 +24,8 @@ class TimedMotion:
     joints : tuple of str
         Names of the joints.
     t : (T,) array
-        Time, s, from 0; the samples begin and end a little outside the motion, at rest.
+        Time, s, from 0; the first samples lie shortly before the motion and the last ones shortly
+        after it, at rest.
     q, qdot, qddot : (T, n) arrays
         Positions, velocities and accelerations, rad or m. Velocities and accelerations are central
         differences over a millisecond (or a sample, if shorter) to either side, because
