@@ -120,8 +120,8 @@ def smooth_turning(
     if (angles > np.pi - 1e-4).any():
         at = int(np.argmax(angles))
         raise InputError(
-            f"points {at + 1} and {at + 2} differ by half a turn, so the direction is ambiguous; "
-            "add a point between them"
+            f"points {at + 1} and {at + 2} differ by half a turn, so the direction of rotation "
+            "is ambiguous; add a point between them"
         )
     steps = np.diff(s)[:, None]
     cubic = _cubics(theta, _rates(s, R, angles < 1e-9), steps)

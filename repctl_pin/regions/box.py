@@ -123,9 +123,9 @@ class Box(Region):
         return self.center + self.half_width * (2 * sobol(self.n, count, seed) - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Compute the scale factor that brings the box's boundary to each row of Q: (K,).
+        """Compute the scale at which the box's boundary passes through each row of Q (K, n): (K,).
 
-        The factor scales the box's widths: below 1 for a row inside, above 1 outside.
+        The scale multiplies the half-widths: it is below 1 for a row inside, above 1 outside.
         """
         Q = as_configurations(Q, self.n, "this box")
         return (np.abs(Q - self.center) / self.half_width).max(-1)

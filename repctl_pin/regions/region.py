@@ -28,7 +28,7 @@ A_REGION = (
     "a region of joint space, such as rp.Box(q0, 0.3); a user-defined class inherits from "
     "repctl_pin.regions.Region"
 )
-"""Words of an error message that says which argument is required: a region."""
+"""Description of a region, for messages on a wrong argument."""
 
 
 class Region(ABC):
@@ -72,10 +72,10 @@ class Region(ABC):
 
     @abstractmethod
     def ratio(self, Q: ArrayLike) -> Array:
-        """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
+        """Compute the scale at which the region's boundary passes through each row of Q: (K,).
 
-        The factor scales the region's widths: below 1 for a row inside, above 1 outside. The factor
-        shows where a motion leaves Ω, outside which repeatability is not guaranteed.
+        The scale multiplies all widths of the region: it is below 1 for a row inside, above 1
+        outside. It shows where a motion leaves Ω, outside which repeatability is not guaranteed.
         """
 
     @abstractmethod

@@ -151,9 +151,10 @@ class WorkspaceBox(Region):
         return normalised(volume * evaluate_density(self.density, Q))
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
+        """Compute the scale at which the region's boundary passes through each row of Q: (K,).
 
-        The factor scales the half-widths of both boxes: below 1 for a row inside, above 1 outside.
+        The scale multiplies the half-widths of both boxes: it is below 1 for a row inside, above 1
+        outside.
         """
         kind = self.task.kind
         axes = kind.rows[kind.linear]

@@ -24,7 +24,7 @@ _RETRY, _FIRST_RETRY = 4.0, 1e-3
 """Factor of the damping after a rejected step, and smallest damping after a rejected step."""
 
 _RELAXED = 100.0
-"""Divisor of the damping if the damped step predicts no decrease: a longer step may."""
+"""Divisor of the damping if the damped step predicts no decrease; a longer step may predict one."""
 
 
 @dataclass(frozen=True, eq=False)
