@@ -76,7 +76,7 @@ def save(design: Any, path: str | Path) -> Path:
         if isinstance(design, kind().result):
             return write(kind().to_content(design), file_name(path))
     raise InputError(
-        f"must be a design, as rp.nearest_repeatable makes them; got {shown(design)}",
+        f"must be a design, such as the result of rp.nearest_repeatable; got {shown(design)}",
         argument="design",
     )
 

@@ -32,7 +32,7 @@ from .schema import (
 )
 
 _TOLERANCE = 1e-9
-"""Largest difference of an unchanged number, m, rad, or relative for masses."""
+"""Largest difference of numbers that count as unchanged: m, rad, or relative for masses."""
 
 
 def identity(task: Task) -> TaskFile:
@@ -236,7 +236,7 @@ def require_arm_angles(basis: BasisFile, made_for: TaskFile, task: Task) -> list
         if not shift < _TOLERANCE:
             raise _changed(
                 made_for,
-                f"at its check configurations the frame {name!r} lies {shift:.3g} m elsewhere",
+                f"at its check configurations the frame {name!r} is displaced by {shift:.3g} m",
             )
     return []
 
