@@ -281,7 +281,7 @@ def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
 
 
 def _hand(name: str, kind: Kind) -> str:
-    """Write the name of a hand, and which rotation its task leaves free, before a distance."""
+    """Write the label of a hand's distance: its name, and the rotation left free by its task."""
     if kind.turns and not kind.tool_axes:
         return name
     return f"{name}, free to {'spin' if kind.turns else 'turn'}:"

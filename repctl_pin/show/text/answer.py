@@ -41,7 +41,7 @@ _FIRST = (
 are not checked, which come first."""
 
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
-"""Beginnings of the notes that come after the meanings of words, left out first if space lacks."""
+"""Beginnings of the notes that follow the explanations of terms, and are left out first."""
 
 
 def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:

@@ -56,7 +56,7 @@ _END_NAMES = (
     ("foot", {"foot", "feet", "ankle", "sole", "toe"}),
     ("head", {"head", "gaze", "neck", "eyes", "stereo", "xtion", "rgbd"}),
 )
-"""Words in the names of links at the ends of other branches, by what a sentence calls them."""
+"""Display names of links at the ends of other branches, with the words that identify each."""
 
 
 def hands_are(count: int) -> str:
@@ -250,8 +250,8 @@ def _by(one: MotionSummary, summaries: Sequence[MotionSummary]) -> str:
 def _alone(one: MotionSummary) -> str:
     """Name a controller in a sentence that compares it with no other one.
 
-    A repeatable one is "the repeatable control" there, not "the repeatable one"; others keep their
-    label.
+    A repeatable controller is then called "the repeatable control" instead of "the repeatable one";
+    other controllers keep their label.
     """
     return under(one.label).replace("repeatable one", "repeatable control")
 
@@ -365,8 +365,9 @@ def _exact(one: MotionSummary) -> str:
 def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
     """Format the displacement of the farthest part, m, under each controller: a text per summary.
 
-    ``unit`` is the text after each value (" from its start"), except a 0 that is not the first. If
-    the most displaced part depends on the controller, the smaller values name their part.
+    ``unit`` is the text after each value, such as " from its start"; it is left out after a 0,
+    unless that 0 is the first value. If the most displaced part depends on the controller, the
+    smaller values name their part.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
@@ -404,9 +405,9 @@ def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list[Span]:
     """Write the extra joint speed (rms) of the last motion relative to the first.
 
-    It is that of cycle 1, in which both start alike, and that of all ``cycles``. If the first
-    motion is that of J⁺, this is the cost of repeatability. The list has one text. It is empty for
-    a single motion, or if one of the two leaves its path.
+    The text gives it for cycle 1, which both motions begin in the same configuration, and for all
+    ``cycles``. If the first motion is that of J⁺, this is the cost of repeatability. The list has
+    one text. It is empty for a single motion, or if one of the two leaves its path.
     """
     moves = first.speed > 0 and first.mean_speed > 0
     if last is first or not moves or first.path_loss or last.path_loss:
