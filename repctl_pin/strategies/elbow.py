@@ -26,7 +26,7 @@ from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 
 _INSIDE = 1e-4
-"""Distance of the result from a joint limit, rad or m: paths between iterations are curved."""
+"""Distance, rad or m, that results keep from joint limits: paths between iterations are curved."""
 
 _LEAST = 0.05
 """Minimum leaf margin of the result, or that of the start if it is lower."""
@@ -103,7 +103,7 @@ class ElbowLevel:
 class _Regular:
     """Bounds on how near a search may come to singularities and to the edge of Ω.
 
-    If the start exceeds the usual bounds, the search comes no nearer than the start.
+    If the start exceeds one of the usual bounds, its own value becomes the bound.
     """
 
     condition: float
@@ -326,7 +326,10 @@ def _accepted(
 
 
 def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: Array) -> Array:
-    """Bring joints back that a step moved beyond their limits, with the frame at rest."""
+    """Move joints that are beyond their limits back to them, with the frame at rest.
+
+    Return the configuration (n,). The joints stay where they are if that needs too long a step.
+    """
     for _ in range(_NEWTON):
         back = np.clip(q, lower, upper) - q
         beyond = np.abs(back) > _INSIDE / 2

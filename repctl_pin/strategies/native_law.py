@@ -110,7 +110,7 @@ class NativeLaw:
         return self._inverse.copy()
 
     def leaf(self, q: Array) -> Array:
-        """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q.
+        """Evaluate the level c = h(q) (r,) of the potentials, which identifies the leaf of q.
 
         An InputError is raised if q or h(q) is not finite.
         """
@@ -162,9 +162,9 @@ class NativeLaw:
         return self._result.copy()
 
     def report(self) -> tuple[float, float]:
-        """Return the damping λ of the last step, and the factor, 0 to 1, of the speed limits.
+        """Return the damping λ of the last step, and its speed-limit factor, 0 to 1.
 
-        The factor is the share of the step that the joint speed limits left.
+        The joint speed limits shortened the step by this factor.
         """
         return float(self._numbers[3]), float(self._numbers[4])
 

@@ -196,7 +196,7 @@ def _unreached(
         why = "the arm is stretched or folded at a singularity there"
     else:
         clear = float(leaf_margin(nullspace(J), potentials.gradient(q)))
-        why = f"the leaf margin of the control is {clear:.2g} there"
+        why = f"the leaf margin of the controller is {clear:.2g} there"
     return InputError(
         f"{task.frame!r} cannot reach {where} m on this leaf: "
         f"the path ends at {percentage(done)} ({why}); "

@@ -45,7 +45,7 @@ _POSTURE_GAIN = 1.0
 
 _EDGE = 1e-6
 """Distance between the start and a second start, rad or m. Their motions are compared to see
-whether the start lies on an edge between different motions."""
+whether the start lies on an edge: starts on its two sides lead to different motions."""
 
 _AMPLIFIED = 1000.0
 """Growth factor of the distance ``_EDGE`` in one cycle above which the start is on an edge."""
@@ -162,7 +162,7 @@ def _reporter(progress: Callable[[str], None] | None) -> Callable[[str], None]:
     """Check the progress callback; for None, return a function that does nothing."""
     if progress is None:
         return lambda text: None
-    function(progress, "progress", "a function that takes the step that begins")
+    function(progress, "progress", "a function that takes the name of the step that begins")
     return progress
 
 
@@ -329,7 +329,7 @@ def edge_warning(
             return []
         where = f"ends cycle 1 {gap:.2g} {task.unit} away"
     differs = f"from a start that differs by {_EDGE:g} {task.unit} the motion {where}"
-    edge = f"{row.label}: the start is on an edge: {differs}"
+    edge = f"{row.label}: the start is on an edge between two motions: {differs}"
     return [f"{edge}; choose another start or a smaller path"]
 
 
@@ -339,7 +339,7 @@ def _custom_controls(task: Task, controls: Mapping[str, _Control]) -> dict[str, 
     A strategy is an object that computes q̇ from q and ẋ. InputError is raised if the controllers
     are not in a dictionary.
     """
-    what = "a dictionary that gives each control a name, such as {'mine': control}"
+    what = "a dictionary that gives each controller a name, such as {'mine': control}"
     require_type(controls, Mapping, "controls", what)
     return {name: _custom_control(task, name, control) for name, control in controls.items()}
 
