@@ -367,7 +367,10 @@ class CsvTable(Table):
         return cell if cell in self._known else cell.strip("#\"' \t")
 
     def _loaded(self, places: Sequence[int]) -> Array | None:
-        """Read numbers fast, by NumPy; None if the cells must be read one by one."""
+        """Read columns of numbers by NumPy, which is fast; None if cells must be parsed singly.
+
+        ``places`` are the indices of the columns.
+        """
         text = io.TextIOWrapper(io.BytesIO(self._data), "utf-8-sig", newline="")
         kinds = [(f"c{i}", float if i in places else "U1") for i in range(len(self.names))]
         one = len(set(places)) == len(self.names)
@@ -451,7 +454,7 @@ def _lines_of(rows: Iterable[tuple[object, ...]]) -> bytes:
 
 
 class _Arrays(Table):
-    """Arrays of a .npz file; arrays without rows are kept, but do not count as columns."""
+    """Table of a .npz file, one column per array; arrays without rows are kept, not columns."""
 
     def __init__(self, file: Path) -> None:
         self.file = file

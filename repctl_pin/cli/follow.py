@@ -450,7 +450,10 @@ def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
 
 
 def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files: list[Path]) -> str:
-    """Write the report as text; first come notes on leaving Ω and on the leaf that was found."""
+    """Write the report of a motion as text, after a warning on leaving Ω and a note on the leaf.
+
+    ``searched`` is the note on the leaf that --best-leaf found, as lines; ``slowed`` is the motion.
+    """
     from ..show.text.table import outside_words
 
     loud = [*outside_words(slowed.outside or 0.0), *searched]

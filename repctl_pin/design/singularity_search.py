@@ -222,7 +222,11 @@ def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
 
 
 def _newton(measure: Dexterity, region: Region, Q: Array, value: Array) -> None:
-    """Lower the values at Q (S, n), in place, by Newton steps, until one value reaches 0."""
+    """Move Q (S, n) by Newton steps towards singularities of the arm, until one is reached.
+
+    Q and ``value`` (S,), the measure at Q, are updated in place. A row changes only if its value
+    falls.
+    """
     scale = region.bounds.half_width
     ends = Q.copy()
     for _ in range(_NEWTON):

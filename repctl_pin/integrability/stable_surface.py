@@ -340,7 +340,8 @@ def _walked(
 ) -> tuple[Array, Array]:
     """Move from Q (K, n) along G in one task direction (m,), by Runge–Kutta steps h (K, 1).
 
-    Return the final configurations (K, n), and the completed fraction of the length (K,).
+    L (n,) is the unit of each joint, rad or m. Return the final configurations (K, n), and the
+    completed fraction of the length (K,).
     """
 
     def velocity(P: Array) -> Array:

@@ -258,7 +258,7 @@ class KnownApart:
         self._noted: dict[int, int] = {}
 
     def knows(self, pair: int, q: Array) -> bool:
-        """Test whether a pair is known to be apart at q (N,)."""
+        """Test whether a stored distance shows that a pair is apart at q (N,)."""
         if pair not in self._known or (np.abs(q) > self._strokes).any():
             return False
         at, distances = self._known[pair]
@@ -269,7 +269,7 @@ class KnownApart:
         return known
 
     def pays(self, pair: int, q: Array) -> bool:
-        """Record a test of a pair at q (N,), and return whether to measure its distance, too.
+        """Record that a pair is tested at q (N,), and return whether to measure its distance.
 
         Measuring saves time if the last test was near q, so that more tests near q are likely. It
         does not if many earlier measurements of the pair have saved no test.

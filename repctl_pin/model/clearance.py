@@ -232,7 +232,7 @@ class _Search:
         return _Pieces(begin, end, middle, half @ self._reach[pair], -none, none, center)
 
     def _halves(self, pair: int, pieces: _Pieces) -> _Pieces:
-        """Halve pieces at their middles."""
+        """Halve each piece at its middle, and return the halves."""
         begin, end = np.stack([pieces.begin, pieces.middle]), np.stack([pieces.middle, pieces.end])
         halves = self._pieces(pair, begin.ravel(), end.ravel())
         moved = np.abs(halves.center - np.tile(pieces.center, (2, 1))).sum(axis=1)
@@ -290,7 +290,8 @@ class _Pieces(NamedTuple):
     upper
         Upper bounds on the distance at the middles (M,).
     center
-        Positions, at the middles, of the joints that move the pair, times their reach: (M, J), m.
+        Positions, at the middles, of the J joints that move the pair, times their bounds ρ_j: (M,
+        J), m.
     """
 
     begin: Array

@@ -176,7 +176,7 @@ class _CollisionModel:
 
     @property
     def tables(self) -> Any:
-        """The struct :data:`BODY_TABLES` of the bodies and pairs."""
+        """C struct :data:`BODY_TABLES` with the bodies and pairs, for the native library."""
         return self._bounds.tables
 
     def kept(self, distance: float) -> Array:
@@ -307,7 +307,7 @@ class _CollisionModel:
         return np.inf if distance >= 0 and self._only_contact[k] else distance
 
     def _is_nearer(self, k: int, distance: float) -> bool:
-        """Test whether the distance of pair k, as :meth:`_exact` computes it, is below another, m.
+        """Test whether the distance of pair k, see :meth:`_exact`, is below ``distance``, m.
 
         Where hulls overlap, that distance is at most 0, whether or not the bodies collide.
         """

@@ -104,8 +104,8 @@ class _JointTree:
     base : CarriedFrame or None
         The link relative to which the frames are controlled; None for the root.
     first : (n,) array of int
-        Index of the first joint that each entry of q drives; with one frame, of the first on the
-        path to it.
+        Index of the first joint that each entry of q drives. With one frame, only joints on the
+        path to the frame count.
     riding : dict of str to int
         Index of the joint that carries each link; −1 for a link fixed to the base.
     """

@@ -66,7 +66,8 @@ class Coupling:
     def derivatives(self, J: Array) -> Array:
         """Convert derivatives along all joints (..., N) to those along the free joints (..., n).
 
-        A free joint also moves its mimic joints, so that their columns are added.
+        A free joint also moves its mimic joints, so its derivative is the sum over all joints that
+        it moves, times their multipliers: ``J S``.
         """
         return J if self.identity else J @ self.S
 

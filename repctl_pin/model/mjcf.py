@@ -135,7 +135,7 @@ def _joint_notes(model: Any, b: int, name: str) -> list[str]:
 
 
 def _site_parts(model: Any, names: Sequence[str], taken: set[str]) -> list[_Part]:
-    """Convert sites, which are often the tool's centre, to links with names that are not taken."""
+    """Convert sites, which often mark the tool centre, to links with names not in ``taken``."""
     parts = []
     for s in range(model.nsite):
         name, at = model.site(s).name, _placed(model.site_pos[s], model.site_quat[s])
@@ -153,8 +153,9 @@ def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) ->
     """Write the joints of a body as links, one below the other; the last one is the body.
 
     A URDF link has one joint, but a MuJoCo body can have several. ``above`` is the parent link,
-    ``place`` the body in it, and ``joints`` are their numbers in MuJoCo. A free joint is left out.
-    A ball joint is kept, and is split into three joints when the URDF is read.
+    ``place`` the placement of the body in it, and ``joints`` the numbers of the body's joints in
+    MuJoCo. A free joint is left out. A ball joint is kept, and is split into three joints when the
+    URDF is read.
     """
     parts: list[_Part] = []
     for j in joints:

@@ -144,7 +144,7 @@ class Robot(Mechanism):
         """Set limits, types and poses of the movable joints.
 
         ``free`` lists all joints that mimic no other, including locked ones. ``ranges`` and the
-        values of ``poses`` are in its order.
+        values of ``poses`` are in the same order.
         """
         mine = [free.index(name) for name in self.joint_names]
         kept = [ranges[i] for i in mine]

@@ -75,7 +75,7 @@ Surfaces = dict[Path, Surface | InputError]
 
 
 _ALONE = (".stl", ".dae", ".ply", ".off", ".glb")
-"""Formats of which a file depends on no other file than its textures."""
+"""Formats whose files depend on no other files, except for textures."""
 
 _KEPT_FACES = 300_000
 _kept: dict[tuple[Path, int, int], Surface] = {}
@@ -104,7 +104,7 @@ def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
 
 
 def _has_no_textures(path: Path) -> bool:
-    """Test whether a mesh file is one whose colours come from no other file."""
+    """Test whether the colours of a mesh come from its own file, not from textures."""
     kind = path.suffix.lower()
     if kind == ".dae" and path.is_file():
         with suppress(InputError, OSError):

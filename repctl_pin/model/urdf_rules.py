@@ -356,7 +356,7 @@ def _leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
 def _check_range(limit: etree._Element) -> None:
     """Check the range of a revolute or prismatic joint; UrdfError if it allows no motion.
 
-    Both ends 0 are allowed: exporters write that for no limit.
+    ``lower = upper = 0`` is allowed, because exporters write it for a joint without limits.
     """
     lower = number(limit, "lower")
     upper = number(limit, "upper")

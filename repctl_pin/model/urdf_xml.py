@@ -109,7 +109,7 @@ def _not_xml(where: int, what: str | None) -> UrdfError:
 
 
 def _note_foreign(root: etree._Element, notes: list[str]) -> None:
-    """Add notes on ignored xacro elements and undeclared prefixes.
+    """Add notes on ignored xacro elements and undeclared namespace prefixes.
 
     The parts that xacro would have added are missing from the robot.
     """
@@ -279,7 +279,7 @@ def find(package):
 substitution_args._eval_find = substitution_args._eval_dict["find"] = find
 xacro.main()
 """
-"""Program of the process: ``$(find package)`` is looked up in the folders of its arguments."""
+"""Python program that expands xacro, with the folders for ``$(find package)`` as arguments."""
 
 
 def expand(path: Path, most: int, package_dirs: Sequence[str] = ()) -> bytes:

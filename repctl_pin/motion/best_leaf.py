@@ -63,7 +63,7 @@ _DIRECTIONS = 8
 """Number of random directions of the self-motion for r > 1."""
 
 _RANDOM = 8
-"""Number of random starts, those of lowest joint speed, beside the starts along self-motions."""
+"""Number of random starts of lowest joint speed, in addition to starts along self-motions."""
 
 _LEAST_LEAF_MARGIN = 0.1
 """Leaf margin that is sufficient for a start, even if the given start has a larger one."""
@@ -438,7 +438,8 @@ def _fast_starts(
     """Find starts (n,) from which J⁺ follows one cycle of a path with low joint speed.
 
     The inverse kinematics of the first point is solved from random configurations, so the starts
-    can lie on any self-motion of that pose. Walks from another start do not reach all of them.
+    can lie on any self-motion of that pose. Searches along the self-motion of one start do not
+    reach all self-motions.
 
     Parameters
     ----------

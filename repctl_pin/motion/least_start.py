@@ -34,12 +34,12 @@ _STEPS = 24
 """Number of points per cycle."""
 
 _ROUNDS = 3
-"""Maximum number of starts from which self-motions of more than one dimension are walked: the given
-start, then the best one found so far."""
+"""Maximum number of starts whose self-motions are searched if r > 1: the given start, then the best
+one found so far."""
 
 _IMPROVED = 4
-"""Number of motions of lowest joint speed whose starts are then freed; as many again of those that
-have the required margin."""
+"""Number of motions whose starts are freed: this many with the lowest joint speed, and this many
+with the lowest joint speed among those with the required margin."""
 
 
 class _LeastStart(NamedTuple):

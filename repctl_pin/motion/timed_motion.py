@@ -91,12 +91,12 @@ class TimedMotion:
 
     @property
     def _is_its_motion(self) -> bool:
-        """True if ``motion`` has the same samples, so that its checks hold for this motion too."""
+        """True if this object has the samples of ``motion``, whose checks then hold for both."""
         return False
 
     @property
     def _shortest_part(self) -> tuple[float, str]:
-        """Shortest part that a file must show: its duration, s, and its name."""
+        """Shortest part of the motion that a file must resolve: duration, s, and name."""
         return self.cycle_time, "cycle"
 
     def cycle(self, k: int) -> tuple[Array, Array, Array, Array]:

@@ -160,9 +160,9 @@ def _rates(s: Array, R: Array, held: NDArray[np.bool_]) -> Array:
 def _cubics(theta: Array, rates: Array, steps: Array) -> Array:
     """Create the cubic v(u) of each interval, on which R(u) = R exp(v): (P - 1, 3, 3).
 
-    The second axis has the coefficients of u, u² and u³; R is the orientation at the interval's
-    begin, and u runs from 0 to 1. ``theta`` (P - 1, 3) are the rotations over the intervals, whose
-    lengths are ``steps``.
+    The second axis has the coefficients of u, u² and u³; R is the orientation at the beginning of
+    the interval, and u runs from 0 to 1. ``theta`` (P - 1, 3) are the rotations over the intervals,
+    whose lengths are ``steps``.
     """
     begin = rates[:-1] * steps
     end = np.array(

@@ -97,7 +97,7 @@ class Box(Region):
         return self
 
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,), summing to 1.
+        """Compute quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1.
 
         The weighted sum over the nodes approximates the mean over the box. Up to three joints the
         nodes are a Gauss–Legendre grid, which is exact for polynomials of moderate degree; for more

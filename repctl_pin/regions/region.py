@@ -93,7 +93,7 @@ class Region(ABC):
         """
 
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1.
+        """Compute quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1.
 
         The weighted sum of a function over the nodes approximates its mean over the region.
         """
@@ -101,7 +101,7 @@ class Region(ABC):
         return Q, self.weights(Q)
 
     def weights(self, Q: ArrayLike) -> Array:
-        """Quadrature weights of points drawn by :meth:`random`: (K,), which sum to 1."""
+        """Compute the quadrature weights of points drawn by :meth:`random`: (K,), with sum 1."""
         Q = as_configurations(Q, self.n, f"this {type(self).__name__}")
         return normalised(evaluate_density(self.density, Q))
 

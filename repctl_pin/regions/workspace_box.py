@@ -140,7 +140,7 @@ class WorkspaceBox(Region):
         return np.concatenate(found)[:count]
 
     def weights(self, Q: ArrayLike) -> Array:
-        """Quadrature weights of points from :meth:`random`: (K,), which sum to 1.
+        """Compute the quadrature weights of points Q from :meth:`random`: (K,), which sum to 1.
 
         The weights are proportional to ``√det(J Jᵀ)`` and to the density. So the weighted sum is a
         mean over poses and self-motions, not over joint angles.

@@ -214,8 +214,8 @@ def _chosen(
 ) -> tuple[dict[str, str], dict[str, str]]:
     """Split the options, as text by name, into those that the command line names and the others.
 
-    The report shows the first at once, and the second, which have their defaults, in the details.
-    Without a command line, all count as named.
+    The report shows the named options at once, and the others, which have their default values, in
+    the details. Without a command line, all options count as named.
     """
     said = None if command is None else {word.partition("=")[0] for word in shlex.split(command)}
     texts = {name: _text(value) for name, value in options.items()}

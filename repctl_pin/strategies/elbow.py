@@ -103,7 +103,9 @@ class ElbowLevel:
 class _Regular:
     """Bounds on how near a search may come to singularities and to the edge of Ω.
 
-    If the start exceeds one of the usual bounds, its own value becomes the bound.
+    If the start exceeds one of the usual bounds, its own value becomes the bound. ``condition`` is
+    the minimum of σ_min / σ_max of J, ``margin`` the minimum leaf margin, and ``ratio`` the maximum
+    scaled distance from the middle of Ω, 1 at its edge.
     """
 
     condition: float
@@ -273,7 +275,12 @@ def _newton_step(
 
 
 def _model_step(A: Array, H: Array, g: Array, rows: Array, back: Array) -> tuple[Array, bool]:
-    """Minimise ``gᵀz + ½ zᵀHz`` subject to ``rows z = back``; z is 0 along flat directions."""
+    """Minimise ``gᵀz + ½ zᵀHz`` subject to ``rows z = back``, for the step z (r,).
+
+    A direction is flat if slope and curvature along it are small compared with ``‖A‖²``, where A is
+    the derivative of the elbow's position by z. z is 0 along flat directions. The second result is
+    True if no direction is flat.
+    """
     begin: Array = np.zeros(len(g))
     if len(rows):
         begin = np.asarray(np.linalg.lstsq(rows, back, rcond=None)[0], float)

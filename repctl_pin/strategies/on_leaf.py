@@ -187,8 +187,8 @@ def _unreached(
 ) -> InputError:
     """Create the error for a target that cannot be reached on the leaf: the path ends at q.
 
-    The message says how much of the path was ``done`` (0 to 1), and whether the arm or the leaf, by
-    its margin, is near a singularity there.
+    The message gives the share of the path that was ``done`` (0 to 1), and says that J is nearly
+    singular at q or, if it is not, gives the leaf margin at q.
     """
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
     J = task.jacobian(q)

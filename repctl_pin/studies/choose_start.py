@@ -196,7 +196,7 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
 
 
 def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Iterator[PathStart]:
-    """Generate the starts of a problem without a path, those from which a circle fits first.
+    """Generate the starts of a problem without a path; those from which a circle fits come first.
 
     At those starts, no bodies collide either. The others follow in their given order. ``offers``
     are configurations with their descriptions.

@@ -312,10 +312,11 @@ def edge_warning(
 ) -> list[str]:
     """Write a warning if the motion changes when its start moves by 1e-6 along the self-motion.
 
-    In a self-motion the joints move and the frame does not. Results from such a start, on an edge
-    between two motions, depend on rounding errors. ``row`` is the result of ``strategy`` from q0
-    (n,), and ``options`` are passed to ``follow``. The list has one text; the list is empty if the
-    two motions stay within 1000 times that distance, or both stop.
+    In a self-motion the joints move and the frame does not. A start whose motion changes lies on an
+    edge between two motions, and its results depend on rounding errors. The shift is in rad or m.
+    ``row`` is the result of ``strategy`` from q0 (n,), and ``options`` are passed to ``follow``.
+    The list has one text; the list is empty if the two motions stay within 1000 times that
+    distance, or both stop.
     """
     task = strategy.task
     beside = q0 + _EDGE * nullspace(task.jacobian(q0))[:, 0]
