@@ -124,9 +124,9 @@ class ClosingRadius:
     def contains(self, placement: Any) -> bool:
         """Test whether a pose of the frame is within the radius; a path outside may not close.
 
-        A pose beyond the radius is no fault: paths through it are only not proved to close. The arm
-        must be on the leaf of :attr:`start`, a set h(q) = c, or within :attr:`leaf` of it. A pose
-        cannot show this; see :meth:`RepeatableInverse.same_leaf`.
+        Paths through a pose beyond the radius may close, too, but this is not proved. The radius is
+        valid only on the leaf h(q) = c of :attr:`start`, or at levels within :attr:`leaf` of that
+        leaf's. The pose alone does not show the level; see :meth:`RepeatableInverse.same_leaf`.
 
         Parameters
         ----------

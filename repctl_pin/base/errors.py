@@ -15,9 +15,8 @@ _LONGEST = 800
 def printable(text: str, *, lines: bool = False) -> str:
     """Escape unprintable characters, such as terminal control sequences.
 
-    With ``lines``, line breaks are kept.
-
-    Texts from a user's file could otherwise change the terminal.
+    Texts from a user's file could otherwise change the terminal. With ``lines``, line breaks are
+    kept.
     """
     if text.isprintable():
         return text

@@ -252,9 +252,9 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
 
 
 def _own_output(file: os.stat_result) -> int | None:
-    """Return a handle of standard output if the file is standard output, else None.
+    """Return the descriptor of standard output if ``file`` is standard output, else None.
 
-    A second handle of the same file would begin at its start, and overwrite what was printed.
+    Opening the file again would begin at its start, and overwrite what was printed.
     """
     try:
         sys.stdout.flush()

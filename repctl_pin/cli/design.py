@@ -275,8 +275,8 @@ def _region(options: Options, task: rp.Task, q0: Any) -> Region:
     """Make the region Ω of a design without a path, from the task and the start q0 (n,).
 
     Ω is the box of half-width ``--region`` around q0, cut at the joint limits. With
-    ``--workspace``, only configurations of the box count in which the frame is near its position at
-    q0.
+    ``--workspace``, Ω is restricted to the configurations of this box at which the frame is near
+    its position at q0.
     """
     box = box_within_limits(task, q0, options.region)
     if options.workspace is None:

@@ -331,7 +331,7 @@ def proved(design: D, say: Callable[[str], None], leaf: float = 0.0) -> D:
 
     The proof bounds the leaf margin, the distance from an algorithmic singularity, over the whole
     region. A proof that was not reached is also added; it gives the reason. ``say`` receives the
-    progress; the levels of closed paths are within ``leaf`` of the start's.
+    progress; ``leaf`` is the maximum change of the levels along closed paths.
     """
     proof = rp.prove(design, leaf=leaf, progress=in_percent(say))
     return replace(design, proof=proof)

@@ -158,7 +158,7 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
 def null_space_and_inverse(J: Array, task: Task, Q: Array) -> tuple[Array, Array]:
     """Evaluate N (K, n, r) as :func:`oriented_nullspace` does, and J⁺ (K, n, m).
 
-    One factorisation of J (K, m, n) gives both. The configurations Q (K, n) serve error messages.
+    One factorisation of J (K, m, n) gives both. Error messages name the configurations Q (K, n).
     """
     N, basis, R = _oriented(J, task, Q)
     return N, basis[..., : J.shape[-2]] @ np.swapaxes(np.linalg.inv(R), -1, -2)

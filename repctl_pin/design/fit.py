@@ -145,7 +145,8 @@ def _refined(
 def undetermined(potentials: PotentialBasis, task: Task, nodes: int) -> bool:
     """Test whether there are more potentials than equations; each node gives m equations.
 
-    A fit to so few nodes would be meaningless: it is refused, and a search of the degree ends.
+    A fit to so few nodes would be meaningless. It is refused, and a search for the best degree ends
+    before it.
     """
     return nodes * task.m < potentials.size
 

@@ -111,7 +111,7 @@ def independent(
 def _gradients(
     desired: Inverse, potentials: PotentialBasis, Q: Array, weights: Array
 ) -> tuple[Array, Array, Array]:
-    """Measure the gradients of the potentials over nodes Q (K, n).
+    """Compute norms and a triangular factor of the gradients of the potentials at Q (K, n).
 
     Return the triangular factor of the QR factorisation of all gradients, the norms of the
     gradients (N,), and the norms of their parts in the null space of J (N,).

@@ -141,7 +141,8 @@ def inside_limits(task: Task, Q: Array) -> Array:
 def require_inverse(strategy: Inverse) -> Inverse:
     """Require an inverse, a strategy with a matrix G(q), and return it; else raise InputError.
 
-    Repeatability tests differentiate G, which a posture control, for instance, does not have.
+    Repeatability tests differentiate G, which a controller with a posture task, for instance, does
+    not have.
     """
     require_type(strategy, Inverse, "strategy", AN_INVERSE)
     return strategy

@@ -126,7 +126,7 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
 
 
 def _in_units_of_itself(strategy: Inverse, Q: Array) -> _Surface:
-    """Create the function s(q), divided by its median norm over the regular rows of Q.
+    """Create the function s(q) divided by its median norm at the regular rows of Q (K, n).
 
     s are the stacked defects, which are 0 on a candidate surface. Tolerances on the divided s do
     not depend on the arm's size. The result maps Q (K, n) to s (K, pairs · n) and its error (K,).

@@ -89,7 +89,7 @@ def base_placements(robot: Mechanism, Q: Array) -> Array:
 
 
 def base_moves(task: Task) -> bool:
-    """Test whether the joints of a task move the link relative to which it controls its frame."""
+    """Test whether a task's joints move the base, the link to which its frame is relative."""
     base = task.robot.base
     if base is None:
         return False

@@ -298,7 +298,7 @@ class KnownApart:
 
 
 def strokes(model: pin.Model, joints: Mapping[str, Joint]) -> Array:
-    """Bound the positions of all joints by their limits: (N,), m; infinite unless prismatic."""
+    """Bound the absolute positions of prismatic joints by their limits: (N,), m; inf for others."""
     kinds = (joints[name] for name in list(model.names)[1:])
     return np.array([_stroke(j) if j.kind == "prismatic" else np.inf for j in kinds])
 

@@ -173,8 +173,8 @@ class _Search:
     ) -> None:
         """Decide for each undecided pair and piece whether the pair collides or is the closest.
 
-        ``undecided`` is the second and following results of :meth:`look_at`: indices of pairs and
-        of pieces. ``rows`` are the samples between which the pieces lie.
+        ``undecided`` is the result of :meth:`look_at`: indices of pairs and of pieces. ``rows`` are
+        the samples between which the pieces lie.
         """
         pairs, pieces = undecided
         order = np.argsort(pairs, kind="stable")

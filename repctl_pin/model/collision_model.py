@@ -166,7 +166,7 @@ class _CollisionModel:
         return np.where(self._only_contact, np.inf, found)
 
     def reach(self, strokes: Array | None = None) -> Array:
-        """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
+        """Bound how fast each joint changes the distance of each pair: (P, N), m per rad or m.
 
         The bound holds while prismatic joints are within ±``strokes`` (N,), m; by default, within
         their limits. See :meth:`BodyBounds.reach`. A proof uses it to cover a box of
@@ -655,7 +655,7 @@ def collision_model(task: Task) -> _CollisionModel:
 
 
 def _key(task: Task) -> Hashable:
-    """Return the cache key of a task's collision model, which changes if the model would.
+    """Return the cache key of a task's collision model; it changes whenever the model would.
 
     It contains the descriptions, the files with their times and sizes, and the fixed joints.
     """

@@ -518,8 +518,8 @@ class Robot(Mechanism):
 def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
     """Convert a loaded model, of yourdfpy or MuJoCo, to URDF text.
 
-    Returns the text, a name to use instead of a file's, and notes. For any other object, the text
-    is None, and the object itself takes the place of the name.
+    Returns the text, a name to use in place of a file name, and notes. For any other object, the
+    text is None, and the object itself is returned in place of the name.
 
     Raises
     ------

@@ -211,7 +211,7 @@ def _check_root(root: etree._Element) -> None:
 
 
 def _plain(element: etree._Element) -> etree._Element:
-    """Copy an element without namespaces, comments and foreign children; keep the line numbers.
+    """Copy an element without namespaces, comments and foreign elements; keep the line numbers.
 
     All later checks then see plain tags, and can name the line of the file.
     """

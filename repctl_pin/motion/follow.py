@@ -383,7 +383,7 @@ def _velocity(
 ) -> Callable[[Array, Array, float], Array]:
     """Make the function (q, velocity of the path, s) → q̇, with the feedback gain in 1/s.
 
-    The velocity of the path is ẋ. For an axis task, ẋ depends on q, so this velocity is the twist.
+    The velocity of the path is ẋ or, for an axis task, whose ẋ depends on q, the twist (v, ω).
     """
     task, own = strategy.task, strategy.velocity
     turning = task.kind.tool_axes

@@ -1,7 +1,7 @@
 """Walks along the self-motions of a configuration, during which the frame stays at rest.
 
-The self-motions of a redundant arm have r = n − m dimensions. Searches for a better start follow
-them.
+The self-motions of a redundant arm have r = n − m dimensions. A walk is a sequence of
+configurations of one self-motion, a step apart. Searches for a better start use walks.
 """
 
 from __future__ import annotations

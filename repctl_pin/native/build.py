@@ -184,9 +184,10 @@ def mark() -> bytes:
 
 
 def _digest(command: list[str], lines: list[list[str]]) -> bytes:
-    """Compute the mark of a library, with a digest of the compiler and its command lines.
+    """Compute the digests by which a library is recognised: of its sources, and of its build.
 
-    Command lines name the sources relative to this folder, which may be another copy.
+    The second digest is of the compiler and its command lines, which name the sources relative to
+    this folder, because the folder may be a copy.
     """
     version = subprocess.run([*command, "--version"], capture_output=True, check=False).stdout
     texts = [" ".join(line).replace(f"{FOLDER}{os.sep}", "").encode() for line in lines]
@@ -194,7 +195,7 @@ def _digest(command: list[str], lines: list[list[str]]) -> bytes:
 
 
 def _hash(texts: list[bytes]) -> bytes:
-    """Hash a list of texts; other boundaries between the same letters give another hash."""
+    """Hash a list of texts; ``["ab", "c"]`` and ``["a", "bc"]`` have different hashes."""
     known = hashlib.sha256()
     for text in texts:
         known.update(hashlib.sha256(text).digest())

@@ -309,8 +309,8 @@ def _accepted(
     """Find a configuration along the step ``way`` (n,) with the elbow nearer to the point.
 
     The step is halved until its end is within the joint limits, less :data:`_INSIDE`, and within
-    the bounds ``regular``; None if that fails. From beyond the limits, the joints move back, and
-    the distance of the elbow may increase.
+    the bounds ``regular``; None if that fails. If q is beyond the limits, the step moves the joints
+    back, and may move the elbow away from the point.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)

@@ -194,8 +194,8 @@ class NativeLaw:
     def _run_rows(self, name: str, *arrays: Array) -> bool:
         """Call a C function on all rows of arrays, the last of which receives the results.
 
-        ``name`` is the function's name in the library. Returns for each row whether the function
-        succeeded; it fails at a singularity.
+        ``name`` is the function's name in the library. Returns True if the function succeeded at
+        all rows; it stops at a singular row.
         """
         native = library()
         assert native is not None

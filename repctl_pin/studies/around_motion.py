@@ -206,7 +206,7 @@ def _merit(problem: Problem, design: Design) -> tuple[int, float]:
 def _around_motion(
     problem: Problem, desired: Inverse, make: _Make, width: float | None, seed: int, say: _Say
 ) -> Design:
-    """Design in a tube around the motion, all configurations within ``width`` of it.
+    """Design in a tube around the motion: all configurations within ``width`` of the motion.
 
     The motion of a design depends on its tube, and the tube on the motion. The first tube is
     therefore around the motion of a design of degree 1. If the motion of the new design leaves its

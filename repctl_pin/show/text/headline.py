@@ -87,7 +87,7 @@ NO_HEADLINE = Headline((), ())
 
 
 def under(label: str) -> str:
-    """Return how a sentence names a controller: ``the usual control`` for the label J⁺.
+    """Return the name of a controller in a sentence: ``the usual control`` for the label J⁺.
 
     A user's controller is named by its label.
     """
