@@ -91,7 +91,9 @@ def _staged(folder: Path) -> Iterator[Path]:
     try:
         staged = Path(tempfile.mkdtemp(prefix=".repctl-", dir=folder))
     except OSError as error:
-        raise InputError(f"cannot write into {folder}: {error.strerror}") from None
+        raise InputError(
+            f"cannot write into {folder}: {error.strerror}; choose another folder"
+        ) from None
     try:
         try:
             yield staged
@@ -130,7 +132,9 @@ def _move(file: Path, target: Path) -> None:
         os.replace(file, target)
     except OSError as error:
         if target.is_symlink() or file.is_dir():
-            raise InputError(f"cannot write {target}: {error.strerror}") from None
+            raise InputError(
+                f"cannot write {target}: {error.strerror}; choose another name"
+            ) from None
         write_whole(target, file.read_bytes())  # a mounted file cannot be renamed
 
 

@@ -31,7 +31,10 @@ FORMATS = (".csv", ".npz", ".parquet")
 _LARGEST = 4_000_000_000
 _BLOCK = 2**14
 _BOM = "\ufeff".encode()
-_COMMAS = "separate the columns by commas, and use decimal points"
+_COMMAS = (
+    "the columns are separated by semicolons or blanks; separate the columns by commas, and use "
+    "decimal points"
+)
 
 _CELL = re.compile(r'(?:^|,)("(?:[^"]|"")*(?:"[^,]*|$)|[^,]*)')
 """A cell of a CSV file as it is written, with its quotes."""
@@ -96,7 +99,7 @@ class Table(ABC):
         """
         for name in names:
             if not self.widths[name]:
-                raise InputError(f"{self.file}: column {name!r} must be numbers")
+                raise InputError(f"{self.file}: column {name!r} must be numbers; correct it")
         wide = [np.asarray(self.column(name), float) for name in names]
         values = np.concatenate([part.reshape(len(part), -1) for part in wide], axis=1)
         wrong = ~np.isfinite(values).all(axis=1)
@@ -399,7 +402,7 @@ class CsvTable(Table):
 
     def _no_number(self, line: int, place: int, cell: str) -> str:
         name = self.names[place]
-        return f"{self.file}, line {line}: {name} = {cell!r} is not a finite number"
+        return f"{self.file}, line {line}: {name} = {cell!r} is not a finite number; correct it"
 
 
 def _is_blank_separated(row: list[str]) -> bool:

@@ -64,7 +64,7 @@ def add_options(parser: Parser) -> None:
         metavar="W",
         help="half-width of Ω around the start, rad (default %(default)s)",
     )
-    parser.path("use as Ω a tube of that half-width around the motion on a path: ", "")
+    parser.path("use as Ω a tube of radius --region around the motion on this path: ", "")
     workspace = "restrict Ω to frame positions within M metres of the start, along each axis"
     add("--workspace", type=positive, metavar="M", help=workspace)
     add("--shrink", action="store_true", help="shrink Ω until it is free of singularities")

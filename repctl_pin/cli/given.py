@@ -152,7 +152,7 @@ class Options(argparse.Namespace):
         design = self.load_saved()
         if isinstance(design, rp.CellDesign):
             raise InputError(
-                f"this command does not take the function of a cell, but {self.what} is one",
+                f"{self.what} holds the function of a cell, which this command cannot use",
                 remedy="use it with follow or export",
             )
         return design

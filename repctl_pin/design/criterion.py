@@ -143,7 +143,7 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
     if D.shape != (len(Q), task.n, potentials.size):
         raise InputError(
             f"the potentials' gradients must be (K, {task.n}, {potentials.size}) numbers, "
-            f"not {D.shape}"
+            f"not {D.shape}; correct the method gradients"
         )
     if not np.isfinite(D).all():
         k, _, j = np.argwhere(~np.isfinite(D))[0]

@@ -49,7 +49,8 @@ def for_task(design: Any, task: Task) -> Any:
     region = design.region
     if isinstance(region, WorkspaceBox):
         raise InputError(
-            "this design has no other tool: its Ω is a box of positions of the original frame",
+            "a design over a workspace box cannot be converted to another tool, because the box "
+            "bounds positions of the original frame",
             remedy="design again with the new tool's frame",
         )
     inverse = RepeatableInverse(task, design.inverse.potentials, region=region)

@@ -239,7 +239,7 @@ def _read_bytes(path: Path) -> bytes:
         If the file is missing, not a regular file, or too large.
     """
     if not path.is_file():
-        raise InputError(f"{path.name} is not a regular file")
+        raise InputError(f"{path.name} is not a regular file; give a mesh file")
     with path.open("rb") as file:
         data = file.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:

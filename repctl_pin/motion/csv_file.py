@@ -169,7 +169,7 @@ def read_motions(
         times = values[rows, n] if clocks else None
         if times is not None and (late := np.flatnonzero(np.diff(times) <= 0)).size:
             where = table.where(rows[late[0] + 1])
-            raise InputError(f"{where}: time must increase from row to row")
+            raise InputError(f"{where}: time must increase from row to row; correct it")
         made.append(_Recorded(key, joints, values[rows, :n], count, times))
     return made
 

@@ -168,7 +168,10 @@ def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
         if rest is None:
             break
         Q = np.vstack([Q[:1], rest])
-    raise InputError("the motion of J⁺ cannot be closed", remedy="pass a closed motion as guess=")
+    raise InputError(
+        "the motion of J⁺ on this path cannot be deformed into a closed one",
+        remedy="pass a closed motion as guess=",
+    )
 
 
 def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:

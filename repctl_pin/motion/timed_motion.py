@@ -106,7 +106,8 @@ class TimedMotion:
         """
         if as_int(k, "k") >= len(self.starts) - 1:
             raise InputError(
-                f"there are {len(self.starts) - 1} cycles, counted from 0; no cycle {k}"
+                f"there is no cycle {k}; this motion has {len(self.starts) - 1} cycles, "
+                "counted from 0"
             )
         rows = (self.t >= self.starts[k] - 1e-9) & (self.t < self.starts[k + 1] - 1e-9)
         return (self.t[rows] - self.starts[k], self.q[rows], self.qdot[rows], self.qddot[rows])

@@ -83,7 +83,7 @@ class Polynomial(PotentialBasis):
         if size > _MAX_SIZE:
             raise InputError(
                 f"degree {shown(self.degree)} in {len(self.variables)} joints makes "
-                f"{shown(size)} potentials",
+                f"{shown(size)} potentials, but the maximum is {_MAX_SIZE}",
                 remedy="lower the degree or choose variables",
             )
         # One row per potential: the variable of each factor, repeated as often as its power.
