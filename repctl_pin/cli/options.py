@@ -192,7 +192,7 @@ class Parser(argparse.ArgumentParser):
             metavar="JOINT",
             help="hold a joint at the reference pose",
         )
-        base = "link to which the pose is relative; --on LINK: workpiece"
+        base = "link to which poses are relative; --on LINK: workpiece"
         add("--base", metavar="LINK", action=_Base, help=base)
         add("--on", dest="base", metavar="LINK", action=_Base, help=argparse.SUPPRESS)
 

@@ -582,7 +582,7 @@ def _frozen(values: Sequence[float] | NDArray[Any]) -> Array:
 def read_surroundings(
     path: str | Path, package_dirs: Sequence[str]
 ) -> tuple[Description, Sequence[str]]:
-    """Read the URDF of the surroundings; return it, and the folders near it to look up meshes."""
+    """Read the URDF of the surroundings; return it, and the folders in which its meshes may be."""
     beside = Path(os.path.expanduser(str(file_name(path, "surroundings"))))
     near = default_package_dirs(beside)
     return check_surroundings(read_urdf(beside, [*package_dirs, *near])), near

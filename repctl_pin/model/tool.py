@@ -154,7 +154,7 @@ def placement_between(task: Task, other: Task) -> pin.SE3:
 
 
 def _new_name(link: str, model: pin.Model) -> str:
-    """Make a name for the tool of a link that no frame has, such as ``flange tool``."""
+    """Make a frame name that the model does not have for a link's tool, such as ``flange tool``."""
     taken = {frame.name for frame in model.frames}
     name = f"{link} tool"
     while name in taken:
