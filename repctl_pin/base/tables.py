@@ -499,7 +499,8 @@ _NO_NPZ = (ValueError, OSError, EOFError, KeyError, AttributeError, zipfile.BadZ
 def replaced(old: Column | None, cells: NewCells) -> Column:
     """Return a column (K, …) with new numbers; its shape stays, and its type if it is a float type.
 
-    If ``old`` is None, because the file lacks the column, it gets one number per row.
+    If ``old`` is None, because the file lacks the column, it gets one number per row. ``cells`` are
+    the new numbers.
     """
     if old is None:
         return cells.values[:, 0]
@@ -579,7 +580,7 @@ def _changed(column: Any, values: Column, cells: NewCells) -> Any:
     """Make an Arrow array of the type of a column from new numbers (K, …).
 
     Missing numbers stay missing. A column of integers, which cannot hold joints, becomes one of
-    double precision.
+    double precision. ``cells`` has the rows that are replaced.
     """
     import pyarrow
 
@@ -631,7 +632,8 @@ def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
     """Adapt the metadata of a Parquet file to the columns of a changed table.
 
     The library ``datasets`` stores a description of each column, its features, in the metadata. It
-    refuses a file whose features do not match the columns.
+    refuses a file whose features do not match the columns. ``table`` is the changed table, and
+    ``old`` the one before the change.
     """
     metadata = old.schema.metadata
     if not metadata or b"huggingface" not in metadata or table.column_names == old.column_names:

@@ -221,7 +221,10 @@ def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) ->
 
 
 def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
-    """Collect the figures of the timed motion, by key; they replace those of :func:`_result`."""
+    """Collect the figures of the timed motion, by key; they replace those of :func:`_result`.
+
+    ``rest`` is the motion timed from rest to rest.
+    """
     return {
         "duration": rest.duration,
         "slowed_by": None,
@@ -237,7 +240,9 @@ def _written(
     """Write the requested files, from the timed motion if there is one; return their paths.
 
     If a limit is violated or bodies collide, InputError is raised before any file is written,
-    unless ``--allow-violations`` is given. ``remedy`` is the remedy of that error.
+    unless ``--allow-violations`` is given. ``remedy`` is the remedy of that error. ``slowed`` is
+    the motion slowed down to the speed limits, and ``rest`` the motion timed from rest to rest, or
+    None.
     """
     from ..motion.csv_file import csv_text
     from ..motion.joint_motion import refuse_violations
@@ -425,6 +430,7 @@ def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
     """Convert the motion and its figures to plain Python types, for JSON output and for the text.
 
     ``slowed`` is the motion slowed down to meet the speed limits, and ``q0`` (n,) the start.
+    ``followed`` is the result of :func:`_followed`.
     """
     from ..studies.study_result import bodies_dict, limits_dict
 
@@ -453,6 +459,7 @@ def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files:
     """Write the report of a motion as text, after a warning on leaving Ω and a note on the leaf.
 
     ``searched`` is the note on the leaf that --best-leaf found, as lines; ``slowed`` is the motion.
+    ``files`` are the written files.
     """
     from ..show.text.table import outside_words
 

@@ -159,7 +159,9 @@ class Continuation:
         After each descent, singular configurations that a search of Ω finds are added to the
         barrier points, and the descent is repeated from A. Return None if A itself is singular at a
         configuration found in this way, or if every descent ends in a singular V, the gradients of
-        the potentials.
+        the potentials. ``batches`` are the nodes with their barrier points, ``penalty`` is the
+        relative weight of the penalty, and ``tolerance`` the relative decrease of the cost that
+        ends a descent.
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         begin = self._start(len(A))

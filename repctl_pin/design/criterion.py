@@ -9,7 +9,8 @@ Everything that depends on the arm is in the arrays E and F of :class:`Batch`, w
 (34), (36), (38). Each evaluation is then dense linear algebra. :func:`linear`, :func:`cost`,
 :func:`linearised` and :func:`gauss_newton` take one batch and return its terms of the sums over all
 batches. If A has fewer rows than there are potentials, only the first potentials are used. B is a
-basis of coefficients in which the gradients of the potentials are orthonormal over Ω.
+basis of coefficients in which the gradients of the potentials are orthonormal over Ω. An argument b
+is a batch.
 """
 
 from __future__ import annotations
@@ -305,7 +306,7 @@ def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differ
     A node is drawn with a probability that is half constant, half in proportion to the trace of its
     term in coordinates ``B⁻¹ A``, so that nodes near a singularity are seldom missed. The terms are
     divided by the probabilities. Return the drawn nodes' :class:`Differential`, and the trace of
-    the matrix of all nodes.
+    the matrix of all nodes. ``basis`` is B.
     """
     traces = [one.traces(basis) for one in model]
     every = np.concatenate(traces)

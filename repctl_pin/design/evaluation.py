@@ -137,7 +137,11 @@ def _evaluated(
     count: int,
     seed: int,
 ) -> _Replicate:
-    """Evaluate one set of ``count`` nodes; SingularRegionError if a leaf margin is below 0."""
+    """Evaluate one set of ``count`` nodes; SingularRegionError if a leaf margin is below 0.
+
+    ``measure`` evaluates leaf margins. The result has the means over the nodes, and the nodes with
+    the lowest leaf margins.
+    """
     task = inverse.task
     Q = region.random(count, seed)
     weights = region.weights(Q)

@@ -122,7 +122,8 @@ def _refined(
     A singularity that the evaluation finds becomes a barrier point of ``fine``, and the descent is
     repeated. The error of the last singularity is returned if ``near``, the result on few nodes, is
     singular at the same configuration, or after the last repetition. ``samples`` is the number of
-    all nodes.
+    all nodes. ``chosen`` are the independent potentials, and ``way`` is the continuation that made
+    ``near``.
     """
     refusal: SingularRegionError | None = None
     for _ in range(_ROUNDS):

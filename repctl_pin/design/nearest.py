@@ -119,7 +119,7 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
 
     The search ends at degree 6 (8 for up to three joints), at too many unknowns or too few nodes,
     at a singularity, or at an improvement below 1 %. ``degrees`` of the design lists the degrees
-    that were tried.
+    that were tried. ``shrink`` is as in :func:`nearest_repeatable`.
     """
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []

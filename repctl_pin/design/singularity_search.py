@@ -328,7 +328,8 @@ def refuse_singular(
     """Make the error for a region with singularities at the configurations ``bad`` (B, n).
 
     The message names the first of them, and the largest singularity-free region with the same
-    centre. ``what`` begins the message, such as "the Jacobian loses rank in Ω".
+    centre. ``what`` begins the message, such as "the Jacobian loses rank in Ω". ``measure`` is the
+    measure that is 0 at these singularities.
     """
     at = bad[0]
     largest = largest_free(measure, region, bad)

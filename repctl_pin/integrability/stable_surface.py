@@ -250,7 +250,7 @@ def _improved(strategy: Inverse, function: _Surface, Q: Array, step: Array, size
     """Try five lengths of each step from Q (K, n), and return the points of smallest ‖s‖.
 
     ``size`` (K,) is ‖s‖ at Q. A point that no length improves is left out: it is a local minimum of
-    ‖s‖ above 0.
+    ‖s‖ above 0. ``function`` evaluates s.
     """
     trials = Q[:, None] + 0.5 ** np.arange(5)[:, None] * step[:, None]  # (K, 5, n)
     norms = _norms(strategy, function, trials.reshape(-1, Q.shape[1])).reshape(len(Q), -1)
@@ -263,7 +263,7 @@ def _newton_step(strategy: Inverse, function: _Surface, Q: Array, s: Array, L: A
 
     ``s`` (K, pairs · n) are the values at Q (K, n), and L (n,) the unit of each joint, rad or m.
     The derivative is by central differences. s is first projected onto the null space of J, in
-    which all defects lie, so that no equation is counted twice.
+    which all defects lie, so that no equation is counted twice. ``function`` evaluates s.
     """
     K, n = Q.shape
     h = 1e-4
@@ -283,7 +283,7 @@ def _newton_step(strategy: Inverse, function: _Surface, Q: Array, s: Array, L: A
 def _norms(strategy: Inverse, function: _Surface, Q: Array) -> Array:
     """Evaluate ``‖s(q)‖`` of a surface s at every row of Q: (K,); inf where J is singular.
 
-    Inf makes a line search reject such points.
+    Inf makes a line search reject such points. ``function`` evaluates s.
     """
     norms = np.full(len(Q), np.inf)
     regular = _dexterity(strategy, Q) > _SINGULAR
@@ -296,7 +296,8 @@ def _rates(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Arra
     """Evaluate ``‖(∂s/∂q) G‖`` (9) along unit joint motions of G, and its tolerance: (K,) each.
 
     Motions of G leave the surface s = 0 at this rate, which is 0 on a stable surface. The tolerance
-    is the rate that the errors of s and of its derivative can produce.
+    is the rate that the errors of s and of its derivative can produce. ``function`` evaluates s and
+    its error.
     """
     L = joint_scale(strategy.task, Q[0])
     slope, error = differentiate(lambda P: function(P)[0], Q, L)
@@ -316,7 +317,7 @@ def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array
 
     Returns for each row the maximum ‖s‖, and the minimum fraction of the motion that was completed
     before a singularity: (K,) each. The length of the motion is 0.2 rad, or less where G changes
-    direction within less than 1 rad.
+    direction within less than 1 rad. ``function`` evaluates s.
     """
     task = strategy.task
     L = joint_scale(task, Q[0])

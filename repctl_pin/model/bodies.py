@@ -285,7 +285,8 @@ class Bodies:
     def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Compute the minimum body distance and the index of its pair at every row of Q (K, n).
 
-        Returns distances (K,), m, and indices (K,); inf and −1 where no pair is measured.
+        Returns distances (K,), m, and indices (K,); inf and −1 where no pair is measured. With
+        ``hulls``, distances are those of the convex hulls.
         """
         Q = as_configurations(Q, self.task.n, repr(self.task))
         return self._model.least(self._drive.joints(Q), hulls=hulls)

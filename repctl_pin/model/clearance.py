@@ -220,7 +220,10 @@ class _Search:
         self._undecided = pair if self._undecided is None else self._undecided
 
     def _pieces(self, pair: int, begin: Array, end: Array) -> _Pieces:
-        """Make pieces from the positions of their ends (M,), without bounds on the distance."""
+        """Make pieces from the positions of their ends (M,), without bounds on the distance.
+
+        ``begin`` and ``end`` (M,) are these positions, as sample numbers.
+        """
         middle = (begin + end) / 2
         long = end - begin > 1
         middle[long] = np.rint(middle[long])

@@ -152,7 +152,8 @@ def arm_ends(description: Description) -> list[_Body]:
 def _ends(root: _Body, *, whole: bool) -> list[_Body]:
     """List the bodies without branches, the hands and the tools with a load, in the file's order.
 
-    ``whole`` is True if the whole robot is a finger; a hand is then not an end.
+    ``whole`` is True if the whole robot is a finger; a hand is then not an end. ``root`` is the
+    body at which the search begins.
     """
     ends, todo = [], [root]
     while todo:

@@ -289,7 +289,10 @@ def _interval(lower: float, upper: float) -> str:
 
 
 def _loss(before: float, after: float) -> float:
-    """Compute the share of a range or a limit that is lost; 1 if there was no limit before."""
+    """Compute the share of a range or a limit that is lost; 1 if there was no limit before.
+
+    ``before`` and ``after`` are the range or limit before and after.
+    """
     return 1.0 if np.isinf(before) else 1 - after / before
 
 

@@ -68,7 +68,11 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
 
 
 def _kept(path: Path, variant: str) -> Path | None:
-    """Return the file in which the arrays of a mesh file are cached; None if they are not."""
+    """Return the file in which the arrays of a mesh file are cached; None if they are not.
+
+    Files in formats that need other files, and files that are too large, are not cached; without a
+    home folder, no file is. ``variant`` is as in :func:`cached`.
+    """
     kind = path.suffix.lower()
     if kind not in _COMPLETE:
         return None

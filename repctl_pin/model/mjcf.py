@@ -104,7 +104,10 @@ def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> b
 def _body_parts(
     model: Any, b: int, names: Sequence[str], mimics: Mapping[str, tuple[str, float, float]]
 ) -> list[_Part]:
-    """Convert body number b to links: one per joint, the last with the inertia."""
+    """Convert body number b to links: one per joint, the last with the inertia.
+
+    ``names`` are the names of the links, and ``mimics`` the mimic joints, see :func:`_couplings`.
+    """
     place = _placed(model.body_pos[b], model.body_quat[b])
     above = names[int(model.body_parentid[b])]
     chain = _joints(model, names[b], above, place, _joint_numbers(model, b))
@@ -270,7 +273,7 @@ def _shapes(kind: int, size: Array, at: pin.SE3) -> list[tuple[pin.SE3, dict[str
     """Convert a MuJoCo shape to a URDF shape: a list with its placement, tag and attributes.
 
     ``kind`` is MuJoCo's type number, ``size`` the half sizes, m. The list is empty for other types
-    than sphere, box, cylinder and capsule.
+    than sphere, box, cylinder and capsule. ``at`` is the shape's placement.
     """
     if kind == _SPHERE:
         return [(at, {"tag": "sphere", "radius": repr(float(size[0]))})]
@@ -286,7 +289,7 @@ def _mesh(model: Any, mesh: int, at: pin.SE3, folder: Path) -> list[tuple[pin.SE
     """Convert a MuJoCo mesh to a URDF shape, undoing MuJoCo's shift to the mesh's centre.
 
     ``mesh`` is the mesh's number in the model. Returns a list as :func:`_shapes` does, empty if the
-    mesh has no file.
+    mesh has no file. ``at`` is the mesh's placement.
     """
     begin = int(model.mesh_pathadr[mesh])
     if begin < 0:
@@ -332,7 +335,10 @@ def _origin(above: etree._Element, place: pin.SE3) -> None:
 
 
 def _text(name: str, parts: Sequence[_Part]) -> bytes:
-    """Write links and joints as URDF; the result is the bytes of an XML file."""
+    """Write links and joints as URDF; the result is the bytes of an XML file.
+
+    ``name`` is the robot's name.
+    """
     robot = etree.Element("robot", name=name)
     for part in parts:
         link = etree.SubElement(robot, "link", name=part.name)

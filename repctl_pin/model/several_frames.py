@@ -140,7 +140,10 @@ class SeveralFrames(Task):
         return np.concatenate([part.jacobian(q) for part in self.parts])
 
     def error(self, q: ArrayLike, target: Placement) -> Array:
-        """Evaluate the task error (m,) of all frames to their targets, m and rad."""
+        """Evaluate the task error (m,) of all frames to their targets, m and rad.
+
+        ``target`` has a placement per frame.
+        """
         targets = self.as_target(target)
         return np.concatenate(
             [part.error(q, x) for part, x in zip(self.parts, targets, strict=True)]

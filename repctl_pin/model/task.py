@@ -30,7 +30,11 @@ from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_be
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
-    """Suggest joint positions in rad if the values, read as degrees, are within the limits."""
+    """Suggest joint positions in rad if the values, read as degrees, are within the limits.
+
+    ``lower`` and ``upper`` (n,) are the limits, rad or m. The result is the remedy of a message, or
+    an empty text.
+    """
     if not ((joints >= lower) & (joints <= upper)).all():
         return ""
     return f"if these are degrees, give {','.join(f'{q:.4g}' for q in joints)}"

@@ -193,7 +193,10 @@ def check_surroundings(description: Description) -> Description:
 
 
 def _still_notes(elements: Mapping[str, etree._Element]) -> list[str]:
-    """Write the note on joints with the speed limit 0, which is read as no limit."""
+    """Write the note on joints with the speed limit 0, which is read as no limit.
+
+    ``elements`` are the joints' elements, by name.
+    """
     still = [repr(name) for name, element in elements.items() if _no_speed(element)]
     return [f"speed limit 0 of joint {', '.join(still)} read as no limit"] if still else []
 

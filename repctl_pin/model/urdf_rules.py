@@ -341,7 +341,8 @@ def _leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
 
     The leader has the written name, or that name with the follower's prefix, which macros often
     omit: ``left_index_2`` that mimics ``index_1`` follows ``left_index_1`` if there is no joint
-    ``index_1``.
+    ``index_1``. ``name`` is the name of the mimic joint, ``mimicked`` the written name, and
+    ``joints`` are the names of all joints.
     """
     if mimicked in joints:
         return mimicked

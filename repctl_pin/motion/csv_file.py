@@ -206,6 +206,7 @@ def _joints(names: Sequence[str], known: Sequence[str], where: str) -> tuple[str
     """Select the joint columns of a header, in its order, and refuse columns of unknown meaning.
 
     ``known`` are the names of the robot's joints. An unknown column could be a misspelt joint.
+    ``where`` names the file and the line in messages.
 
     Raises
     ------

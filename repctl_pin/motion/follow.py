@@ -211,7 +211,8 @@ def _locked(
 ) -> _Method:
     """Create the integration method of a motion on the leaf of q0 (n,).
 
-    Raises InputError if the strategy is not repeatable or ``feedback`` is not 0.
+    Raises InputError if the strategy is not repeatable or ``feedback`` is not 0. ``grid`` are the
+    values of s at the ends of the steps, ``period`` is in s, and ``lock`` has the options.
     """
     if feedback:
         raise InputError(
@@ -334,7 +335,7 @@ def _integrated(
 
     ``integrator`` is a key of ``_INTEGRATORS``: ``"euler"`` or ``"rk4"``. ``period`` is the
     duration of a cycle, s, and ``feedback`` the gain of the task error, 1/s. All twists of the path
-    are evaluated here, once for all cycles.
+    are evaluated here, once for all cycles. ``steps`` is the number of steps per cycle.
     """
     task = strategy.task
     nodes, weights = _INTEGRATORS[integrator]

@@ -156,7 +156,7 @@ def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
 
     The motion of J⁺ is not closed in general, and the descent must begin with a closed one. Each
     stage subtracts the gap ``q_K − q_0``, at most 0.3 rad or m of it, in proportion to s, and moves
-    the configurations back to the path along J⁺.
+    the configurations back to the path along J⁺. ``grid`` are the values of s, from 0 to 1.
     """
     for _ in range(_STAGES):
         gap = Q[-1] - Q[0]

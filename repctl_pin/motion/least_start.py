@@ -121,7 +121,7 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) 
 
     Each motion is the guess for the motion from the next start. ``turn`` (r, r) rotates the
     directions. The walks go on beyond joint limits, because later parts of a self-motion can be
-    within them again.
+    within them again. ``given`` is the motion from that start.
     """
     start = given.q[0]
     target = path.placement(0.0)

@@ -273,7 +273,8 @@ def _per_joint(
     """Convert limits of acceleration or jerk, numbers or a published name, to an array (n,).
 
     ``known`` maps published names to numbers and their source. InputError is raised unless there is
-    one number, or one per joint; ``what`` names the limit in the message.
+    one number, or one per joint; ``what`` names the limit in the message. ``given`` are the limits
+    as the user gives them.
     """
     n = len(task.joint_names)
     if isinstance(given, str):

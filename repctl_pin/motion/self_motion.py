@@ -60,7 +60,7 @@ def _walk(
     ``along`` (n,) is the first direction; each step goes along its projection onto the null space.
     ``stride`` is the length of a step, rad; for prismatic joints in arm lengths. The walk ends
     after a full turn (2π), at a joint limit if ``limits`` is True, or where the direction leaves
-    the null space.
+    the null space. ``target`` is the placement of the frame.
     """
     L = joint_scale(task, q)
     for _ in range(int(2 * np.pi / stride)):

@@ -140,7 +140,8 @@ def solve_near(
 ) -> Array:
     """Find q near q0 with f(q) at the target: like :func:`solve_ik`, but from q0 only.
 
-    Walks along a path or a self-motion need the solution nearest to the previous one.
+    Walks along a path or a self-motion need the solution nearest to the previous one. ``tolerance``
+    is the maximum task error, m and rad.
 
     Raises
     ------

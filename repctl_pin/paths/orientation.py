@@ -162,7 +162,7 @@ def _cubics(theta: Array, rates: Array, steps: Array) -> Array:
 
     The second axis has the coefficients of u, u² and u³; R is the orientation at the beginning of
     the interval, and u runs from 0 to 1. ``theta`` (P - 1, 3) are the rotations over the intervals,
-    whose lengths are ``steps``.
+    whose lengths are ``steps``. ``rates`` (P, 3) are the angular velocities at the knots.
     """
     begin = rates[:-1] * steps
     end = np.array(

@@ -302,7 +302,8 @@ def _shares(terms: dict[_Powers, Array], degree: int, scale: Array) -> dict[_Pow
 
     ``terms`` are the coefficients (r,) of the monomials u^β by their powers β. See
     :class:`PolynomialMap` for z and ``w_i = ∂h/∂z_i``: weights are stored instead of coefficients,
-    because one table then gives values and all derivatives.
+    because one table then gives values and all derivatives. ``degree`` and ``scale`` are those of
+    the map.
     """
     shares: dict[_Powers, Array] = {}
 

@@ -69,7 +69,7 @@ class Box(Region):
     def between(cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None) -> Box:
         """Create the box between two opposite corners (n,), such as two lists of joint limits.
 
-        InputError is raised unless lower < upper for every joint.
+        InputError is raised unless lower < upper for every joint. ``density`` is as for the class.
         """
         low = vector(lower, None, "the lower corner of a box")
         high = vector(upper, len(low), "the upper corner of a box")

@@ -25,7 +25,10 @@ from .task_identity import carrying_tool, compare, task_of, written_task
 
 
 def _extended(extension: Extension, module: str) -> FileKind:
-    """Import a kind of file from an extension: the constant ``KIND`` of one of its modules."""
+    """Import a kind of file from an extension: the constant ``KIND`` of one of its modules.
+
+    ``module`` is the name of the module.
+    """
     kind: FileKind = extension.module(module).KIND
     return kind
 

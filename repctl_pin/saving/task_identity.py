@@ -3,7 +3,8 @@
 Everything that the numbers of the file depend on is compared: robot, frame, joints, placements of
 the frame, joint limits, the frames of arm angles, masses, and collision bodies. Speed limits are
 compared if the design has the period of a cycle. Geometry and masses are compared at the check
-configurations, a few configurations that the file contains.
+configurations, a few configurations that the file contains. An argument ``made_for`` is the part of
+the file that describes the task.
 """
 
 from __future__ import annotations

@@ -247,7 +247,8 @@ def _taken(
 
     Return the accepted point, or None if no length is accepted. The full step is usually accepted,
     so it is evaluated with the intermediate values that the next model needs. ``rules`` has the
-    number of halvings and the sufficient decrease.
+    number of halvings and the sufficient decrease. ``here`` is the point from which the step
+    starts.
     """
 
     def most(length: float) -> float:

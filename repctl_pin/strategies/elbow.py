@@ -198,7 +198,8 @@ def leaf_toward(
 
     The method uses the gradient and the second derivatives by z (r,), the step along the columns of
     N. After a step q + N z, the frame is brought back to its pose. A joint at a limit stays there
-    unless the minimum is inside its limits.
+    unless the minimum is inside its limits. ``point`` (3,) is p_e, in the base frame, m, and
+    ``margin`` is the distance to keep from the joint limits.
     """
     task = inverse.task
     lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
@@ -252,7 +253,9 @@ def _newton_step(
     """Compute the step z (r,) to the minimum of the quadratic model within the joint limits.
 
     A joint at or beyond its limit that would move farther outward is moved to the limit. The second
-    result is False if the model is too flat for a unique minimum.
+    result is False if the model is too flat for a unique minimum. g (r,) and H (r, r) are the
+    gradient and the second derivatives of the model, A (3, r) is the derivative of the elbow's
+    position by z, and ``lower`` and ``upper`` (n,) are the limits.
     """
     held = np.zeros(len(q), bool)
     goal = np.clip(q, lower, upper)
@@ -336,6 +339,7 @@ def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: A
     """Move joints that are beyond their limits back to them, with the frame at rest.
 
     Return the configuration (n,). The joints stay where they are if that needs too long a step.
+    ``place`` is the placement of the frame.
     """
     for _ in range(_NEWTON):
         back = np.clip(q, lower, upper) - q

@@ -138,7 +138,7 @@ class NativeLaw:
         ``target`` is the placement x, ``twist`` the feed-forward (v, ω), ``leaf`` the level c, and
         ``gain`` the feedback gain, 1/s; None removes the whole error in one step. ``bounds`` are
         the speed limits and the maximum damping. An InputError or a SingularityError is raised if C
-        finds no step.
+        finds no step. ``dt`` is the duration of the step, s.
         """
         given = 0
         self._q[...] = q

@@ -113,7 +113,7 @@ def _newton(
 
     ``step`` is the method of the inverse that computes the next q of a control loop; with dt = 1 it
     is a Newton step. None if the first step is too long, the steps do not shrink, or J_V is
-    singular.
+    singular. ``target`` is the placement x.
     """
 
     def correction(q: Array) -> Array:
@@ -176,7 +176,7 @@ def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
     """Interpolate the placement at the share s of the path, 0 to 1.
 
     The position moves in a straight line, and the orientation turns by s times the rotation vector
-    ``turn`` (3,), rad, in base axes.
+    ``turn`` (3,), rad, in base axes. ``start`` and ``target`` are the placements at its ends.
     """
     p = start.translation + s * (target.translation - start.translation)
     return pin.SE3(pin.exp3(s * turn) @ start.rotation, p)

@@ -177,7 +177,7 @@ def _designed(
 ) -> tuple[Problem, Design]:
     """Design the repeatable inverse nearest to ``desired``, and complete the problem by its region.
 
-    If ``quiet``, the steps of the fit are not reported.
+    If ``quiet``, the steps of the fit are not reported. ``degree`` is that of the polynomials.
     """
     designing = f"designing the nearest repeatable inverse, degree {degree}"
 
@@ -241,7 +241,8 @@ def _rows(
     Controllers are J⁺, J⁺ with two postures, ``custom`` by name, and the design's inverse, in this
     order. If ``period`` is None, it is chosen so that no joint exceeds its speed limit. Returned
     are the rows, the period, s, and the notes on the period and on a start on an edge between two
-    motions (see :func:`edge_warning`).
+    motions (see :func:`edge_warning`). ``cycles`` and ``steps`` are the numbers of cycles, and of
+    steps per cycle.
     """
     q0 = problem.start
     path = problem.cycle

@@ -1,8 +1,8 @@
 """Motions of a whole robot for animation, from results or CSV files.
 
-A playback is one motion of all joints of the robot, as the page shows it. A traced chain consists
-of the joints that move one frame; the page draws traces of that frame and of the chain's elbow, the
-joint in the middle of the arm that moves most during self-motion.
+A playback, or track, is one motion of all joints of the robot, as the page shows it. A traced chain
+consists of the joints that move one frame; the page draws traces of that frame and of the chain's
+elbow, the joint in the middle of the arm that moves most during self-motion.
 """
 
 from __future__ import annotations

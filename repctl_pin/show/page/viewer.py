@@ -297,7 +297,8 @@ class Viewer:
     def _serve(self, sockets: Any, page: str) -> None:
         """Run the server until its loop is stopped, then close it.
 
-        This is the function of the viewer's thread.
+        This is the function of the viewer's thread. ``sockets`` are the open sockets of the port,
+        and ``page`` is the HTML page to serve.
         """
         asyncio.set_event_loop(self._loop)
         handlers: list[Any] = [("/", _Page, {"page": page}), ("/poses", _Poses, {"viewer": self})]

@@ -207,7 +207,8 @@ def _whole(text: str) -> str:
 def _is_open(one: MotionSummary) -> bool:
     """Return whether the hand does not end where it began, although it does not leave its path.
 
-    The path is then not closed, or is unknown because the motion was read from a file.
+    The path is then not closed, or is unknown because the motion was read from a file. ``one`` is
+    the summary of the motion.
     """
     return one.path_loss is None and one.hand_off > ON_PATH * one.size
 
@@ -348,7 +349,7 @@ def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
 def off_of(one: MotionSummary) -> Span:
     """Format the displacement of the most displaced part at the end of all cycles.
 
-    The tone is ``good`` for 0, and ``bad`` from 1 cm up.
+    The tone is ``good`` for 0, and ``bad`` from 1 cm up. ``one`` is the summary of the motion.
     """
     tone = "good" if one.back else "bad" if one.off >= SMALL else ""
     return Span(displacement(one.off), tone, _exact(one))
@@ -357,7 +358,7 @@ def off_of(one: MotionSummary) -> Span:
 def _exact(one: MotionSummary) -> str:
     """Write the most displaced link, and its displacement, m, with three digits.
 
-    Readers can look up this exact value of a rounded text.
+    Readers can look up this exact value of a rounded text. ``one`` is the summary of the motion.
     """
     return f"{one.link}: {one.off:.3g} m"
 
@@ -382,7 +383,7 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
 def _turned(one: MotionSummary) -> Span:
     """Format the final displacement of a joint, rad, if the parts are hardly displaced.
 
-    The tone is ``bad`` from 0.1 rad up.
+    The tone is ``bad`` from 0.1 rad up. ``one`` is the summary of the motion.
     """
     angle = one.joint_displacement[0]
     value = "0" if angle < _UNTURNED else _whole(radians(angle))
@@ -458,6 +459,7 @@ def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     """Write which joints leave their ranges if the drift goes on: a list of one text, or none.
 
     Controllers under which the same joint leaves its range in the same cycle are named together.
+    ``cycles`` is the number of cycles of the motions.
     """
     exits: dict[tuple[int, str], list[MotionSummary]] = {}
     for one in summaries:
