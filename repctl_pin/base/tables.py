@@ -633,7 +633,7 @@ def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
 
     The library ``datasets`` stores a description of each column, its features, in the metadata. It
     refuses a file whose features do not match the columns. ``table`` is the changed table, and
-    ``old`` the one before the change.
+    ``old`` the one before the change. Return the adapted metadata; None if there are none.
     """
     metadata = old.schema.metadata
     if not metadata or b"huggingface" not in metadata or table.column_names == old.column_names:

@@ -162,7 +162,8 @@ def _designed(
 ) -> tuple[rp.Problem, rp.Design]:
     """Design the repeatable inverse nearest to ``desired``, and add its region to the problem.
 
-    The remedy of a SingularRegionError names options of the command.
+    The remedy of a SingularRegionError names options of the command. Return the completed problem,
+    and the design.
     """
     from ..studies.around_motion import design_for
 

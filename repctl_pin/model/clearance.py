@@ -267,7 +267,7 @@ class _Search:
         return distance
 
     def _measure_all(self, at: float) -> tuple[float, int]:
-        """Measure the minimum distance at a position, m, and find its pair."""
+        """Measure the minimum distance at a position, m; return it and the index of its pair."""
         found, which = self._model.least(_between(self._Q, np.array([at])))
         return float(found[0]), int(which[0])
 

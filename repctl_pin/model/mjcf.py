@@ -106,7 +106,7 @@ def _body_parts(
 ) -> list[_Part]:
     """Convert body number b to links: one per joint, the last with the inertia.
 
-    ``names`` are the names of the links, and ``mimics`` the mimic joints, see :func:`_couplings`.
+    ``names`` are the names of all bodies, and ``mimics`` the mimic joints, see :func:`_couplings`.
     """
     place = _placed(model.body_pos[b], model.body_quat[b])
     above = names[int(model.body_parentid[b])]

@@ -127,9 +127,10 @@ class Robot(Mechanism):
     def _poses_within(
         self, free: Sequence[str], ranges: Sequence[Range], notes: list[str]
     ) -> dict[str, Array]:
-        """Compute the named poses of the free joints, within their ranges, by the poses' names.
+        """Compute the named poses of the free joints, within their ranges: (n,) each, by pose name.
 
-        Notes on values of the reference pose that were moved within the limits are appended.
+        Notes on values of the reference pose that were moved within the limits are appended to
+        ``notes``.
         """
         lower, upper = np.array([(one.lower, one.upper) for one in ranges]).reshape(-1, 2).T
         turns = self._revolute(free)
@@ -349,7 +350,7 @@ class Robot(Mechanism):
         return FrameSpec(name, task_kind(own), base, moving)
 
     def _moving(self, frame: str, joints: Sequence[str] | None) -> tuple[str, ...]:
-        """List the joints that move a frame; only those among ``joints``, if they are given.
+        """List the names of the joints that move a frame; only those in ``joints``, if given.
 
         InputError is raised if no joint moves the frame, or if one of ``joints`` does not move it.
         """

@@ -464,7 +464,10 @@ class Task:
         return Js, Rs
 
     def _placements(self, Q: Array) -> tuple[Array, Array]:
-        """Evaluate the frame's position (K, 3) and rotation (K, 3, 3) at every row of Q."""
+        """Evaluate the frame's position (K, 3) and rotation (K, 3, 3) at every row of Q.
+
+        Positions are in m, both in the base frame.
+        """
         here = self._data.oMf[self._frame_id]
         p, R = here.translation, here.rotation  # views, which each evaluation fills
         points, turns = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3))

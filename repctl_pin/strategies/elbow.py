@@ -228,7 +228,10 @@ def leaf_toward(
 
 
 def _derivatives(inverse: _OnLeaves, elbow: Elbow, q: Array, N: Array) -> tuple[Array, Array]:
-    """Compute the first (3, r) and second (r, r, 3) derivatives of the elbow's position by z."""
+    """Compute the first (3, r) and second (r, r, 3) derivatives of the elbow's position by z.
+
+    z are the coordinates of the self-motion, the steps along the columns of N (n, r).
+    """
     r, h, here = N.shape[1], _APART, elbow.point(q)
     place = inverse.task.placement(q)
 

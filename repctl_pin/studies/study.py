@@ -178,6 +178,7 @@ def _designed(
     """Design the repeatable inverse nearest to ``desired``, and complete the problem by its region.
 
     If ``quiet``, the steps of the fit are not reported. ``degree`` is that of the polynomials.
+    Return the completed problem, and the design.
     """
     designing = f"designing the nearest repeatable inverse, degree {degree}"
 
