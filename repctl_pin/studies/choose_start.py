@@ -259,7 +259,9 @@ def _check_regular(task: Task, q0: Array, remedy: str) -> None:
     """
     if dexterity_at(task, q0) < _SINGULAR:
         raise SingularityError(
-            f"the start is at a singularity of {task.frame!r}, {task.kind}", remedy=remedy, at=q0
+            f"the start is a singularity of the {task.kind} task of {task.frame!r}",
+            remedy=remedy,
+            at=q0,
         )
 
 
