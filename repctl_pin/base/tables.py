@@ -125,7 +125,8 @@ def read_table(file: Path, known: Collection[str] = ()) -> Table:
     file
         The file.
     known
-        Names that may stand in the header of a CSV file; others are stripped of ``#`` and quotes.
+        Names that may stand in the header of a CSV file; other names are stripped of ``#`` and
+        quotes.
 
     Raises
     ------

@@ -330,7 +330,7 @@ def proved(design: D, say: Callable[[str], None], leaf: float = 0.0) -> D:
     """Add to a design a proof with the largest bounds that can be found in a minute.
 
     The proof bounds the leaf margin, the distance from an algorithmic singularity, over the whole
-    region. A proof that was not reached is also added; it gives the reason. ``say`` receives the
+    region. A proof that was not reached is also added, with the reason. ``say`` receives the
     progress; ``leaf`` is the maximum change of the levels along closed paths.
     """
     proof = rp.prove(design, leaf=leaf, progress=in_percent(say))

@@ -231,8 +231,8 @@ class Continuation:
         """Yield the regular optima reached by descents from random perturbations of A.
 
         There are ``options.restarts`` perturbations, by default none. A descent can end in a local
-        minimum; others may be lower. Perturbed coefficients with a singularity at a node are
-        skipped.
+        minimum, and another local minimum may be lower. Perturbed coefficients with a singularity
+        at a node are skipped.
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         for attempt in range(self.problem.options.restarts):

@@ -40,7 +40,7 @@ _WALK, _WALK_STEPS = 0.2, 8  # length and steps of the walk that tests a surface
 class Surfaces:
     """Points found on surfaces s(q) = 0, with the stacked defects s of an inverse, and their kinds.
 
-    The defects measure how far the inverse is from repeatable: they are 0 where it can be
+    The defects measure how far the inverse is from repeatable, and are 0 where the inverse can be
     repeatable.
 
     Attributes

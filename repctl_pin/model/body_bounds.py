@@ -236,8 +236,8 @@ class KnownApart:
     r"""Measured surface distances of pairs, which rule out contact at nearby configurations.
 
     Surfaces at a distance d at a configuration x are apart at every q with ρ·\|q − x\| < d, where ρ
-    are the rates of :meth:`BodyBounds.reach`. They do not meet on the straight line from x to q
-    either, so no body gets inside another one.
+    are the rates of :meth:`BodyBounds.reach`. The surfaces do not meet on the straight line from x
+    to q either, so no body gets inside another one.
 
     Parameters
     ----------
@@ -271,8 +271,8 @@ class KnownApart:
     def pays(self, pair: int, q: Array) -> bool:
         """Record that a pair is tested at q (N,), and return whether to measure its distance.
 
-        Measuring saves time if the last test was near q, so that more tests near q are likely. It
-        does not if many earlier measurements of the pair have saved no test.
+        Measuring saves time if the last test was near q, so that more tests near q are likely.
+        Measuring is not worthwhile if many earlier measurements of the pair have saved no test.
         """
         last, self._tested[pair] = self._tested.get(pair), q
         near = last is not None and float(np.abs(q - last) @ self._reach[pair]) < _NEARBY

@@ -332,7 +332,7 @@ def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
 def _fix_still_followers(robot: etree._Element, notes: list[str]) -> None:
     """Fix the joints that mimic a fixed joint, at their offsets, and add one note on them.
 
-    A fixed joint is at 0, so its followers do not move either. They keep their ``<mimic>``
+    A fixed joint is at 0, so its followers do not move either. The followers keep their ``<mimic>``
     elements, by which fingers are recognised.
     """
     joints = {joint.get("name"): joint for joint in robot.findall("joint")}

@@ -81,7 +81,7 @@ def parse(data: bytes, notes: list[str]) -> etree._Element:
 def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
     """Parse XML, accepting only parser errors that change no element.
 
-    Such an error adds a note to ``notes``. Others raise UrdfError, because the parser would
+    Such an error adds a note to ``notes``. Other errors raise UrdfError, because the parser would
     silently drop what it cannot read. Nothing is fetched from the network.
     """
     parser = etree.XMLParser(

@@ -229,8 +229,8 @@ def best_leaf(
     by
         ``"limits"`` maximises the smallest relative margin. ``"speed"`` then minimises the joint
         speed (rms) over the collision-free leaves with at least half of the joint-limit margin of
-        the start that ``"limits"`` finds. It also tries random starts, on all self-motions of the
-        first point.
+        the start that ``"limits"`` finds. ``"speed"`` also tries random starts, on all self-motions
+        of the first point.
     steps
         Number of steps per cycle.
     seed

@@ -40,8 +40,8 @@ def identity(task: Task) -> TaskFile:
     """Convert a task to its part of a file: names, and placements at several configurations.
 
     A file is refused for another robot, and for one that has changed since. The placements are the
-    fingerprint: they depend on each link and joint axis of the chain and on the locked joints. They
-    are compared with a tolerance of 1e-9, so rounding has no effect.
+    fingerprint: they depend on each link and joint axis of the chain and on the locked joints.
+    Placements are compared with a tolerance of 1e-9, so rounding has no effect.
     """
     robot = task.robot
     checks = [

@@ -37,7 +37,7 @@ def newton(
     Parameters
     ----------
     correction : function q → dq (n,)
-        Newton's step ``−F'(q)⁻¹ F(q)``. It may reuse one output array in all calls.
+        Newton's step ``−F'(q)⁻¹ F(q)``. The function may reuse one output array in all calls.
     start : (n,) array
         The first q.
     longest

@@ -145,8 +145,8 @@ class NumPyLaw:
     def _damped(self, q: Array, J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
         """Solve ``J_V x = rhs``, damped if ``most``, λ_max, is above 0; return x (n,) and λ.
 
-        λ limits x near singularities; it is 0 elsewhere. Without damping a singularity raises an
-        error.
+        λ limits x near singularities, and is 0 away from them. Without damping a singularity raises
+        an error.
         """
         if not most:
             return self._solved(q, J_V, rhs), 0.0
