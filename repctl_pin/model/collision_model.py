@@ -472,9 +472,9 @@ class _CollisionModel:
         often has shapes far apart, so its shapes are treated one by one.
 
         Links joined by a joint are not checked. Pairs that the SRDF disables, or with one joint
-        between them, are checked for collisions only. They are not checked at all if they collide
-        at the reference pose or at a quarter of the sampled configurations. See also
-        :class:`Bodies`.
+        between them, are checked for collisions only. Pairs of these two kinds are not checked at
+        all if they collide at the reference pose or at a quarter of the sampled configurations. See
+        also :class:`Bodies`.
         """
         self._measure(self._moving_pairs(task.robot.description.path))
         joined = {frozenset((joint.parent, joint.child)) for joint in task.robot.description.joints}
