@@ -602,9 +602,10 @@ class _CollisionModel:
 
         Returns
         -------
-        Three arrays (P,) with values for the pair of links to which a pair belongs. They are
-        whether it collides at the reference pose, the share of configurations with a collision, and
-        whether hulls overlap at all configurations."""
+        Three arrays (P,), with a value for the pair of links to which each pair of bodies belongs:
+        whether the links collide at the reference pose, the share of configurations at which they
+        collide, and whether their hulls overlap at all configurations.
+        """
         Q = _sample_configurations(task)
         link_pair = self._link_pairs()
         count = np.zeros(len(self.pairs))
