@@ -130,7 +130,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     ),
     "Joined, other joints": (
         lambda g: g.potentials + rp.Fourier(9, 1, variables=[0]),
-        "these are of 7 and of 9",
+        "functions of the same joints, not of 7 and of 9",
     ),
     "ExtendedJacobian, a joint that is not there": (
         lambda g: rp.ExtendedJacobian(g.task, lambda q: q[8])(g.q0),

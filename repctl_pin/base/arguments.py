@@ -120,7 +120,10 @@ def finite(value: Any, name: str, unit: str = "") -> float:
 
 
 def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joint") -> Array:
-    """Copy n finite numbers to an array (n,); with n = None, one or more numbers."""
+    """Copy n finite numbers to an array (n,); with n = None, one or more numbers.
+
+    ``each`` describes one number in the message, such as ``one per joint``.
+    """
     array = as_numbers(values)
     wrong = array is None or array.ndim != 1 or not array.size or n not in (None, array.size)
     if array is None or wrong or not np.isfinite(array).all():
@@ -137,7 +140,7 @@ def per_joint(
     """Convert one number above 0, or n of them, to an array (n,).
 
     Infinity is allowed unless ``finite`` is True. Joint positions are divided by finite numbers, so
-    these must also exceed the rounding error of a joint position.
+    a divisor must be larger than the rounding error of a joint position.
     """
     array = as_numbers(values)
     most = (
@@ -160,7 +163,10 @@ def per_joint(
 
 
 def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") -> Array:
-    """Convert n limits to an array (n,); infinity stands for no limit, and NaN is refused."""
+    """Convert n limits to an array (n,); infinity stands for no limit, and NaN is refused.
+
+    ``each`` describes one number in the message.
+    """
     array = as_numbers(values)
     if array is None or array.shape != (n,) or np.isnan(array).any():
         raise InputError(f"must be {n} numbers, {each}; got {shown(values)}", argument=name)
@@ -226,14 +232,18 @@ def as_matrices(
 
 
 def _known(letters: Sequence[str], sizes: Mapping[str, int]) -> str:
-    """Write the sizes that letters have in earlier arrays, such as ``n = 7``."""
+    """Format the sizes of axis letters that earlier arrays fixed, such as ``n = 7``."""
     return ", ".join(f"{x} = {sizes[x]}" for x in letters if x in sizes)
 
 
 def _require_broadcast(
     arrays: Sequence[Array], given: Sequence[tuple[str, ArrayLike, str]]
 ) -> None:
-    """Raise InputError unless the leading axes of stacks of matrices broadcast."""
+    """Raise InputError unless the leading axes of stacks of matrices broadcast.
+
+    ``arrays`` are the converted arrays, and ``given`` their names, values and axes, for the
+    message.
+    """
     leading = [
         a.shape[: a.ndim - len(axes.split())] for a, (_, _, axes) in zip(arrays, given, strict=True)
     ]

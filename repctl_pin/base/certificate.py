@@ -25,19 +25,19 @@ _THEOREM = 4
 """Version of the theorem of docs/theory.md, "Proved, not sampled"."""
 
 CELL_THEOREM = 5
-"""Version for a cell. Up to 4 it bounded σ_min(Nᵀ n̂_ref), which is larger than a leaf margin."""
+"""Theorem version of a cell. Versions up to 4 bound σ_min(Nᵀ n̂_ref), above the leaf margin."""
 
 CHECKED_BEFORE = 100
-"""Number of points at which files without that number checked that a path itself closes."""
+"""Value of :attr:`ClosingRadius.checked` in older files, which do not contain it."""
 
 _LEAST_RADIUS = 1e-3
-"""Closing radius, m, below which there is said to be none."""
+"""Smallest closing radius, m, that is reported; a smaller one counts as none."""
 
 SAME_LEAF = 1e-6
-"""Distance of two levels up to which they count as one."""
+"""Maximum difference of two levels h(q) = c that count as equal."""
 
 _SAME_ANGLE = 1e-7
-"""Angle, rad, by which a commanded pose of constant orientation may be off."""
+"""Maximum rotation error, rad, of a commanded pose that counts as one of constant orientation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +47,8 @@ class ClosingRadius:
 
     A path closes if its motion ends in the configuration it began in. If all poses of a closed path
     are within :attr:`metres` **and** :attr:`radians` of the start pose, the path closes, however
-    long it is. The motion must begin at the end of a straight line from the start, and then stays
-    in Ω, the region of joint space that was proved.
+    long it is. The arm must reach the path from the start pose along a straight line. The motion
+    then stays in Ω, the region of joint space that was proved.
 
     A radius around a path is for closed paths that deviate from this path by less than both numbers
     at each moment. They close if the path itself closes. This is proved if :attr:`checked` is 0;
@@ -83,8 +83,9 @@ class ClosingRadius:
         Number of points of the path, if closing of the path itself was checked and not proved. 0 if
         it is proved, or if the radius is around a start.
     leaf : float
-        Largest distance of each level h(q) from that of :attr:`start`. If it is above 0, closed
-        paths of hand and elbow close: whenever pose and levels return, the joints return.
+        Maximum change of each level h(q) from its value at :attr:`start`. If above 0, the proof
+        also covers motions that change the levels, and so move the elbow: if the pose and the
+        levels at the end are those at the beginning, so is the configuration.
 
     Examples
     --------
@@ -123,9 +124,9 @@ class ClosingRadius:
     def contains(self, placement: Any) -> bool:
         """Test whether a pose of the frame is within the radius; a path outside may not close.
 
-        A pose beyond the radius is no fault: paths through it are only not proved to close. The arm
-        must be on the leaf of :attr:`start`, a set h(q) = c, or within :attr:`leaf` of it. A pose
-        cannot show this; see :meth:`RepeatableInverse.same_leaf`.
+        Paths through a pose beyond the radius may close, too, but this is not proved. The radius is
+        valid only on the leaf h(q) = c of :attr:`start`, or at levels within :attr:`leaf` of that
+        leaf's. The pose alone does not show the level; see :meth:`RepeatableInverse.same_leaf`.
 
         Parameters
         ----------
@@ -462,7 +463,7 @@ def _pieces(part: Any) -> Iterator[str]:
 
 
 def _below(value: float, digits: int = 3) -> str:
-    """Format a lower bound with some digits, rounded down, so that the text is still a bound."""
+    """Format a lower bound with ``digits`` digits, rounded down so that it stays a bound."""
     if not np.isfinite(value) or value == 0:
         return f"{value:g}"
     step = 10.0 ** (np.floor(np.log10(abs(value))) - digits + 1)

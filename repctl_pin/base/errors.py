@@ -15,9 +15,8 @@ _LONGEST = 800
 def printable(text: str, *, lines: bool = False) -> str:
     """Escape unprintable characters, such as terminal control sequences.
 
-    With ``lines``, line breaks are kept.
-
-    Texts from a user's file could otherwise change the terminal.
+    Texts from a user's file could otherwise change the terminal. With ``lines``, line breaks are
+    kept.
     """
     if text.isprintable():
         return text
@@ -187,7 +186,7 @@ def unknown(
     if near:
         hint = f"did you mean {' or '.join(map(repr, near))}?"
     elif len(every) <= 12:
-        hint = f"choose from {', '.join(every)}" if every else "there is none"
+        hint = f"choose from {', '.join(every)}" if every else "there are none to choose from"
     else:
         hint = f"there are {len(every)}, such as {', '.join(every[:6])}"
     remedy = f"{hint} {listing}" if listing else hint

@@ -91,7 +91,9 @@ def _staged(folder: Path) -> Iterator[Path]:
     try:
         staged = Path(tempfile.mkdtemp(prefix=".repctl-", dir=folder))
     except OSError as error:
-        raise InputError(f"cannot write into {folder}: {error.strerror}") from None
+        raise InputError(
+            f"cannot write into {folder}: {error.strerror}; choose another folder"
+        ) from None
     try:
         try:
             yield staged
@@ -114,11 +116,11 @@ def _staged(folder: Path) -> Iterator[Path]:
 
 
 def _move(file: Path, target: Path) -> None:
-    """Move a file to a target, whose permissions are kept.
+    """Move a file to a target path, and keep the permissions of the file that it replaces.
 
-    A link is replaced. A device, such as /dev/null, is written to, because a file must not replace
-    it. A folder is moved to where nothing is. InputError is raised for a link that cannot be
-    replaced, and for a folder that cannot be moved.
+    A symbolic link is replaced. A device, such as /dev/null, is written to, because a file must not
+    replace it. If ``file`` is a folder, the target must not exist. InputError is raised if a link
+    cannot be replaced, or a folder cannot be moved.
     """
     old = target.lstat() if os.path.lexists(target) else None
     if old is not None and not stat.S_ISREG(old.st_mode) and not target.is_symlink():
@@ -130,7 +132,9 @@ def _move(file: Path, target: Path) -> None:
         os.replace(file, target)
     except OSError as error:
         if target.is_symlink() or file.is_dir():
-            raise InputError(f"cannot write {target}: {error.strerror}") from None
+            raise InputError(
+                f"cannot write {target}: {error.strerror}; choose another name"
+            ) from None
         write_whole(target, file.read_bytes())  # a mounted file cannot be renamed
 
 
@@ -179,7 +183,7 @@ def write_whole(path: str | Path, content: str | bytes) -> Path:
         If the path is a folder, or cannot be written (permission, full disk); an existing file is
         then unchanged.
     BrokenPipeError
-        If the reader of a pipe has gone away.
+        If the path is a pipe whose reader has closed it.
     """
     data = content.encode("utf-8", "replace") if isinstance(content, str) else content
     target = _target(path)
@@ -252,9 +256,9 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
 
 
 def _own_output(file: os.stat_result) -> int | None:
-    """Return a handle of standard output if the file is standard output, else None.
+    """Return the descriptor of standard output if ``file`` is standard output, else None.
 
-    A second handle of the same file would begin at its start, and overwrite what was printed.
+    Opening the file again would begin at its start, and overwrite what was printed.
     """
     try:
         sys.stdout.flush()

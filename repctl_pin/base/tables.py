@@ -31,7 +31,10 @@ FORMATS = (".csv", ".npz", ".parquet")
 _LARGEST = 4_000_000_000
 _BLOCK = 2**14
 _BOM = "\ufeff".encode()
-_COMMAS = "separate the columns by commas, and use decimal points"
+_COMMAS = (
+    "the columns are separated by semicolons or blanks; separate the columns by commas, and use "
+    "decimal points"
+)
 
 _CELL = re.compile(r'(?:^|,)("(?:[^"]|"")*(?:"[^,]*|$)|[^,]*)')
 """A cell of a CSV file as it is written, with its quotes."""
@@ -96,7 +99,7 @@ class Table(ABC):
         """
         for name in names:
             if not self.widths[name]:
-                raise InputError(f"{self.file}: column {name!r} must be numbers")
+                raise InputError(f"{self.file}: column {name!r} must be numbers; correct it")
         wide = [np.asarray(self.column(name), float) for name in names]
         values = np.concatenate([part.reshape(len(part), -1) for part in wide], axis=1)
         wrong = ~np.isfinite(values).all(axis=1)
@@ -122,7 +125,8 @@ def read_table(file: Path, known: Collection[str] = ()) -> Table:
     file
         The file.
     known
-        Names that may stand in the header of a CSV file; others are stripped of ``#`` and quotes.
+        Names that may stand in the header of a CSV file; other names are stripped of ``#`` and
+        quotes.
 
     Raises
     ------
@@ -262,7 +266,7 @@ class CsvTable(Table):
         names = list(next((own for own in unnamed if len(own) == len(first)), ()))
         if first and not names:
             forms = ", or ".join(", ".join(own) for own in unnamed)
-            count = f"{len(first)} field{'s' * (len(first) > 1)} without a header"
+            count = f"no header, and {len(first)} field{'s' * (len(first) > 1)} per line"
             raise InputError(f"{self.file}, line {line}: {count}", remedy=f"write {forms}")
         return names
 
@@ -367,7 +371,10 @@ class CsvTable(Table):
         return cell if cell in self._known else cell.strip("#\"' \t")
 
     def _loaded(self, places: Sequence[int]) -> Array | None:
-        """Read numbers fast, by NumPy; None if the cells must be read one by one."""
+        """Read columns of numbers by NumPy, which is fast; None if cells must be parsed singly.
+
+        ``places`` are the indices of the columns.
+        """
         text = io.TextIOWrapper(io.BytesIO(self._data), "utf-8-sig", newline="")
         kinds = [(f"c{i}", float if i in places else "U1") for i in range(len(self.names))]
         one = len(set(places)) == len(self.names)
@@ -396,7 +403,7 @@ class CsvTable(Table):
 
     def _no_number(self, line: int, place: int, cell: str) -> str:
         name = self.names[place]
-        return f"{self.file}, line {line}: {name} = {cell!r} is not a finite number"
+        return f"{self.file}, line {line}: {name} = {cell!r} is not a finite number; correct it"
 
 
 def _is_blank_separated(row: list[str]) -> bool:
@@ -451,7 +458,7 @@ def _lines_of(rows: Iterable[tuple[object, ...]]) -> bytes:
 
 
 class _Arrays(Table):
-    """Arrays of a .npz file; arrays without rows are kept, but do not count as columns."""
+    """Table of a .npz file, one column per array; arrays without rows are kept, not columns."""
 
     def __init__(self, file: Path) -> None:
         self.file = file
@@ -493,7 +500,8 @@ _NO_NPZ = (ValueError, OSError, EOFError, KeyError, AttributeError, zipfile.BadZ
 def replaced(old: Column | None, cells: NewCells) -> Column:
     """Return a column (K, …) with new numbers; its shape stays, and its type if it is a float type.
 
-    If ``old`` is None, because the file lacks the column, it gets one number per row.
+    If ``old`` is None, because the file lacks the column, it gets one number per row. ``cells`` are
+    the new numbers.
     """
     if old is None:
         return cells.values[:, 0]
@@ -551,7 +559,10 @@ def arrow_numbers(column: Any, width: int) -> Column:
 
 
 def arrow_replaced(table: Any, new: Mapping[str, NewCells], removed: Collection[str]) -> Any:
-    """Put new cells into an Arrow table, without the columns ``removed``; metadata stay."""
+    """Return a copy of an Arrow table with new cells and without the columns ``removed``.
+
+    The metadata of the table are kept.
+    """
     old = table
     for name, cells in new.items():
         if name in old.column_names:
@@ -570,7 +581,7 @@ def _changed(column: Any, values: Column, cells: NewCells) -> Any:
     """Make an Arrow array of the type of a column from new numbers (K, …).
 
     Missing numbers stay missing. A column of integers, which cannot hold joints, becomes one of
-    double precision.
+    double precision. ``cells`` has the rows that are replaced.
     """
     import pyarrow
 
@@ -621,8 +632,9 @@ def _flat(column: Any) -> Any:
 def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
     """Adapt the metadata of a Parquet file to the columns of a changed table.
 
-    Features describe columns; the library ``datasets`` refuses a file whose features do not match
-    its columns.
+    The library ``datasets`` stores a description of each column, its features, in the metadata. It
+    refuses a file whose features do not match the columns. ``table`` is the changed table, and
+    ``old`` the one before the change. Return the adapted metadata; None if there are none.
     """
     metadata = old.schema.metadata
     if not metadata or b"huggingface" not in metadata or table.column_names == old.column_names:

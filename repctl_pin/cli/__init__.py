@@ -50,7 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     The code is 0 for success, 1 for an internal error, 2 for invalid input, and 3 if a proof
     requested by ``--prove`` was not reached. If a signal ended the command, it is 128 plus the
-    number of the signal.
+    number of the signal. ``argv`` are the arguments of the command line; by default those of the
+    process.
     """
     if argv is None:  # our own process: matrices of 7 joints are faster on one thread
         for variable in BLAS_THREADS:
@@ -133,7 +134,10 @@ def commands() -> Iterator[tuple[str, Any]]:
 
 
 def _as_options(arguments: list[str]) -> list[str]:
-    """Rewrite ``help COMMAND`` as ``COMMAND --help``, and ``version`` as ``--version``."""
+    """Rewrite ``help COMMAND`` as ``COMMAND --help``, and ``version`` as ``--version``.
+
+    ``arguments`` are the words of the command line, without the program's name.
+    """
     first, rest = arguments[:1], arguments[1:]
     if first == ["help"]:
         return [*rest, "--help"]

@@ -145,7 +145,7 @@ def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
     for name in [names] if names in labelled else names.split(","):  # a label may hold a comma
         if name.strip() not in labelled:
             raise InputError(
-                f"--only: {file} has no strategy {name.strip()!r}; it has {', '.join(there)}"
+                f"--only: {file} has no strategy {name.strip()!r}; choose from {', '.join(there)}"
             )
         chosen.append(labelled[name.strip()])
     return chosen

@@ -110,7 +110,7 @@ def run(options: Options) -> int:
 
 
 def _prove(options: Options, say: Callable[[str], None]) -> int:
-    """Prove the margins of a saved design over its region, print the proof, and return a code.
+    """Prove the margins of a saved design over its region; print the proof, return the exit code.
 
     The leaf margin is the distance from an algorithmic singularity; for a cell, the distance from
     the joint limits is proved, too.
@@ -172,7 +172,8 @@ class _Case(NamedTuple):
     """Controller to test, its name, and the problem in whose region Ω it is tested.
 
     Ω is a part of joint space. A case is made from a saved design or from a robot; the test is the
-    same for both. ``start_is`` is the origin of the start, such as ``the reference pose``.
+    same for both. ``start_is`` describes where the start comes from, such as ``the reference
+    pose``.
     """
 
     strategy: Inverse

@@ -64,7 +64,7 @@ def add_options(parser: Parser) -> None:
         metavar="W",
         help="half-width of Ω around the start, rad (default %(default)s)",
     )
-    parser.path("use as Ω a tube of that half-width around the motion on a path: ", "")
+    parser.path("use as Ω a tube of radius --region around the motion on this path: ", "")
     workspace = "restrict Ω to frame positions within M metres of the start, along each axis"
     add("--workspace", type=positive, metavar="M", help=workspace)
     add("--shrink", action="store_true", help="shrink Ω until it is free of singularities")
@@ -162,7 +162,8 @@ def _designed(
 ) -> tuple[rp.Problem, rp.Design]:
     """Design the repeatable inverse nearest to ``desired``, and add its region to the problem.
 
-    The remedy of a SingularRegionError names options of the command.
+    The remedy of a SingularRegionError names options of the command. Return the completed problem,
+    and the design.
     """
     from ..studies.around_motion import design_for
 
@@ -275,8 +276,8 @@ def _region(options: Options, task: rp.Task, q0: Any) -> Region:
     """Make the region Ω of a design without a path, from the task and the start q0 (n,).
 
     Ω is the box of half-width ``--region`` around q0, cut at the joint limits. With
-    ``--workspace``, only configurations of the box count in which the frame is near its position at
-    q0.
+    ``--workspace``, Ω is restricted to the configurations of this box at which the frame is near
+    its position at q0.
     """
     box = box_within_limits(task, q0, options.region)
     if options.workspace is None:

@@ -106,9 +106,9 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
     except RepctlError as error:
         return _say(str(error), REFUSED)
     except KeyboardInterrupt:
-        return _say("interrupted; nothing half-written was left", INTERRUPTED)
+        return _say("interrupted; no incomplete file was left", INTERRUPTED)
     except _Stopped as stop:
-        return _say(f"stopped by {stop}; nothing half-written was left", 128 + stop.number)
+        return _say(f"stopped by {stop}; no incomplete file was left", 128 + stop.number)
     except BrokenPipeError:  # the reader of our output went away, as `| head` does
         _drop_output()
         return 0

@@ -221,7 +221,10 @@ def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) ->
 
 
 def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
-    """Collect the figures of the timed motion, by key; they replace those of :func:`_result`."""
+    """Collect the figures of the timed motion, by key; they replace those of :func:`_result`.
+
+    ``rest`` is the motion timed from rest to rest.
+    """
     return {
         "duration": rest.duration,
         "slowed_by": None,
@@ -237,7 +240,9 @@ def _written(
     """Write the requested files, from the timed motion if there is one; return their paths.
 
     If a limit is violated or bodies collide, InputError is raised before any file is written,
-    unless ``--allow-violations`` is given. ``remedy`` is the remedy of that error.
+    unless ``--allow-violations`` is given. ``remedy`` is the remedy of that error. ``slowed`` is
+    the motion slowed down to the speed limits, and ``rest`` the motion timed from rest to rest, or
+    None.
     """
     from ..motion.csv_file import csv_text
     from ..motion.joint_motion import refuse_violations
@@ -425,6 +430,7 @@ def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
     """Convert the motion and its figures to plain Python types, for JSON output and for the text.
 
     ``slowed`` is the motion slowed down to meet the speed limits, and ``q0`` (n,) the start.
+    ``followed`` is the result of :func:`_followed`.
     """
     from ..studies.study_result import bodies_dict, limits_dict
 
@@ -450,7 +456,11 @@ def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
 
 
 def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files: list[Path]) -> str:
-    """Write the report as text; first come notes on leaving Ω and on the leaf that was found."""
+    """Write the report of a motion as text, after a warning on leaving Ω and a note on the leaf.
+
+    ``searched`` is the note on the leaf that --best-leaf found, as lines; ``slowed`` is the motion.
+    ``files`` are the written files.
+    """
     from ..show.text.table import outside_words
 
     loud = [*outside_words(slowed.outside or 0.0), *searched]
@@ -493,7 +503,7 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
 def _drift_words(result: dict[str, Any], motion: rp.Motion) -> str:
     """Write the drift after the first cycle, and after the last."""
     if result["drift"] is None:
-        return "not a number"
+        return "cannot be computed reliably"
     first, last = (f"{number(d)}" for d in motion.drift[[0, -1]])
     more = f", {last} after {motion.cycles}" if motion.cycles > 1 else ""
     return f"{first} {motion.task.unit} after 1 cycle{more}"

@@ -60,7 +60,8 @@ class Options(argparse.Namespace):
         """
         name = self.what if "what" in self else self.robot
         if "what" in self and self.robot is not None:
-            raise InputError("--robot requires a saved design", remedy=f"the robot is {name}")
+            remedy = f"omit --robot to use {name}"
+            raise InputError("--robot requires a saved design", remedy=remedy)
         if is_saved(name):
             raise InputError(
                 f"this command requires a robot, but {name} is a saved design",
@@ -151,7 +152,7 @@ class Options(argparse.Namespace):
         design = self.load_saved()
         if isinstance(design, rp.CellDesign):
             raise InputError(
-                f"this command does not take the function of a cell, but {self.what} is one",
+                f"{self.what} holds the function of a cell, which this command cannot use",
                 remedy="use it with follow or export",
             )
         return design
@@ -329,8 +330,8 @@ def proved(design: D, say: Callable[[str], None], leaf: float = 0.0) -> D:
     """Add to a design a proof with the largest bounds that can be found in a minute.
 
     The proof bounds the leaf margin, the distance from an algorithmic singularity, over the whole
-    region. A proof that was not reached is also added; it gives the reason. ``say`` receives the
-    progress; the levels of closed paths are within ``leaf`` of the start's.
+    region. A proof that was not reached is also added, with the reason. ``say`` receives the
+    progress; ``leaf`` is the maximum change of the levels along closed paths.
     """
     proof = rp.prove(design, leaf=leaf, progress=in_percent(say))
     return replace(design, proof=proof)
@@ -364,7 +365,7 @@ def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
     """
     sides = zip(task.joint_names, box.bounds.half_width, strict=True)
     cut = [joint for joint, width in sides if width < half_width * (1 - 1e-9)]
-    return (f"Ω was cut at the limits of {', '.join(cut)}",) if cut else ()
+    return (f"Ω was cut at the joint limits of {', '.join(cut)}",) if cut else ()
 
 
 def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
@@ -376,7 +377,7 @@ def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.S
     from ..studies.around_motion import half_width_within
 
     if error.free is None:
-        center = "cut at the joint limits, it has another centre"
+        center = "a box cut at the joint limits has another centre"
         error.remedy = f"choose another --start, or a smaller --region: {center}"
     elif shrink:
         error.remedy = "use --shrink to design there"

@@ -146,7 +146,8 @@ def _text(found: Mapping[str, Any]) -> str:
         "units: rad or m, rad/s or m/s; –: no limit in the URDF",
     ]
     with_body, of = (found["collision"][key] for key in ("links_with_body", "links"))
-    lines.append(f"collision: {with_body} of {of} links have a body (fixed together: one link)")
+    counted = "links fixed to each other count as one"
+    lines.append(f"collision: {with_body} of {of} links have a body ({counted})")
     locked = [f"{joint['name']} ({joint['why']})" for joint in found["locked"]]
     if locked:
         lines += ["", f"locked: {', '.join(locked)}"]

@@ -183,7 +183,7 @@ class Parser(argparse.ArgumentParser):
             action="append",
             default=[],
             metavar="DIR",
-            help="folder of package:// paths, or NAME=DIR of one",
+            help="folder of ROS packages, or NAME=DIR for one package",
         )
         add(
             "--lock",
@@ -192,13 +192,13 @@ class Parser(argparse.ArgumentParser):
             metavar="JOINT",
             help="hold a joint at the reference pose",
         )
-        base = "link relative to which x is; --on LINK: a workpiece"
+        base = "link to which poses are relative; --on LINK: workpiece"
         add("--base", metavar="LINK", action=_Base, help=base)
         add("--on", dest="base", metavar="LINK", action=_Base, help=argparse.SUPPRESS)
 
     def surroundings(self) -> None:
         """Add --surroundings, a URDF of the robot's surroundings."""
-        what = "URDF of the robot's surroundings, in its root's frame"
+        what = "URDF of the surroundings, relative to the robot's root"
         self.add_argument("--surroundings", metavar="FILE", help=what)
 
     def task(self) -> None:
@@ -231,12 +231,12 @@ class Parser(argparse.ArgumentParser):
         )
         jerks = "rad/s³ (m/s³), one number, one per joint, or panda, fr3"
         add("--jerk", metavar="J", help=f"limit jerk too, in {jerks}; requires --acceleration")
-        speeds = "maximum speed of the frame, m/s; or m/s,rad/s, of its rotation too"
+        speeds = "maximum speed of the frame: m/s, or m/s,rad/s to limit its rotation, too"
         add("--tool-speed", metavar="V", help=f"{speeds}; requires --acceleration")
 
     def levels(self, default: str = "") -> None:
-        """Add --leaf, how far levels may move in a proof; ``default`` ends its help."""
-        what = "prove closed paths of hand and elbow, their levels h(q) within C of the start's"
+        """Add --leaf, the maximum change of levels h(q) in a proof; ``default`` ends its help."""
+        what = "also prove closed paths along which the levels h(q) change by up to C"
         self.add_argument("--leaf", type=positive, metavar="C", help=what + default)
 
     def weight(self) -> None:

@@ -21,8 +21,8 @@ from ..show.text.lines import Span, coloured, fitted, on_terminal
 def progress(quiet: bool) -> Callable[[str], None]:
     """Make the callback that reports progress; it is called with the name of each new step.
 
-    On a terminal, the callback rewrites one line. Elsewhere it prints only notes, or nothing if
-    ``quiet``.
+    On a terminal, the callback rewrites one line. If stderr is not a terminal, it prints only
+    notes, or nothing if ``quiet``.
     """
     shown = on_terminal(sys.stderr)
 

@@ -132,7 +132,7 @@ class BarrierCost:
             self.guard(Q)
 
     def guard(self, Q: Array) -> None:
-        """Add the configurations Q (K, n), near which V is singular, to the barrier points.
+        """Add the configurations Q (K, n), at or near which det(Nᵀ V) = 0, to the barrier points.
 
         V are the gradients of the potentials. The next descent keeps away from these points.
         """

@@ -157,8 +157,11 @@ class Continuation:
         """Minimise the cost from coefficients A to an optimum without singularity in Ω.
 
         After each descent, singular configurations that a search of Ω finds are added to the
-        barrier points, and the descent is repeated from A. Return None if V, the gradients of the
-        potentials, is singular at A itself, or if every descent ends in a singular V.
+        barrier points, and the descent is repeated from A. Return None if A itself is singular at a
+        configuration found in this way, or if every descent ends in a singular V, the gradients of
+        the potentials. ``batches`` are the nodes with their barrier points, ``penalty`` is the
+        relative weight of the penalty, and ``tolerance`` the relative decrease of the cost that
+        ends a descent.
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         begin = self._start(len(A))
@@ -228,8 +231,8 @@ class Continuation:
         """Yield the regular optima reached by descents from random perturbations of A.
 
         There are ``options.restarts`` perturbations, by default none. A descent can end in a local
-        minimum; others may be lower. Perturbed coefficients with a singularity at a node are
-        skipped.
+        minimum, and another local minimum may be lower. Perturbed coefficients with a singularity
+        at a node are skipped.
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         for attempt in range(self.problem.options.restarts):

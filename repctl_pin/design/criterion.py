@@ -9,7 +9,8 @@ Everything that depends on the arm is in the arrays E and F of :class:`Batch`, w
 (34), (36), (38). Each evaluation is then dense linear algebra. :func:`linear`, :func:`cost`,
 :func:`linearised` and :func:`gauss_newton` take one batch and return its terms of the sums over all
 batches. If A has fewer rows than there are potentials, only the first potentials are used. B is a
-basis of coefficients in which the gradients of the potentials are orthonormal over Ω.
+basis of coefficients in which the gradients of the potentials are orthonormal over Ω. An argument b
+is a batch.
 """
 
 from __future__ import annotations
@@ -143,7 +144,7 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
     if D.shape != (len(Q), task.n, potentials.size):
         raise InputError(
             f"the potentials' gradients must be (K, {task.n}, {potentials.size}) numbers, "
-            f"not {D.shape}"
+            f"not {D.shape}; correct the method gradients"
         )
     if not np.isfinite(D).all():
         k, _, j = np.argwhere(~np.isfinite(D))[0]
@@ -158,7 +159,7 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
 def null_space_and_inverse(J: Array, task: Task, Q: Array) -> tuple[Array, Array]:
     """Evaluate N (K, n, r) as :func:`oriented_nullspace` does, and J⁺ (K, n, m).
 
-    One factorisation of J (K, m, n) gives both. The configurations Q (K, n) serve error messages.
+    One factorisation of J (K, m, n) gives both. Error messages name the configurations Q (K, n).
     """
     N, basis, R = _oriented(J, task, Q)
     return N, basis[..., : J.shape[-2]] @ np.swapaxes(np.linalg.inv(R), -1, -2)
@@ -274,7 +275,10 @@ class Differential:
         return Differential(self.L.astype(np.float32), self.S.astype(np.float32))
 
     def traces(self, basis: Array) -> Array:
-        """Evaluate the trace of each node's term of the matrix (K,), in coordinates ``B⁻¹ A``."""
+        """Evaluate the trace of each node's term of the Gauss–Newton matrix: (K,).
+
+        The matrix is in coordinates ``B⁻¹ A``, with B the (N, N) array ``basis``.
+        """
         rows = self.L.reshape(-1, self.L.shape[-1]) @ basis
         return np.trace(self.S) * np.sum(np.sum(rows**2, axis=1).reshape(len(self.L), -1), axis=0)
 
@@ -297,11 +301,12 @@ class Differential:
 
 
 def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differential, float]:
-    """Draw ``count`` nodes at random; their matrix estimates the matrix of all without bias.
+    """Estimate the Gauss–Newton matrix from ``count`` randomly drawn nodes, without bias.
 
     A node is drawn with a probability that is half constant, half in proportion to the trace of its
-    term in coordinates ``B⁻¹ A``, so that nodes near a singularity are seldom missed. The
-    terms are divided by the probabilities. Return also the trace of the matrix of all nodes.
+    term in coordinates ``B⁻¹ A``, so that nodes near a singularity are seldom missed. The terms are
+    divided by the probabilities. Return the drawn nodes' :class:`Differential`, and the trace of
+    the matrix of all nodes. ``basis`` is B.
     """
     traces = [one.traces(basis) for one in model]
     every = np.concatenate(traces)

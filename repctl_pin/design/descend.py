@@ -38,11 +38,11 @@ _RULES = Damping(
     halvings=20,
 )
 _DENSE = 2000
-"""r² N up to which the whole Gauss–Newton matrix is built."""
+"""Largest r² N for which the whole Gauss–Newton matrix is built."""
 
 _RESIDUAL, _MOST_PRODUCTS, _SAMPLE = 1e-3, 200, 16
-"""Relative residual and number of products of conjugate gradients, and equations sampled per
-potential for their preconditioner."""
+"""Conjugate gradients: relative residual, maximum number of products, and equations per potential
+in the sample from which the preconditioner is built."""
 
 _EMPHASIS = (1.0, 0.1, 0.01)
 
@@ -347,9 +347,10 @@ def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, floa
 
 
 def _factor(H: Array, damping: float, level: float) -> tuple[Any, float, float]:
-    """Factor ``H + μ I`` with μ = ``damping`` · ``level``; return the factor, μ and the damping.
+    """Factor ``H + μ I`` with μ = ``damping`` · ``level``, where ``level`` is mean(diag H).
 
-    The damping is multiplied by 10 until the matrix is positive definite.
+    The damping is multiplied by 10 until the matrix is positive definite. Return the factor, μ and
+    the damping that was used.
     """
     level = max(level, 1e-300)
     while True:

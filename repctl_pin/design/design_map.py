@@ -229,7 +229,8 @@ def _with_gaps(evaluate: Callable[[Array], Array], Q: Array, width: int) -> Arra
     """Evaluate a function Q (K, n) → (K, width) where it is regular; nan at singularities.
 
     A function on many rows fails as a whole if one row is singular. The rows are therefore divided
-    into halves until each failing row is alone.
+    into halves until each failing row is alone. ``evaluate`` is the function, which raises
+    SingularityError.
     """
     try:
         return evaluate(Q)

@@ -140,10 +140,11 @@ class Design:
 
     @property
     def subject(self) -> str:
-        """Fingerprint of all that a certificate proves of the design; empty for user functions.
+        """Fingerprint of all that a certificate proves of the design; empty for some designs.
 
         It covers the joint chain, its limits, potentials, coefficients and region. A saved proof
-        with another fingerprint is dropped.
+        with another fingerprint is dropped. A design with user-defined potentials or a user-defined
+        region has none, because nothing can be proved of these.
         """
         return subject_of(self.task, self.potentials, self.coefficients, self.region)
 

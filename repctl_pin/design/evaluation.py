@@ -118,7 +118,8 @@ class _Replicate(NamedTuple):
     """Means over one set of nodes, and its nodes with the lowest leaf margins.
 
     ``cost`` is the mean of ‖G_r − G_d‖_F², ``norm`` the mean of ‖G_d‖_F², and ``inside`` the
-    fraction of nodes inside the joint limits.
+    fraction of nodes inside the joint limits. ``lowest`` are the nodes with the lowest leaf
+    margins, and ``leaf_margins`` these margins.
     """
 
     cost: float
@@ -136,7 +137,11 @@ def _evaluated(
     count: int,
     seed: int,
 ) -> _Replicate:
-    """Evaluate one set of ``count`` nodes; SingularRegionError if a leaf margin is below 0."""
+    """Evaluate one set of ``count`` nodes; SingularRegionError if a leaf margin is below 0.
+
+    ``measure`` evaluates leaf margins. The result has the means over the nodes, and the nodes with
+    the lowest leaf margins.
+    """
     task = inverse.task
     Q = region.random(count, seed)
     weights = region.weights(Q)

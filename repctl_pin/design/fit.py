@@ -120,8 +120,10 @@ def _refined(
     """Descend on all nodes, from a result on few nodes; evaluate the design on held-out nodes.
 
     A singularity that the evaluation finds becomes a barrier point of ``fine``, and the descent is
-    repeated. The last singularity is returned if the result on few nodes, ``near``, is singular
-    there itself, or after the last repetition. ``samples`` is the number of all nodes.
+    repeated. The error of the last singularity is returned if ``near``, the result on few nodes, is
+    singular at the same configuration, or after the last repetition. ``samples`` is the number of
+    all nodes. ``chosen`` are the independent potentials, and ``way`` is the continuation that made
+    ``near``.
     """
     refusal: SingularRegionError | None = None
     for _ in range(_ROUNDS):
@@ -144,7 +146,8 @@ def _refined(
 def undetermined(potentials: PotentialBasis, task: Task, nodes: int) -> bool:
     """Test whether there are more potentials than equations; each node gives m equations.
 
-    A fit to so few nodes would be meaningless: it is refused, and a search of the degree ends.
+    A fit to so few nodes would be meaningless. It is refused, and a search for the best degree ends
+    before it.
     """
     return nodes * task.m < potentials.size
 

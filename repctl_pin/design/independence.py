@@ -111,10 +111,11 @@ def independent(
 def _gradients(
     desired: Inverse, potentials: PotentialBasis, Q: Array, weights: Array
 ) -> tuple[Array, Array, Array]:
-    """Measure the gradients of the potentials over nodes Q (K, n).
+    """Compute norms and a triangular factor of the gradients of the potentials at Q (K, n).
 
     Return the triangular factor of the QR factorisation of all gradients, the norms of the
-    gradients (N,), and the norms of their parts in the null space of J (N,).
+    gradients (N,), and the norms of their parts in the null space of J (N,). ``weights`` (K,) are
+    the quadrature weights of Q.
     """
     triangle = np.zeros((0, potentials.size))
     square = 0.0
@@ -136,7 +137,11 @@ def _dropped(
     in_rows: NDArray[np.bool_],
     dependent: NDArray[np.intp],
 ) -> list[str]:
-    """Name the potentials that are left out, each with its reason."""
+    """Name the potentials that are left out, each with its reason.
+
+    ``constant`` and ``in_rows`` (N,) mark potentials that are constant, or functions of the task
+    alone; ``dependent`` are indices of potentials that depend on earlier ones.
+    """
     reasons = {
         "constant over the region": np.flatnonzero(constant),
         "in the row space of J, a function of the task alone": np.flatnonzero(in_rows),
@@ -152,7 +157,7 @@ def _sequential(triangle: Array) -> tuple[Array, list[int]]:
 
     Return R of the remaining columns, and their indices. Earlier potentials have lower degrees and
     are kept. A column is dependent if less than 1e-8 of its norm is perpendicular to earlier
-    columns.
+    columns. ``triangle`` is the matrix.
     """
     size = np.linalg.norm(triangle, axis=0)
     kept = list(range(triangle.shape[1]))

@@ -103,7 +103,7 @@ def nearest_repeatable(
         as_int(options.held_out, "held_out", 2 * REPLICATES, MOST_NODES)
     shrink = flag(shrink, "shrink")
     progress = flag_or_function(
-        progress, "progress", "a function of what is being done and the share that is done", 2
+        progress, "progress", "a function of the step's name and the completed fraction", 2
     )
     _check(desired, potentials, region, degree)
     if potentials is None:
@@ -119,7 +119,7 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
 
     The search ends at degree 6 (8 for up to three joints), at too many unknowns or too few nodes,
     at a singularity, or at an improvement below 1 %. ``degrees`` of the design lists the degrees
-    that were tried.
+    that were tried. ``shrink`` is as in :func:`nearest_repeatable`.
     """
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []

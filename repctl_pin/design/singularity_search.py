@@ -81,7 +81,7 @@ class SingularRegionError(SingularityError):
 @dataclass(frozen=True, eq=False)
 @read_only
 class Lowest:
-    """Smallest value of a measure that a search of a region found, and where.
+    """Smallest value of a measure that a search of a region found, and its configuration.
 
     The measure is a distance from a singularity; a value of 0 or less means that a singularity was
     found.
@@ -222,7 +222,11 @@ def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
 
 
 def _newton(measure: Dexterity, region: Region, Q: Array, value: Array) -> None:
-    """Lower the values at Q (S, n), in place, by Newton steps, until one value reaches 0."""
+    """Move Q (S, n) by Newton steps towards singularities of the arm, until one is reached.
+
+    Q and ``value`` (S,), the measure at Q, are updated in place. A row changes only if its value
+    falls.
+    """
     scale = region.bounds.half_width
     ends = Q.copy()
     for _ in range(_NEWTON):
@@ -324,7 +328,8 @@ def refuse_singular(
     """Make the error for a region with singularities at the configurations ``bad`` (B, n).
 
     The message names the first of them, and the largest singularity-free region with the same
-    centre. ``what`` begins the message, such as "the Jacobian loses rank in Ω".
+    centre. ``what`` begins the message, such as "the Jacobian loses rank in Ω". ``measure`` is the
+    measure that is 0 at these singularities.
     """
     at = bad[0]
     largest = largest_free(measure, region, bad)

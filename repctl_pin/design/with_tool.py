@@ -26,7 +26,7 @@ from .evaluation import evaluate_design
 from .fingerprint import subject_of
 
 _SAME_ANGLE = 1e-7
-"""Angle, rad, by which a pose of constant orientation may be off, see :class:`ClosingRadius`."""
+"""Maximum rotation error, rad, of a pose of constant orientation; see :class:`ClosingRadius`."""
 
 _BELOW = 1 - 1e-12
 """Factor that keeps a lower bound below its value where the conversion rounds."""
@@ -49,7 +49,8 @@ def for_task(design: Any, task: Task) -> Any:
     region = design.region
     if isinstance(region, WorkspaceBox):
         raise InputError(
-            "Ω is a box of positions of the frame that the design was made for",
+            "a design over a workspace box cannot be converted to another tool, because the box "
+            "bounds positions of the original frame",
             remedy="design again with the new tool's frame",
         )
     inverse = RepeatableInverse(task, design.inverse.potentials, region=region)

@@ -127,10 +127,11 @@ def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
 
 
 def inside_limits(task: Task, Q: Array) -> Array:
-    """Compute the scale of difference steps at every row of Q (K, n): (K, n), smaller near limits.
+    """Compute the scales of difference steps at the rows of Q (K, n): (K, n), rad or m.
 
-    The inverse may not be defined beyond a limit. The first step is 1/16 of the scale, and moves no
-    joint further than half its distance to a limit. Outside the limits the scale is not reduced.
+    Scales are smaller near joint limits, because the inverse may not be defined beyond a limit. The
+    first step is 1/16 of the scale, and moves no joint further than half its distance to a limit.
+    Outside the limits the scale is not reduced.
     """
     distance = task.limit_margin(Q)  # (K, n)
     most = np.where(distance > 0, 8 * distance, np.inf)
@@ -140,17 +141,19 @@ def inside_limits(task: Task, Q: Array) -> Array:
 def require_inverse(strategy: Inverse) -> Inverse:
     """Require an inverse, a strategy with a matrix G(q), and return it; else raise InputError.
 
-    Repeatability tests differentiate G, which a posture control, for instance, does not have.
+    Repeatability tests differentiate G, which a controller with a posture task, for instance, does
+    not have.
     """
     require_type(strategy, Inverse, "strategy", AN_INVERSE)
     return strategy
 
 
 def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
-    """Estimate rounding errors (K, n) of a ∂G/∂q_k whose formula inverts a matrix (K, a, n).
+    """Estimate the rounding errors (K, n) of ∂G/∂q_k, whose formula inverts a matrix (K, a, n).
 
-    The error grows with the condition number of the matrix, J or J_V. ``L`` (n,) is the unit of
-    each joint, 1 rad or the arm's length. A test compares defects with this error.
+    The error grows with the condition number of the matrix, J or J_V. ``dG`` (K, n, m, n) is ∂G/∂q.
+    ``L`` (n,) is the unit of each joint, 1 rad or the arm's length. A test compares defects with
+    this error.
     """
     values = np.linalg.svd(matrix * L, compute_uv=False)
     condition = values[:, 0] / values[:, -1]
@@ -246,10 +249,11 @@ def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> 
 
 
 def _romberg(rows: Sequence[Array]) -> tuple[Array, Array, NDArray[np.intp], tuple[Array, Array]]:
-    """Extrapolate differences (K, n, size) of halved steps by Romberg's table.
+    """Extrapolate differences for successively halved steps to step 0 by Romberg's table.
 
-    Return the best entries, their error estimates and levels (K, n), and the entries of the fourth
-    column for the two shortest steps, the shortest first.
+    ``rows`` are the differences (K, n, size) for each step. Return the entries with the smallest
+    estimated errors, these errors, and the number of halvings in each (K, n). Return also the
+    entries of the fourth column for the two shortest steps, the shortest first.
     """
     best = rows[-1]
     error = np.full(best.shape[:2], np.inf)

@@ -40,7 +40,7 @@ _WALK, _WALK_STEPS = 0.2, 8  # length and steps of the walk that tests a surface
 class Surfaces:
     """Points found on surfaces s(q) = 0, with the stacked defects s of an inverse, and their kinds.
 
-    The defects measure how far the inverse is from repeatable: they are 0 where it can be
+    The defects measure how far the inverse is from repeatable, and are 0 where the inverse can be
     repeatable.
 
     Attributes
@@ -126,7 +126,7 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
 
 
 def _in_units_of_itself(strategy: Inverse, Q: Array) -> _Surface:
-    """Create the function s(q), divided by its median norm over the regular rows of Q.
+    """Create the function s(q) divided by its median norm at the regular rows of Q (K, n).
 
     s are the stacked defects, which are 0 on a candidate surface. Tolerances on the divided s do
     not depend on the arm's size. The result maps Q (K, n) to s (K, pairs · n) and its error (K,).
@@ -247,9 +247,10 @@ def _search(strategy: Inverse, function: _Surface, region: Region, Q: Array) -> 
 
 
 def _improved(strategy: Inverse, function: _Surface, Q: Array, step: Array, size: Array) -> Array:
-    """Try five lengths of each step from Q (K, n), take the best, and drop points without progress.
+    """Try five lengths of each step from Q (K, n), and return the points of smallest ‖s‖.
 
-    ``size`` (K,) is ‖s‖ at Q. A point that is dropped is a local minimum of ‖s‖ above 0.
+    ``size`` (K,) is ‖s‖ at Q. A point that no length improves is left out: it is a local minimum of
+    ‖s‖ above 0. ``function`` evaluates s.
     """
     trials = Q[:, None] + 0.5 ** np.arange(5)[:, None] * step[:, None]  # (K, 5, n)
     norms = _norms(strategy, function, trials.reshape(-1, Q.shape[1])).reshape(len(Q), -1)
@@ -262,7 +263,7 @@ def _newton_step(strategy: Inverse, function: _Surface, Q: Array, s: Array, L: A
 
     ``s`` (K, pairs · n) are the values at Q (K, n), and L (n,) the unit of each joint, rad or m.
     The derivative is by central differences. s is first projected onto the null space of J, in
-    which all defects lie, so that no equation is counted twice.
+    which all defects lie, so that no equation is counted twice. ``function`` evaluates s.
     """
     K, n = Q.shape
     h = 1e-4
@@ -282,7 +283,7 @@ def _newton_step(strategy: Inverse, function: _Surface, Q: Array, s: Array, L: A
 def _norms(strategy: Inverse, function: _Surface, Q: Array) -> Array:
     """Evaluate ``‖s(q)‖`` of a surface s at every row of Q: (K,); inf where J is singular.
 
-    Inf makes a line search reject such points.
+    Inf makes a line search reject such points. ``function`` evaluates s.
     """
     norms = np.full(len(Q), np.inf)
     regular = _dexterity(strategy, Q) > _SINGULAR
@@ -295,7 +296,8 @@ def _rates(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Arra
     """Evaluate ``‖(∂s/∂q) G‖`` (9) along unit joint motions of G, and its tolerance: (K,) each.
 
     Motions of G leave the surface s = 0 at this rate, which is 0 on a stable surface. The tolerance
-    is the rate that the errors of s and of its derivative can produce.
+    is the rate that the errors of s and of its derivative can produce. ``function`` evaluates s and
+    its error.
     """
     L = joint_scale(strategy.task, Q[0])
     slope, error = differentiate(lambda P: function(P)[0], Q, L)
@@ -315,7 +317,7 @@ def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array
 
     Returns for each row the maximum ‖s‖, and the minimum fraction of the motion that was completed
     before a singularity: (K,) each. The length of the motion is 0.2 rad, or less where G changes
-    direction within less than 1 rad.
+    direction within less than 1 rad. ``function`` evaluates s.
     """
     task = strategy.task
     L = joint_scale(task, Q[0])
@@ -339,7 +341,8 @@ def _walked(
 ) -> tuple[Array, Array]:
     """Move from Q (K, n) along G in one task direction (m,), by Runge–Kutta steps h (K, 1).
 
-    Return the final configurations (K, n), and the completed fraction of the length (K,).
+    L (n,) is the unit of each joint, rad or m. Return the final configurations (K, n), and the
+    completed fraction of the length (K,).
     """
 
     def velocity(P: Array) -> Array:
@@ -363,8 +366,9 @@ def _walked(
 
 
 def _dexterity(strategy: Inverse, Q: Array) -> Array:
-    """Evaluate σ_min / σ_max of J at every row of Q, in comparable joint units: (K,).
+    """Evaluate σ_min / σ_max of J at every row of Q (K, n): (K,).
 
-    The ratio is 0 at a singularity, near which defects cannot be evaluated.
+    Prismatic joints are in arm lengths, which makes them comparable with revolute ones. The ratio
+    is 0 at a singularity, near which defects cannot be evaluated.
     """
     return inverse_condition_number(strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0]))

@@ -77,7 +77,7 @@ def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
 
 
 def base_placements(robot: Mechanism, Q: Array) -> Array:
-    """Compute the base's placements in the root frame, at whole configurations Q (T, N).
+    """Compute the base's placements in the root frame at Q (T, N), all joints of the robot.
 
     Returns rigid transforms X_w (T, 4, 4), m. The base moves if it is, for example, a workpiece on
     a turntable. Pictures show the root at rest, so a point x of the workpiece is drawn at
@@ -89,7 +89,7 @@ def base_placements(robot: Mechanism, Q: Array) -> Array:
 
 
 def base_moves(task: Task) -> bool:
-    """Test whether the joints of a task move the link relative to which it controls its frame."""
+    """Test whether a task's joints move the base, the link to which its frame is relative."""
     base = task.robot.base
     if base is None:
         return False

@@ -254,7 +254,8 @@ class Bodies:
     ) -> NDArray[np.bool_]:
         """Test at every row of Q (K, n) whether a body distance is below ``distance``, m: (K,).
 
-        ``among`` marks the pairs that are tested, as :meth:`_moved_by` does; by default all.
+        ``among`` (P,) marks the pairs to test, such as the result of :meth:`_moved_by`; by default,
+        all pairs are tested.
         """
         Q = as_configurations(Q, self.task.n, repr(self.task))
         return np.asarray(self._model.nearer(self._drive.joints(Q), distance, among))
@@ -267,7 +268,10 @@ class Bodies:
         return np.asarray(self._model.lowest(self._drive.joints(Q)))
 
     def _of_pairs(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
-        """Compute the distance of the hulls of one pair at each row of Q (K, n): (K,), m."""
+        """Compute the distance of one pair's hulls at each row of Q (K, n): (K,), m.
+
+        ``pairs`` (K,) has the index of the pair for each row.
+        """
         rows = zip(self._drive.joints(Q), pairs, strict=True)
         return np.array([self._model.some_distances(q, one[None])[0] for q, one in rows])
 
@@ -281,7 +285,8 @@ class Bodies:
     def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Compute the minimum body distance and the index of its pair at every row of Q (K, n).
 
-        Returns distances (K,), m, and indices (K,); inf and −1 where no pair is measured.
+        Returns distances (K,), m, and indices (K,); inf and −1 where no pair is measured. With
+        ``hulls``, distances are those of the convex hulls.
         """
         Q = as_configurations(Q, self.task.n, repr(self.task))
         return self._model.least(self._drive.joints(Q), hulls=hulls)

@@ -91,7 +91,7 @@ _NEARBY = 0.05
 """Relative motion of a pair's bodies since its last test, m, below which it may be measured."""
 
 _KEPT, _CREDIT = 64, 8
-"""Numbers of distances stored per pair, and of measurements allowed beyond the tests they saved."""
+"""Number of distances stored per pair; maximum excess of measurements over the tests they saved."""
 
 
 class BodyBounds:
@@ -205,7 +205,7 @@ class BodyBounds:
         return np.minimum(self._radii[body], np.einsum("mi,mi->m", box, self._half[body]))
 
     def reach(self, joints: Mapping[str, Joint], strokes: Array) -> Array:
-        """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
+        """Bound how fast each joint changes the distance of each pair: (P, N), m per rad or m.
 
         A pair's distance changes by at most ``reach @ |q − q'|`` from q to q', because the distance
         is 1-Lipschitz in the points of its bodies. Per radian, a revolute joint moves a point by at
@@ -236,8 +236,8 @@ class KnownApart:
     r"""Measured surface distances of pairs, which rule out contact at nearby configurations.
 
     Surfaces at a distance d at a configuration x are apart at every q with ρ·\|q − x\| < d, where ρ
-    are the rates of :meth:`BodyBounds.reach`. They do not meet on the straight line from x to q
-    either, so no body gets inside another one.
+    are the rates of :meth:`BodyBounds.reach`. The surfaces do not meet on the straight line from x
+    to q either, so no body gets inside another one.
 
     Parameters
     ----------
@@ -258,7 +258,7 @@ class KnownApart:
         self._noted: dict[int, int] = {}
 
     def knows(self, pair: int, q: Array) -> bool:
-        """Test whether a pair is known to be apart at q (N,)."""
+        """Test whether a stored distance shows that a pair is apart at q (N,)."""
         if pair not in self._known or (np.abs(q) > self._strokes).any():
             return False
         at, distances = self._known[pair]
@@ -269,10 +269,10 @@ class KnownApart:
         return known
 
     def pays(self, pair: int, q: Array) -> bool:
-        """Record a test of a pair at q (N,), and return whether to measure its distance, too.
+        """Record that a pair is tested at q (N,), and return whether to measure its distance.
 
-        Measuring saves time if the last test was near q, so that more tests near q are likely. It
-        does not if many earlier measurements of the pair have saved no test.
+        Measuring saves time if the last test was near q, so that more tests near q are likely.
+        Measuring is not worthwhile if many earlier measurements of the pair have saved no test.
         """
         last, self._tested[pair] = self._tested.get(pair), q
         near = last is not None and float(np.abs(q - last) @ self._reach[pair]) < _NEARBY
@@ -298,7 +298,7 @@ class KnownApart:
 
 
 def strokes(model: pin.Model, joints: Mapping[str, Joint]) -> Array:
-    """Bound the positions of all joints by their limits: (N,), m; infinite unless prismatic."""
+    """Bound the absolute positions of prismatic joints by their limits: (N,), m; inf for others."""
     kinds = (joints[name] for name in list(model.names)[1:])
     return np.array([_stroke(j) if j.kind == "prismatic" else np.inf for j in kinds])
 

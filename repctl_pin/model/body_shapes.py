@@ -151,7 +151,8 @@ def body_shape(
 def _primitive(solid: Shape) -> BodyShape:
     """Create the body of a box, sphere, cylinder or capsule.
 
-    One edge of a box and the length of a cylinder or capsule can be 0.
+    One edge of a box and the length of a cylinder or capsule can be 0. ``solid`` is the shape in
+    the URDF.
     """
     size = solid.size
     allowed = {"box": 1, "cylinder": 1, "capsule": 1}.get(solid.kind, 0)
@@ -231,7 +232,8 @@ def _solid(path: Path, scale: tuple[float, ...], *, standing: bool) -> Arrays:
     """Read a mesh file: its vertices, faces, corners of its convex hull, and whether it is convex.
 
     Vertices (V, 3) and corners (C, 3) are in m, and faces (F, 3) are vertex indices. UnusableShape
-    is raised if the mesh has size 0 or is larger than 100 km.
+    is raised if the mesh has size 0 or is larger than 100 km. ``scale`` has a factor per axis, and
+    ``standing`` marks the surroundings, whose faces are not turned over.
     """
     collada = ["collada"] if path.suffix.lower() == ".dae" else []
     needed("trimesh", *collada, by=f"the distance to the mesh {path.name}")
@@ -310,7 +312,8 @@ def _convex_hull(vertices: Array) -> Any:
 def _volume(points: Array, faces: NDArray[np.intp]) -> float:
     """Compute the volume of a closed mesh, m³; negative if its normals point inwards.
 
-    If such a mesh belongs to the robot, its faces are then turned over.
+    If such a mesh belongs to the robot, its faces are then turned over. ``points`` (V, 3) are the
+    vertices, m, and ``faces`` (F, 3) the triangles.
     """
     a, b, c = (points[faces[:, k]] - points[0] for k in range(3))
     return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)
@@ -320,7 +323,7 @@ def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
     """Test whether a mesh is the surface of its convex hull, with outward normals.
 
     The mesh's area and volume are compared with those of ``hull``. If they agree, the hull alone
-    represents the mesh.
+    represents the mesh. ``points`` (V, 3) and ``faces`` (F, 3) are the mesh.
     """
     a, b, c = (points[faces[:, k]] for k in range(3))
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
@@ -405,7 +408,8 @@ def _mesh_parts(points: Array, faces: NDArray[np.intp]) -> _MeshParts:
     """Split a mesh into connected parts, after merging coincident vertices.
 
     STL files store each triangle with its own vertices, so nothing is connected before the merging.
-    A part is closed if each edge occurs equally often in both directions.
+    A part is closed if each edge occurs equally often in both directions. ``points`` (V, 3) and
+    ``faces`` (F, 3) are the mesh.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -502,9 +506,10 @@ class _Ray:
 
 
 def _looks_up(corners: list[list[float]]) -> int:
-    """Return 1 if a triangle lies above the origin and faces up, −1 if it faces down, else 0.
+    """Return the sign with which the ray from the origin along +z crosses a triangle; 0 if not.
 
-    The three corners are given as x, y, z.
+    The sign is 1 if the triangle's normal points up, and −1 if it points down. The three corners
+    are given as x, y, z.
     """
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
     # twice the signed areas of the triangles formed by the origin and each edge

@@ -134,7 +134,7 @@ def _data_folder() -> Path:
 
 
 def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
-    """Read a pose, joint name → rad or m, from a ``group_state`` of an SRDF.
+    """Read a pose from a ``group_state`` of an SRDF: joint values, rad or m, by joint name.
 
     Joints with several coordinates (a floating base) are omitted, and a robot name before a slash
     is removed (``baxter/left_s0``).

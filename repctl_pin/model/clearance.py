@@ -28,13 +28,13 @@ _SHARE = 0.1
 """Maximum share by which the minimum body distance of a motion can lie below the one found."""
 
 _SMALL = 5e-3
-"""The same in m, for distances below 5 cm; the minimum stays above 0."""
+"""Value of ``_SHARE`` in m for distances below 5 cm; the minimum stays above 0."""
 
 _FLOOR = 2e-6
 """Relative motion of a pair's bodies on a piece, m, below which the piece is not halved again."""
 
 _FLOOR_OF_TOUCH = 1e-3
-"""The same where a collision was found, and only an earlier one is sought."""
+"""Value of ``_FLOOR`` after a collision was found, when only an earlier collision is sought."""
 
 _MOST = 4_000
 """Maximum number of distances measured between the samples of a motion."""
@@ -171,7 +171,11 @@ class _Search:
     def settle(
         self, rows: NDArray[np.intp], undecided: tuple[NDArray[np.intp], NDArray[np.intp]]
     ) -> None:
-        """Decide all ``undecided`` pairs and pieces, as :meth:`look_at` returns them."""
+        """Decide for each undecided pair and piece whether the pair collides or is the closest.
+
+        ``undecided`` is the result of :meth:`look_at`: indices of pairs and of pieces. ``rows`` are
+        the samples between which the pieces lie.
+        """
         pairs, pieces = undecided
         order = np.argsort(pairs, kind="stable")
         pairs, pieces = pairs[order], pieces[order]
@@ -181,7 +185,11 @@ class _Search:
             self._settle_pair(pair, begin, end)
 
     def _settle_pair(self, pair: int, begin: Array, end: Array) -> None:
-        """Decide a pair by further measurements on M pieces from ``begin`` (M,) to ``end`` (M,)."""
+        """Measure a pair on M pieces until its lower bounds decide it.
+
+        A pair is decided if it cannot collide, and cannot be clearly closer than the minimum found.
+        The pieces extend from ``begin`` (M,) to ``end`` (M,), in sample numbers.
+        """
         measured = bool(self._measured[pair])
         pieces = self._pieces(pair, begin, end)
         while True:
@@ -212,7 +220,10 @@ class _Search:
         self._undecided = pair if self._undecided is None else self._undecided
 
     def _pieces(self, pair: int, begin: Array, end: Array) -> _Pieces:
-        """Make pieces from the positions of their ends (M,), without bounds on the distance."""
+        """Make pieces from the positions of their ends (M,), without bounds on the distance.
+
+        ``begin`` and ``end`` (M,) are these positions, as sample numbers.
+        """
         middle = (begin + end) / 2
         long = end - begin > 1
         middle[long] = np.rint(middle[long])
@@ -224,7 +235,7 @@ class _Search:
         return _Pieces(begin, end, middle, half @ self._reach[pair], -none, none, center)
 
     def _halves(self, pair: int, pieces: _Pieces) -> _Pieces:
-        """Halve pieces at their middles."""
+        """Halve each piece at its middle, and return the halves."""
         begin, end = np.stack([pieces.begin, pieces.middle]), np.stack([pieces.middle, pieces.end])
         halves = self._pieces(pair, begin.ravel(), end.ravel())
         moved = np.abs(halves.center - np.tile(pieces.center, (2, 1))).sum(axis=1)
@@ -256,7 +267,7 @@ class _Search:
         return distance
 
     def _measure_all(self, at: float) -> tuple[float, int]:
-        """Measure the minimum distance at a position, m, and find its pair."""
+        """Measure the minimum distance at a position, m; return it and the index of its pair."""
         found, which = self._model.least(_between(self._Q, np.array([at])))
         return float(found[0]), int(which[0])
 
@@ -282,7 +293,8 @@ class _Pieces(NamedTuple):
     upper
         Upper bounds on the distance at the middles (M,).
     center
-        Positions, at the middles, of the joints that move the pair, times their reach: (M, J), m.
+        Positions, at the middles, of the J joints that move the pair, times their bounds ρ_j: (M,
+        J), m.
     """
 
     begin: Array
@@ -302,7 +314,10 @@ class _Pieces(NamedTuple):
         return _Pieces(*map(np.concatenate, zip(self, more, strict=True)))
 
     def after(self, distance: float, at: Array) -> _Pieces:
-        """Tighten the bounds by a distance measured at ``at`` (J,), in the units of ``center``."""
+        """Return the pieces with bounds tightened by a ``distance``, m, measured at ``at``.
+
+        ``at`` (J,) is the position of the measurement, in the units of ``center``.
+        """
         moved = np.abs(self.center - at).sum(axis=1)
         return self._replace(
             lower=np.maximum(self.lower, distance - moved - self.size),

@@ -166,7 +166,7 @@ class _CollisionModel:
         return np.where(self._only_contact, np.inf, found)
 
     def reach(self, strokes: Array | None = None) -> Array:
-        """Bound how far each joint moves the bodies of a pair: (P, N), m per rad or m.
+        """Bound how fast each joint changes the distance of each pair: (P, N), m per rad or m.
 
         The bound holds while prismatic joints are within ±``strokes`` (N,), m; by default, within
         their limits. See :meth:`BodyBounds.reach`. A proof uses it to cover a box of
@@ -176,7 +176,7 @@ class _CollisionModel:
 
     @property
     def tables(self) -> Any:
-        """The struct :data:`BODY_TABLES` of the bodies and pairs."""
+        """C struct :data:`BODY_TABLES` with the bodies and pairs, for the native library."""
         return self._bounds.tables
 
     def kept(self, distance: float) -> Array:
@@ -307,7 +307,7 @@ class _CollisionModel:
         return np.inf if distance >= 0 and self._only_contact[k] else distance
 
     def _is_nearer(self, k: int, distance: float) -> bool:
-        """Test whether the distance of pair k, as :meth:`_exact` computes it, is below another, m.
+        """Test whether the distance of pair k, see :meth:`_exact`, is below ``distance``, m.
 
         Where hulls overlap, that distance is at most 0, whether or not the bodies collide.
         """
@@ -472,9 +472,9 @@ class _CollisionModel:
         often has shapes far apart, so its shapes are treated one by one.
 
         Links joined by a joint are not checked. Pairs that the SRDF disables, or with one joint
-        between them, are checked for collisions only. They are not checked at all if they collide
-        at the reference pose or at a quarter of the sampled configurations. See also
-        :class:`Bodies`.
+        between them, are checked for collisions only. Pairs of these two kinds are not checked at
+        all if they collide at the reference pose or at a quarter of the sampled configurations. See
+        also :class:`Bodies`.
         """
         self._measure(self._moving_pairs(task.robot.description.path))
         joined = {frozenset((joint.parent, joint.child)) for joint in task.robot.description.joints}
@@ -602,9 +602,10 @@ class _CollisionModel:
 
         Returns
         -------
-        Three arrays (P,) with values for the pair of links to which a pair belongs. They are
-        whether it collides at the reference pose, the share of configurations with a collision, and
-        whether hulls overlap at all configurations."""
+        Three arrays (P,), with a value for the pair of links to which each pair of bodies belongs:
+        whether the links collide at the reference pose, the share of configurations at which they
+        collide, and whether their hulls overlap at all configurations.
+        """
         Q = _sample_configurations(task)
         link_pair = self._link_pairs()
         count = np.zeros(len(self.pairs))
@@ -655,7 +656,7 @@ def collision_model(task: Task) -> _CollisionModel:
 
 
 def _key(task: Task) -> Hashable:
-    """Return the cache key of a task's collision model, which changes if the model would.
+    """Return the cache key of a task's collision model; it changes whenever the model would.
 
     It contains the descriptions, the files with their times and sizes, and the fixed joints.
     """

@@ -17,7 +17,7 @@ _TURN, _SLIDE = math.pi, 0.1
 
 _FINGER = re.compile(r"finger|thumb|jaw|knuckle|claw|phalan", re.IGNORECASE)
 _DIGITS = {"index", "middle", "ring", "little", "pinky", "pinkie"}
-"""Names of fingers, which are words of other parts, too: two of them must be in one file."""
+"""Words that name fingers, but also other parts; they count only if two of them are in one file."""
 
 _TOOLS = (
     {"tcp", "grasp", "grasping"},
@@ -152,7 +152,8 @@ def arm_ends(description: Description) -> list[_Body]:
 def _ends(root: _Body, *, whole: bool) -> list[_Body]:
     """List the bodies without branches, the hands and the tools with a load, in the file's order.
 
-    ``whole`` is True if the whole robot is a finger; a hand is then not an end.
+    ``whole`` is True if the whole robot is a finger; a hand is then not an end. ``root`` is the
+    body at which the search begins.
     """
     ends, todo = [], [root]
     while todo:
@@ -166,7 +167,7 @@ def _ends(root: _Body, *, whole: bool) -> list[_Body]:
 
 
 def task_links(body: _Body) -> list[str]:
-    """Sort a body's links, the best end effector first: by name, then the farthest first.
+    """Sort a body's links, the best end effector first: by name, then by distance from the joint.
 
     All links of a body move together; only their names show which of them is meant as the tool's
     frame. Links that only carry collision shapes are left out, unless the body has no others.
@@ -176,7 +177,7 @@ def task_links(body: _Body) -> list[str]:
 
 
 def _only_collides(link: str, body: _Body) -> bool:
-    """Test whether a link only holds the collision shapes of another one, as its name says.
+    """Test by its name whether a link only holds the collision shapes of another link.
 
     Such a link is not drawn, and its name is that of the other link with a suffix, such as
     ``link7_sc``, or contains ``collision``. A link ``tool0`` with a collision shape is not such a

@@ -70,7 +70,7 @@ def joint_chain(task: Task) -> JointChain:
 @dataclass(frozen=True, eq=False)
 @read_only
 class CarriedFrame:
-    """A frame on the joints that carry it.
+    """Frame of a robot: the joints that move it, and its placement on the last of them.
 
     Attributes
     ----------
@@ -88,9 +88,10 @@ class CarriedFrame:
 @dataclass(frozen=True, eq=False)
 @read_only
 class _JointTree:
-    """All N joints that a task moves, those beside its chains included, from the base outward.
+    """Tree of all N joints that a task moves, also on side branches, from the base outward.
 
-    A page in the browser uses it to move the whole arm, with the links beside the chain.
+    The animation page moves the whole arm with this tree, including links that are not on the chain
+    to the frame.
 
     Attributes
     ----------
@@ -103,8 +104,8 @@ class _JointTree:
     base : CarriedFrame or None
         The link relative to which the frames are controlled; None for the root.
     first : (n,) array of int
-        Index of the first joint that each entry of q drives; with one frame, of the first on the
-        path to it.
+        Index of the first joint that each entry of q drives. With one frame, only joints on the
+        path to the frame count.
     riding : dict of str to int
         Index of the joint that carries each link; −1 for a link fixed to the base.
     """
@@ -247,7 +248,7 @@ def _about_z(x: float, y: float) -> Array:
 
 
 def _bent(R: Array) -> NDArray[np.int_]:
-    """Classify rotations (P, 3, 3): 2 for a quarter turn about x, 1 for other ones about x, else 0.
+    """Classify rotations (P, 3, 3): 2 for a quarter turn about x, 1 for others about x, else 0.
 
     C multiplies by rotations of kinds 1 and 2 with fewer operations. Most arms have only these.
     """

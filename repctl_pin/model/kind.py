@@ -95,7 +95,7 @@ class Kind(str):
 
         ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind. For an axis task, the
         rotation is the shortest one from the tool's z axis to the target's z axis. Newton steps and
-        feedback reduce the error.
+        feedback reduce the error. ``here`` is the placement (R, p), and ``target`` the target.
         """
         p = target.translation - here.translation
         if not self.turns:

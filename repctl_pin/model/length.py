@@ -60,10 +60,10 @@ def joint_scale(task: Task, q: Array) -> Array:
 def elbow(task: Task, q: Array) -> int:
     """Find the index of the elbow joint.
 
-    It is the revolute joint in the middle of the arm whose origin moves most in self-motions
-    q̇ = N ż: among these joints, it maximises ``Σ_i ‖dp/dz_i‖²``, with p the joint's origin and all
-    directions z_i weighted equally. Without a self-motion it is the joint nearest to the middle. An
-    arm without a joint in its middle has no elbow: then all joints are candidates.
+    It is the revolute joint in the middle of the arm whose origin moves most in self-motions q̇ = N
+    ż: among these joints, it maximises ``Σ_i ‖dp/dz_i‖²``, with p the joint's origin and all
+    directions z_i weighted equally. Without a self-motion, the joint nearest to the middle is
+    returned. If no revolute joint lies in the middle of the arm, all joints are candidates.
 
     Parameters
     ----------
@@ -95,9 +95,10 @@ def in_the_middle(task: Task, q: Array) -> NDArray[np.bool_]:
 
 
 def _along_arm(task: Task, q: Array) -> Array:
-    """Compute where the joints' origins lie along the arm (n,): 0 at the first, 1 at the frame.
+    """Compute the positions of the joint origins along the arm, as fractions of its length: (n,).
 
-    Lengths along the arm are sums of the distances between successive joints at q.
+    The fraction is 0 at the first joint and 1 at the frame. Lengths along the arm are sums of the
+    distances between successive joints at q.
     """
     if len(task.frames) > 1:
         shares = np.zeros(task.n)

@@ -66,7 +66,8 @@ class Coupling:
     def derivatives(self, J: Array) -> Array:
         """Convert derivatives along all joints (..., N) to those along the free joints (..., n).
 
-        A free joint also moves its mimic joints, so that their columns are added.
+        A free joint also moves its mimic joints, so its derivative is the sum over all joints that
+        it moves, times their multipliers: ``J S``.
         """
         return J if self.identity else J @ self.S
 
@@ -288,7 +289,10 @@ def _interval(lower: float, upper: float) -> str:
 
 
 def _loss(before: float, after: float) -> float:
-    """Compute the share of a range or a limit that is lost; 1 if there was no limit before."""
+    """Compute the share of a range or a limit that is lost; 1 if there was no limit before.
+
+    ``before`` and ``after`` are the range or limit before and after.
+    """
     return 1.0 if np.isinf(before) else 1 - after / before
 
 

@@ -1,8 +1,8 @@
 """Cache of meshes and their convex hulls on disk, by the content of the mesh file.
 
-To import a reader of meshes, to read and to hull them takes longer than all distances of most
-commands. The folder is ``$XDG_CACHE_HOME/repctl_pin/meshes``, by default under ``~/.cache``. It may
-be deleted at any time.
+Importing a mesh reader, reading the meshes and computing their convex hulls takes longer than all
+distance computations of most commands. The folder is ``$XDG_CACHE_HOME/repctl_pin/meshes``, by
+default under ``~/.cache``. It may be deleted at any time.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from ..base.errors import InputError
 from ..base.files import read_bytes, write_whole
 
 _VERSION = 1
-"""Number to raise whenever the arrays of a mesh file change."""
+"""Version of the cached arrays; raise it whenever their content or meaning changes."""
 
 _COMPLETE = (".stl", ".dae", ".obj", ".ply", ".off", ".glb")
 """Formats whose file holds all vertices and triangles; other formats are not cached."""
@@ -40,9 +40,9 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
     Parameters
     ----------
     path
-        The mesh file; the cache knows it by its format and content.
+        The mesh file, which the cache identifies by its format and content.
     variant
-        What the arrays depend on besides the file, such as its scale.
+        Text for all else on which the arrays depend, such as the scale.
     make
         Function that reads the file. Its errors are raised, and nothing is cached.
 
@@ -68,7 +68,11 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
 
 
 def _kept(path: Path, variant: str) -> Path | None:
-    """Return the file in which the arrays of a mesh file are cached; None if they are not."""
+    """Return the file in which the arrays of a mesh file are cached; None if they are not.
+
+    Files in formats that need other files, and files that are too large, are not cached; without a
+    home folder, no file is. ``variant`` is as in :func:`cached`.
+    """
     kind = path.suffix.lower()
     if kind not in _COMPLETE:
         return None

@@ -104,7 +104,10 @@ def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> b
 def _body_parts(
     model: Any, b: int, names: Sequence[str], mimics: Mapping[str, tuple[str, float, float]]
 ) -> list[_Part]:
-    """Convert body number b to links: one per joint, the last with the inertia."""
+    """Convert body number b to links: one per joint, the last with the inertia.
+
+    ``names`` are the names of all bodies, and ``mimics`` the mimic joints, see :func:`_couplings`.
+    """
     place = _placed(model.body_pos[b], model.body_quat[b])
     above = names[int(model.body_parentid[b])]
     chain = _joints(model, names[b], above, place, _joint_numbers(model, b))
@@ -135,7 +138,7 @@ def _joint_notes(model: Any, b: int, name: str) -> list[str]:
 
 
 def _site_parts(model: Any, names: Sequence[str], taken: set[str]) -> list[_Part]:
-    """Convert sites, which are often the tool's centre, to links with names that are not taken."""
+    """Convert sites, which often mark the tool centre, to links with names not in ``taken``."""
     parts = []
     for s in range(model.nsite):
         name, at = model.site(s).name, _placed(model.site_pos[s], model.site_quat[s])
@@ -153,8 +156,9 @@ def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) ->
     """Write the joints of a body as links, one below the other; the last one is the body.
 
     A URDF link has one joint, but a MuJoCo body can have several. ``above`` is the parent link,
-    ``place`` the body in it, and ``joints`` are their numbers in MuJoCo. A free joint is left out.
-    A ball joint is kept, and is split into three joints when the URDF is read.
+    ``place`` the placement of the body in it, and ``joints`` the numbers of the body's joints in
+    MuJoCo. A free joint is left out. A ball joint is kept, and is split into three joints when the
+    URDF is read.
     """
     parts: list[_Part] = []
     for j in joints:
@@ -269,7 +273,7 @@ def _shapes(kind: int, size: Array, at: pin.SE3) -> list[tuple[pin.SE3, dict[str
     """Convert a MuJoCo shape to a URDF shape: a list with its placement, tag and attributes.
 
     ``kind`` is MuJoCo's type number, ``size`` the half sizes, m. The list is empty for other types
-    than sphere, box, cylinder and capsule.
+    than sphere, box, cylinder and capsule. ``at`` is the shape's placement.
     """
     if kind == _SPHERE:
         return [(at, {"tag": "sphere", "radius": repr(float(size[0]))})]
@@ -285,7 +289,7 @@ def _mesh(model: Any, mesh: int, at: pin.SE3, folder: Path) -> list[tuple[pin.SE
     """Convert a MuJoCo mesh to a URDF shape, undoing MuJoCo's shift to the mesh's centre.
 
     ``mesh`` is the mesh's number in the model. Returns a list as :func:`_shapes` does, empty if the
-    mesh has no file.
+    mesh has no file. ``at`` is the mesh's placement.
     """
     begin = int(model.mesh_pathadr[mesh])
     if begin < 0:
@@ -331,7 +335,10 @@ def _origin(above: etree._Element, place: pin.SE3) -> None:
 
 
 def _text(name: str, parts: Sequence[_Part]) -> bytes:
-    """Write links and joints as URDF; the result is the bytes of an XML file."""
+    """Write links and joints as URDF; the result is the bytes of an XML file.
+
+    ``name`` is the robot's name.
+    """
     robot = etree.Element("robot", name=name)
     for part in parts:
         link = etree.SubElement(robot, "link", name=part.name)

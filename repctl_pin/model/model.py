@@ -23,8 +23,9 @@ _TEMPORARY = "\N{NULL} link"
 def frame_id(model: pin.Model, name: str) -> int:
     """Return the id of a frame by name; a link takes precedence over a joint of the same name.
 
-    Raises InputError for an unknown name, for which Pinocchio's own lookup returns an id that
-    crashes later. That lookup also raises on a name shared by a joint and a link.
+    InputError is raised for an unknown name. Pinocchio's own lookup is not used: for an unknown
+    name it returns an id that causes a crash later, and it fails if a joint and a link share a
+    name.
     """
     ids = {f.name: i for i, f in reversed(list(enumerate(model.frames)))}
     ids |= link_ids(model)

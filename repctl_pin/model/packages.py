@@ -10,8 +10,8 @@ from pathlib import Path
 def package_folder(given: str | Path) -> tuple[str, Path]:
     """Split ``NAME=DIR`` into the name of a package and its folder; the name is empty for ``DIR``.
 
-    A path may contain ``=`` itself: it is read as a path if the name would contain a separator, or
-    if there is such a folder.
+    A text with ``=`` is read as a path if its part before ``=`` contains a separator, or if a
+    folder of this name exists.
     """
     name, mark, folder = str(given).partition("=")
     if not (mark and name) or "/" in name or os.path.isdir(given):

@@ -127,9 +127,10 @@ class Robot(Mechanism):
     def _poses_within(
         self, free: Sequence[str], ranges: Sequence[Range], notes: list[str]
     ) -> dict[str, Array]:
-        """Compute the named poses of the free joints, within their ranges, by the poses' names.
+        """Compute the named poses of the free joints, within their ranges: (n,) each, by pose name.
 
-        Notes on values of the reference pose that were moved within the limits are appended.
+        Notes on values of the reference pose that were moved within the limits are appended to
+        ``notes``.
         """
         lower, upper = np.array([(one.lower, one.upper) for one in ranges]).reshape(-1, 2).T
         turns = self._revolute(free)
@@ -144,7 +145,7 @@ class Robot(Mechanism):
         """Set limits, types and poses of the movable joints.
 
         ``free`` lists all joints that mimic no other, including locked ones. ``ranges`` and the
-        values of ``poses`` are in its order.
+        values of ``poses`` are in the same order.
         """
         mine = [free.index(name) for name in self.joint_names]
         kept = [ranges[i] for i in mine]
@@ -349,7 +350,7 @@ class Robot(Mechanism):
         return FrameSpec(name, task_kind(own), base, moving)
 
     def _moving(self, frame: str, joints: Sequence[str] | None) -> tuple[str, ...]:
-        """List the joints that move a frame; only those among ``joints``, if they are given.
+        """List the names of the joints that move a frame; only those in ``joints``, if given.
 
         InputError is raised if no joint moves the frame, or if one of ``joints`` does not move it.
         """
@@ -518,8 +519,8 @@ class Robot(Mechanism):
 def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
     """Convert a loaded model, of yourdfpy or MuJoCo, to URDF text.
 
-    Returns the text, a name to use instead of a file's, and notes. For any other object, the text
-    is None, and the object itself takes the place of the name.
+    Returns the text, a name to use in place of a file name, and notes. For any other object, the
+    text is None, and the object itself is returned in place of the name.
 
     Raises
     ------
@@ -582,7 +583,7 @@ def _frozen(values: Sequence[float] | NDArray[Any]) -> Array:
 def read_surroundings(
     path: str | Path, package_dirs: Sequence[str]
 ) -> tuple[Description, Sequence[str]]:
-    """Read the URDF of the surroundings; return it, and the folders near it to look up meshes."""
+    """Read the URDF of the surroundings; return it, and the folders in which its meshes may be."""
     beside = Path(os.path.expanduser(str(file_name(path, "surroundings"))))
     near = default_package_dirs(beside)
     return check_surroundings(read_urdf(beside, [*package_dirs, *near])), near

@@ -80,7 +80,7 @@ class SeveralFrames(Task):
     def groups(self) -> tuple[tuple[str, ...], ...]:
         """Frames that share joints, directly or through others: one tuple of names per group.
 
-        Several groups are independent tasks, which would better be studied one by one.
+        Several groups are independent tasks, which should be studied one by one.
         """
         groups: list[tuple[set[str], list[str]]] = []
         for spec in self.specs:
@@ -140,7 +140,10 @@ class SeveralFrames(Task):
         return np.concatenate([part.jacobian(q) for part in self.parts])
 
     def error(self, q: ArrayLike, target: Placement) -> Array:
-        """Evaluate the task error (m,) of all frames to their targets, m and rad."""
+        """Evaluate the task error (m,) of all frames to their targets, m and rad.
+
+        ``target`` has a placement per frame.
+        """
         targets = self.as_target(target)
         return np.concatenate(
             [part.error(q, x) for part, x in zip(self.parts, targets, strict=True)]
@@ -182,8 +185,8 @@ class SeveralFrames(Task):
     def joint_origins(self, q: ArrayLike) -> Array:
         """Compute the origins of the joints, from the base outward: (n, 3), m.
 
-        Origins are relative to the robot's base if a frame placed there is moved, else to that of
-        the frame.
+        The origin of a joint is relative to the robot's base if the joint moves a frame with that
+        base. Otherwise it is relative to the base of the frame that the joint moves.
         """
         return self._of_joints(q, "joint_origins")
 

@@ -75,7 +75,7 @@ Surfaces = dict[Path, Surface | InputError]
 
 
 _ALONE = (".stl", ".dae", ".ply", ".off", ".glb")
-"""Formats of which a file depends on no other file than its textures."""
+"""Formats whose files depend on no other files, except for textures."""
 
 _KEPT_FACES = 300_000
 _kept: dict[tuple[Path, int, int], Surface] = {}
@@ -104,7 +104,7 @@ def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
 
 
 def _has_no_textures(path: Path) -> bool:
-    """Test whether a mesh file is one whose colours come from no other file."""
+    """Test whether the colours of a mesh come from its own file, not from textures."""
     kind = path.suffix.lower()
     if kind == ".dae" and path.is_file():
         with suppress(InputError, OSError):
@@ -115,7 +115,10 @@ def _has_no_textures(path: Path) -> bool:
 
 
 def _cached(path: Path, most: int) -> Surface:
-    """Read a mesh file as :func:`_read` does, or the arrays that were made of it from the cache."""
+    """Read a mesh file as :func:`_read` does, or the arrays that were made of it from the cache.
+
+    ``most`` is the maximum number of triangles.
+    """
     arrays = cached(
         path,
         f"surface of at most {most} triangles",
@@ -239,7 +242,7 @@ def _read_bytes(path: Path) -> bytes:
         If the file is missing, not a regular file, or too large.
     """
     if not path.is_file():
-        raise InputError(f"{path.name} is not a regular file")
+        raise InputError(f"{path.name} is not a regular file; give a mesh file")
     with path.open("rb") as file:
         data = file.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
@@ -297,6 +300,7 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> tuple[Array, Array, Arr
     """Extract the points of one mesh of a trimesh scene, their normals and colours.
 
     Each array has one row per face corner (3F). Points are in the file's frame and unit.
+    ``transform`` (4, 4) is the mesh's placement in the scene.
     """
     vertices = np.asarray(mesh.vertices, float)
     if not (np.abs(vertices) < 1e9).all() or not (np.abs(transform) < 1e9).all():
@@ -376,7 +380,7 @@ def _by_pairs(
     Each corner averages those normals of the faces at its point that differ from its own face's
     normal by at most the crease angle. ``corner`` and ``point`` (K,) are the numbers of face
     corners and of the points where they lie. ``flat`` (F, 3) are the normals of the faces, each
-    with a length of twice the face's area.
+    with a length of twice the face's area. ``unit_normal`` (F, 3) are these normals with length 1.
     """
     order = np.argsort(point, kind="stable")
     corner, point = corner[order], point[order]
@@ -439,7 +443,8 @@ def _join(points: Array, normals: Array, colors: Array, scale: float) -> Surface
     """Make the surface of face corners (3F, 3), with each distinct vertex stored once.
 
     Vertices are distinct if position, normal or colour differ. Positions are rounded to 2⁻¹⁷ of the
-    mesh's size; ``scale`` is the unit of the file in m.
+    mesh's size; ``scale`` is the unit of the file in m. ``points``, ``normals`` and ``colors`` have
+    a row per face corner.
     """
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
     lattice = _extent(points) / 2**17 or 1.0

@@ -30,7 +30,11 @@ from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_be
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
-    """Suggest joint positions in rad if the values, read as degrees, are within the limits."""
+    """Suggest joint positions in rad if the values, read as degrees, are within the limits.
+
+    ``lower`` and ``upper`` (n,) are the limits, rad or m. The result is the remedy of a message, or
+    an empty text.
+    """
     if not ((joints >= lower) & (joints <= upper)).all():
         return ""
     return f"if these are degrees, give {','.join(f'{q:.4g}' for q in joints)}"
@@ -460,7 +464,10 @@ class Task:
         return Js, Rs
 
     def _placements(self, Q: Array) -> tuple[Array, Array]:
-        """Evaluate the frame's position (K, 3) and rotation (K, 3, 3) at every row of Q."""
+        """Evaluate the frame's position (K, 3) and rotation (K, 3, 3) at every row of Q.
+
+        Positions are in m, both in the base frame.
+        """
         here = self._data.oMf[self._frame_id]
         p, R = here.translation, here.rotation  # views, which each evaluation fills
         points, turns = np.empty((len(Q), 3)), np.empty((len(Q), 3, 3))

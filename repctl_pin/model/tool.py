@@ -23,13 +23,13 @@ from .several_frames import one_frame
 from .task import Task
 
 _EXACT = 1e-14
-"""Entry of RᵀR − I below which a rotation is left as it is."""
+"""Entry of RᵀR − I up to which a rotation is accepted without correction."""
 
 _FARTHEST = 1000.0
 """Maximum distance of a tool from its frame, m; rounding errors of poses grow with it."""
 
 _SAME = 1e-9
-"""Largest difference, m or rad, of two placements that are one."""
+"""Largest difference, m or rad, of two placements that count as equal."""
 
 
 class ToolTask(Task):
@@ -154,7 +154,7 @@ def placement_between(task: Task, other: Task) -> pin.SE3:
 
 
 def _new_name(link: str, model: pin.Model) -> str:
-    """Make a name for the tool of a link that no frame has, such as ``flange tool``."""
+    """Make a frame name that the model does not have for a link's tool, such as ``flange tool``."""
     taken = {frame.name for frame in model.frames}
     name = f"{link} tool"
     while name in taken:

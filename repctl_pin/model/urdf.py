@@ -193,7 +193,10 @@ def check_surroundings(description: Description) -> Description:
 
 
 def _still_notes(elements: Mapping[str, etree._Element]) -> list[str]:
-    """Write the note on joints with the speed limit 0, which is read as no limit."""
+    """Write the note on joints with the speed limit 0, which is read as no limit.
+
+    ``elements`` are the joints' elements, by name.
+    """
     still = [repr(name) for name, element in elements.items() if _no_speed(element)]
     return [f"speed limit 0 of joint {', '.join(still)} read as no limit"] if still else []
 
@@ -329,7 +332,7 @@ def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
 def _fix_still_followers(robot: etree._Element, notes: list[str]) -> None:
     """Fix the joints that mimic a fixed joint, at their offsets, and add one note on them.
 
-    A fixed joint is at 0, so its followers do not move either. They keep their ``<mimic>``
+    A fixed joint is at 0, so its followers do not move either. The followers keep their ``<mimic>``
     elements, by which fingers are recognised.
     """
     joints = {joint.get("name"): joint for joint in robot.findall("joint")}

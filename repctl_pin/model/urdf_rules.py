@@ -35,8 +35,8 @@ _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _UNHANDY = re.compile(r'[,;"]')
 
 SEVERAL = {"planar": 3, "ball": 3, "spherical": 3, "floating": 6}
-"""Types of joints with several coordinates, and how many: ``ball`` and ``spherical`` are one type,
-which only other readers know."""
+"""Types of joints with several coordinates, and their number of coordinates. ``ball`` and
+``spherical`` mean the same; they are not in the URDF standard."""
 
 _FREEDOM = {"fixed": 0, **SEVERAL}  # coordinates of a joint; else 1
 
@@ -181,7 +181,7 @@ def finite(word: str) -> float | None:
 def axis_of(joint: etree._Element) -> tuple[float, float, float]:
     """Return a joint's unit axis: x if none is given, as URDF defines; 0 for a zero axis.
 
-    A zero axis is refused elsewhere.
+    :func:`_check_joint` refuses a zero axis.
     """
     axis = joint.find("axis")
     x, y, z = (numbers(axis, "xyz") if axis is not None else None) or (1.0, 0.0, 0.0)
@@ -341,7 +341,8 @@ def _leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
 
     The leader has the written name, or that name with the follower's prefix, which macros often
     omit: ``left_index_2`` that mimics ``index_1`` follows ``left_index_1`` if there is no joint
-    ``index_1``.
+    ``index_1``. ``name`` is the name of the mimic joint, ``mimicked`` the written name, and
+    ``joints`` are the names of all joints.
     """
     if mimicked in joints:
         return mimicked
@@ -356,7 +357,7 @@ def _leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
 def _check_range(limit: etree._Element) -> None:
     """Check the range of a revolute or prismatic joint; UrdfError if it allows no motion.
 
-    Both ends 0 are allowed: exporters write that for no limit.
+    ``lower = upper = 0`` is allowed, because exporters write it for a joint without limits.
     """
     lower = number(limit, "lower")
     upper = number(limit, "upper")

@@ -81,7 +81,7 @@ def parse(data: bytes, notes: list[str]) -> etree._Element:
 def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
     """Parse XML, accepting only parser errors that change no element.
 
-    Such an error adds a note to ``notes``. Others raise UrdfError, because the parser would
+    Such an error adds a note to ``notes``. Other errors raise UrdfError, because the parser would
     silently drop what it cannot read. Nothing is fetched from the network.
     """
     parser = etree.XMLParser(
@@ -109,7 +109,7 @@ def _not_xml(where: int, what: str | None) -> UrdfError:
 
 
 def _note_foreign(root: etree._Element, notes: list[str]) -> None:
-    """Add notes on ignored xacro elements and undeclared prefixes.
+    """Add notes on ignored xacro elements and undeclared namespace prefixes.
 
     The parts that xacro would have added are missing from the robot.
     """
@@ -211,7 +211,7 @@ def _check_root(root: etree._Element) -> None:
 
 
 def _plain(element: etree._Element) -> etree._Element:
-    """Copy an element without namespaces, comments and foreign children; keep the line numbers.
+    """Copy an element without namespaces, comments and foreign elements; keep the line numbers.
 
     All later checks then see plain tags, and can name the line of the file.
     """
@@ -279,7 +279,7 @@ def find(package):
 substitution_args._eval_find = substitution_args._eval_dict["find"] = find
 xacro.main()
 """
-"""Program of the process: ``$(find package)`` is looked up in the folders of its arguments."""
+"""Python program that expands xacro, with the folders for ``$(find package)`` as arguments."""
 
 
 def expand(path: Path, most: int, package_dirs: Sequence[str] = ()) -> bytes:

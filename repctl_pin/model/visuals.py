@@ -44,11 +44,11 @@ _RIM = 24
 """Number of corners of the polygon that approximates a circle."""
 
 _ALLOWED = 0.5
-"""Distance of a mesh's point from the hull of the link's collision shapes up to which it counts, as
-a fraction of the diagonal of the box around that hull."""
+"""Maximum distance of a mesh point from the hull of the link's collision shapes, as a fraction of
+the diagonal of the box around that hull. Farther points may be stray points."""
 
 _MAJORITY = 0.9
-"""Fraction of a mesh's points that must be so near for the others to be left out."""
+"""Fraction of a mesh's points that must lie within that distance for the others to be dropped."""
 
 _KEPT = 256
 _hulls: dict[tuple[Path, int], Array] = {}
@@ -203,7 +203,7 @@ def _mesh_file(shape: Shape, of: Description, robot: Mechanism) -> Path | None:
 def _skeleton(
     robot: Mechanism, links: dict[str, pin.Frame], draw: Container[str]
 ) -> Iterator[_Placed]:
-    """Iterate over the shapes that stand in for links without meshes: tubes, and joints.
+    """Iterate over the tubes and joint shapes that are drawn for links without meshes.
 
     Without them such links would be invisible.
 
@@ -338,8 +338,8 @@ def _confirmed(
     """Drop stray points of a mesh, and return the corners (P, 3) of the hull of the others.
 
     ``corners`` are the corners of the hull of all points, ``place`` (4, 4) is the shape's placement
-    on its link, and ``hull`` the result of :func:`_widened_hull`. Where many points are outside,
-    the collision shapes do not cover the link, and all points count.
+    on its link, and ``hull`` the result of :func:`_widened_hull`. If many points are outside, the
+    collision shapes do not cover the link, so no point is dropped.
     """
 
     def inside(points: Array) -> NDArray[np.bool_]:

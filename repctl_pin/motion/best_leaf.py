@@ -63,10 +63,10 @@ _DIRECTIONS = 8
 """Number of random directions of the self-motion for r > 1."""
 
 _RANDOM = 8
-"""Number of random starts, those of lowest joint speed, beside the starts along self-motions."""
+"""Number of random starts of lowest joint speed, in addition to starts along self-motions."""
 
 _LEAST_LEAF_MARGIN = 0.1
-"""Leaf margin that suffices for a start to replace the given one, even if that one has more."""
+"""Leaf margin that is sufficient for a start, even if the given start has a larger one."""
 
 _STARTS, _STEPS = 96, 16
 """Numbers of random configurations among which low joint speed is sought, and of points per cycle
@@ -76,7 +76,7 @@ _LONGEST, _EXACT = 0.4, 1e-9
 """Longest step of any joint, and the task error at which a pose is reached; m or rad."""
 
 _ITERATIONS, _CORRECTIONS = 40, 2
-"""Maximum numbers of Newton steps to the path, and from each point of it to the next one."""
+"""Maximum numbers of Newton steps to the path, and from each point of the path to the next."""
 
 _JUMP = 1.0
 """Change of a joint between two points, rad or m, at which a motion is given up."""
@@ -229,8 +229,8 @@ def best_leaf(
     by
         ``"limits"`` maximises the smallest relative margin. ``"speed"`` then minimises the joint
         speed (rms) over the collision-free leaves with at least half of the joint-limit margin of
-        the start that ``"limits"`` finds. It also tries random starts, on all self-motions of the
-        first point.
+        the start that ``"limits"`` finds. ``"speed"`` also tries random starts, on all self-motions
+        of the first point.
     steps
         Number of steps per cycle.
     seed
@@ -351,7 +351,7 @@ class _Search:
     def improved(
         self, best: _LeafCandidate | None, starts: Iterable[Array | None], better: _Better
     ) -> _LeafCandidate | None:
-        """Return the best of the candidate ``best`` and the candidates from ``starts``."""
+        """Return the best of ``best`` and the candidates at ``starts``, compared by ``better``."""
         for candidate in self.allowed(starts):
             best = candidate if best is None or better(candidate, best) else best
         return best
@@ -438,7 +438,8 @@ def _fast_starts(
     """Find starts (n,) from which J⁺ follows one cycle of a path with low joint speed.
 
     The inverse kinematics of the first point is solved from random configurations, so the starts
-    can lie on any self-motion of that pose. Walks from another start do not reach all of them.
+    can lie on any self-motion of that pose. Searches along the self-motion of one start do not
+    reach all self-motions.
 
     Parameters
     ----------

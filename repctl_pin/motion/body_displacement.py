@@ -41,7 +41,7 @@ def displacements(
 
     Returns
     -------
-    way : (T, S) array
+    displacement : (T, S) array
         Displacement of each body, m.
     which : (T, S) array of int
         Index of the corner that moves farthest.
@@ -61,7 +61,7 @@ def displacements(
 
 
 def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tuple[str, float]:
-    """Find the link of the shape that is displaced most, and how far, m.
+    """Find the link whose shape is displaced most, and the displacement of that shape, m.
 
     Parameters
     ----------

@@ -20,8 +20,8 @@ from ..strategies import PostureControl, Pseudoinverse, RepeatableInverse, Strat
 from ..strategies.native_arm import library_arm
 
 Steps = Callable[[int, int, Array, Array], int]
-"""Function (step, end, Q, Qdot) that writes the rows of both arrays from ``step`` on, and returns
-the first step that it has not done."""
+"""Function (step, end, Q, Qdot) that takes the steps from ``step`` to ``end``, writes their results
+to rows of both arrays, and returns the first step that was not taken."""
 
 _AT_ONCE = 50_000
 """Number of steps per call of the C function; Ctrl-C is handled between calls."""

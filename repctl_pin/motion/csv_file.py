@@ -169,7 +169,7 @@ def read_motions(
         times = values[rows, n] if clocks else None
         if times is not None and (late := np.flatnonzero(np.diff(times) <= 0)).size:
             where = table.where(rows[late[0] + 1])
-            raise InputError(f"{where}: time must increase from row to row")
+            raise InputError(f"{where}: time must increase from row to row; correct it")
         made.append(_Recorded(key, joints, values[rows, :n], count, times))
     return made
 
@@ -206,6 +206,7 @@ def _joints(names: Sequence[str], known: Sequence[str], where: str) -> tuple[str
     """Select the joint columns of a header, in its order, and refuse columns of unknown meaning.
 
     ``known`` are the names of the robot's joints. An unknown column could be a misspelt joint.
+    ``where`` names the file and the line in messages.
 
     Raises
     ------

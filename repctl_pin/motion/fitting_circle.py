@@ -26,8 +26,8 @@ _DEGREES = (180.0, 0.0, 90.0, -90.0)
 _LEAST_MARGIN = 0.02
 """Minimum joint-limit margin along a circle, rad or m."""
 _INSIDE = 0.999
-"""Maximum of the region's ratio at the sampled points of a circle; below 1, because the ratio can
-be larger between them."""
+"""Maximum of ``region.ratio(q)``, which is 1 on the boundary, at the sampled points of a circle. It
+is below 1 because the ratio can be larger between these points."""
 _LOOKS = 12
 """Number of points per cycle at which body distances are measured first."""
 

@@ -46,7 +46,7 @@ _RESOLVED = 0.01
 """Distance between two runs, one with twice the steps, up to which a drift is resolved, as a share
 of the drift."""
 
-UNRESOLVED = "passes close to a singularity; its drift is not a number"
+UNRESOLVED = "passes close to a singularity; its drift cannot be computed reliably"
 """Beginning of the text on a motion whose drift depends on the number of steps."""
 
 _MOST = 100_000_000
@@ -211,7 +211,8 @@ def _locked(
 ) -> _Method:
     """Create the integration method of a motion on the leaf of q0 (n,).
 
-    Raises InputError if the strategy is not repeatable or ``feedback`` is not 0.
+    Raises InputError if the strategy is not repeatable or ``feedback`` is not 0. ``grid`` are the
+    values of s at the ends of the steps, ``period`` is in s, and ``lock`` has the options.
     """
     if feedback:
         raise InputError(
@@ -247,13 +248,13 @@ def unresolved(strategy: Strategy, motion: Motion) -> str:
     fine = len(path_grid(path, 2 * steps)) - 1
     size = _size(path.points())
     for k, coarse in enumerate(motion.q[steps::steps]):
-        outcome = "one stops in"
+        outcome = "one of the two motions stops in"
         try:
             q = _run(method, task, path, (1, fine), size, q)[0][-1]
             gap = float(np.linalg.norm(q - coarse))
             if gap <= max(_RESOLVED * motion.drift[k], CLOSED):
                 continue
-            outcome = f"their ends are {gap:.2g} {task.unit} apart after"
+            outcome = f"the two motions are {gap:.2g} {task.unit} apart after"
         except SingularityError:
             pass
         runs = f"with {steps:,} and {fine:,} steps per cycle, {outcome} cycle {k + 1}"
@@ -334,7 +335,7 @@ def _integrated(
 
     ``integrator`` is a key of ``_INTEGRATORS``: ``"euler"`` or ``"rk4"``. ``period`` is the
     duration of a cycle, s, and ``feedback`` the gain of the task error, 1/s. All twists of the path
-    are evaluated here, once for all cycles.
+    are evaluated here, once for all cycles. ``steps`` is the number of steps per cycle.
     """
     task = strategy.task
     nodes, weights = _INTEGRATORS[integrator]
@@ -383,7 +384,7 @@ def _velocity(
 ) -> Callable[[Array, Array, float], Array]:
     """Make the function (q, velocity of the path, s) → q̇, with the feedback gain in 1/s.
 
-    The velocity of the path is ẋ. For an axis task, ẋ depends on q, so this velocity is the twist.
+    The velocity of the path is ẋ or, for an axis task, whose ẋ depends on q, the twist (v, ω).
     """
     task, own = strategy.task, strategy.velocity
     turning = task.kind.tool_axes

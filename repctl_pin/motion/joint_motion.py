@@ -226,7 +226,7 @@ class JointMotion:
         k = as_int(k, "the cycle number")
         if k >= self.cycles:
             raise InputError(
-                f"there is no cycle {k}; this motion has {self.cycles}, counted from 0"
+                f"there is no cycle {k}; this motion has {self.cycles} cycles, counted from 0"
             )
         return self.q[k * self.steps : (k + 1) * self.steps + 1]
 

@@ -50,7 +50,7 @@ _INSIDE = 1e-6
 """Margin to the joint limits, rad or m, that is added to the requested one."""
 
 _STIFFEST = 1e9
-"""Penalty weight ``stiffness`` of violated limits from which the search fails."""
+"""Penalty weight ``stiffness`` of violated limits at which the search is given up."""
 
 _NEAR = (
     "the motion comes near a singularity, or there are too few steps; "
@@ -156,7 +156,7 @@ def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
 
     The motion of J⁺ is not closed in general, and the descent must begin with a closed one. Each
     stage subtracts the gap ``q_K − q_0``, at most 0.3 rad or m of it, in proportion to s, and moves
-    the configurations back to the path along J⁺.
+    the configurations back to the path along J⁺. ``grid`` are the values of s, from 0 to 1.
     """
     for _ in range(_STAGES):
         gap = Q[-1] - Q[0]
@@ -168,7 +168,10 @@ def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
         if rest is None:
             break
         Q = np.vstack([Q[:1], rest])
-    raise InputError("the motion of J⁺ cannot be closed", remedy="pass a closed motion as guess=")
+    raise InputError(
+        "the motion of J⁺ on this path cannot be deformed into a closed one",
+        remedy="pass a closed motion as guess=",
+    )
 
 
 def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
@@ -203,10 +206,10 @@ class _Cost:
     """Augmented Lagrangian of a discrete closed motion, the K configurations q_k of one cycle.
 
     ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of ``q_k + λ_k /
-    ρ_k`` over the joint limits less ``margin``, and λ_k are the multipliers. w_k is the inverse of
-    the step length in s, and ρ_k the stiffness times the point's share of the cycle. The limits are
-    penalties in the cost, which the multipliers make exact. ``first`` is the index of the first
-    configuration that is free: 0, or 1 if the start is fixed.
+    ρ_k`` over the joint limits, narrowed by ``margin``, and λ_k are the multipliers. w_k is the
+    inverse of the step length in s, and ρ_k the stiffness times the point's share of the cycle. The
+    limits are penalties in the cost, which the multipliers make exact. ``first`` is the index of
+    the first configuration that is free: 0, or 1 if the start is fixed.
     """
 
     task: Task
@@ -242,7 +245,7 @@ class _Cost:
         )
 
     def excess(self, Q: Array, *, shifted: bool = True) -> Array:
-        """Compute by how much joints exceed their limits less the margin: (K, n), rad or m.
+        """Compute how far joints exceed their limits, narrowed by the margin: (K, n), rad or m.
 
         If ``shifted``, the positions are those in the augmented Lagrangian: joint values plus the
         multiplier divided by the point's stiffness, λ_k / ρ_k.
@@ -264,7 +267,7 @@ class _Cost:
         return float(self.weights @ chords + stiff @ beyond) / 2
 
     def moved(self, Q: Array) -> Array | None:
-        """Move free configurations of Q (K, n) along J⁺ onto the path; None if one of them fails.
+        """Move free configurations of Q (K, n) along J⁺ onto the path; None if one cannot reach it.
 
         A step along the null space moves the frame off the path in second order.
         """

@@ -1,7 +1,8 @@
 """Search for the start whose closed motion needs minimum joint speed, before a design is made.
 
 Other starts with the frame at the same placement lie on the self-motions of the given start. The
-closed motion of :mod:`least_motion` from each start shows what the best controller could reach.
+closed motion of :mod:`least_motion` from each start shows what the best controller could reach. A
+start is freed if the search for the closed motion may also move the start along its self-motions.
 """
 
 from __future__ import annotations
@@ -26,19 +27,19 @@ _STRIDE = 0.4
 """Distance between starts along a self-motion, rad; for prismatic joints in arm lengths."""
 
 _SPARE = (1.0, 1.1, 1.3, 1.6)
-"""Factors of the required joint-limit margin with which a free start is searched, one after the
-other, until the result has that margin."""
+"""Multiples of the required joint-limit margin. The search with a free start demands each in turn,
+until its result has the required margin."""
 
 _STEPS = 24
 """Number of points per cycle."""
 
 _ROUNDS = 3
-"""Maximum number of starts from which self-motions of more than one dimension are walked: the given
-start, then the best one found so far."""
+"""Maximum number of starts whose self-motions are searched if r > 1: the given start, then the best
+one found so far."""
 
 _IMPROVED = 4
-"""Number of motions of lowest joint speed whose starts are then freed; as many again of those that
-have the required margin."""
+"""Number of motions whose starts are freed: this many with the lowest joint speed, and this many
+with the lowest joint speed among those with the required margin."""
 
 
 class _LeastStart(NamedTuple):
@@ -120,7 +121,7 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) 
 
     Each motion is the guess for the motion from the next start. ``turn`` (r, r) rotates the
     directions. The walks go on beyond joint limits, because later parts of a self-motion can be
-    within them again.
+    within them again. ``given`` is the motion from that start.
     """
     start = given.q[0]
     target = path.placement(0.0)

@@ -273,7 +273,8 @@ def _per_joint(
     """Convert limits of acceleration or jerk, numbers or a published name, to an array (n,).
 
     ``known`` maps published names to numbers and their source. InputError is raised unless there is
-    one number, or one per joint; ``what`` names the limit in the message.
+    one number, or one per joint; ``what`` names the limit in the message. ``given`` are the limits
+    as the user gives them.
     """
     n = len(task.joint_names)
     if isinstance(given, str):
@@ -287,10 +288,10 @@ def _per_joint(
 
 
 def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
-    """Make the function (q, q̇), (K, n) each, → max(|v| / v_max, |ω| / ω_max) (K,) of the frame.
+    """Make the function that computes the largest used share of the tool's speed limits.
 
-    The value is the largest used share of the tool's speed limits. ``most`` is v_max, m/s, or v_max
-    and ω_max, rad/s; a single number does not limit ω.
+    The function maps q and q̇, (K, n) each, to ``max(|v| / v_max, |ω| / ω_max)`` (K,) of the frame.
+    ``most`` is v_max, m/s, or v_max and ω_max, rad/s; a single number does not limit ω.
     """
     v_max, omega_max = per_joint(most, 2, "tool_speed", "m/s and rad/s")
     if np.size(np.asarray(most)) == 1:  # m/s alone

@@ -175,6 +175,7 @@ def motion_along(
 
     ``t`` (T + 1,), ``q`` and ``qdot`` (T + 1, n) are its samples, with equal numbers of steps per
     cycle. ``targets`` are the placements on the path at the points of one cycle, with both ends.
+    ``damping`` is the maximum damping λ that was used.
     """
     steps = len(targets) - 1
     cycles = (len(q) - 1) // steps

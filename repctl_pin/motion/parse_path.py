@@ -80,8 +80,8 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
         path = require_type(
             drawn(task, q0, flat),
             TaskPath,
-            f"what {kind!r} makes",
-            "a closed path, as rp.circle makes one",
+            f"the result of {kind!r}",
+            "a closed path, such as the result of rp.circle",
         )
         return path if path.spec else renamed(path, spec=text, plane=flat)
 

@@ -1,7 +1,7 @@
 """Walks along the self-motions of a configuration, during which the frame stays at rest.
 
-The self-motions of a redundant arm have r = n − m dimensions. Searches for a better start follow
-them.
+The self-motions of a redundant arm have r = n − m dimensions. A walk is a sequence of
+configurations of one self-motion, a step apart. Searches for a better start use walks.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def _walk(
     ``along`` (n,) is the first direction; each step goes along its projection onto the null space.
     ``stride`` is the length of a step, rad; for prismatic joints in arm lengths. The walk ends
     after a full turn (2π), at a joint limit if ``limits`` is True, or where the direction leaves
-    the null space.
+    the null space. ``target`` is the placement of the frame.
     """
     L = joint_scale(task, q)
     for _ in range(int(2 * np.pi / stride)):
@@ -79,11 +79,11 @@ def _walk(
 def self_moved(
     task: Task, q: Array, step: Array, target: Placement, *, limits: bool = True
 ) -> Array | None:
-    """Take a step of a self-motion: the configuration (n,) with the frame at the target.
+    """Return the configuration (n,) one step along a self-motion, with the frame at the target.
 
-    None if there is no such configuration near q + step, or if ``limits`` is True and the
-    configuration is outside the joint limits. A step along the null space changes the pose in
-    second order, which Newton's method corrects.
+    Return None if there is no such configuration near q + step, or if it is outside the joint
+    limits and ``limits`` is True. A step along the null space changes the pose in second order,
+    which Newton's method corrects.
     """
     try:
         return solve_near(task, q + step, target, tolerance=1e-11, limits=limits)

@@ -140,7 +140,8 @@ def solve_near(
 ) -> Array:
     """Find q near q0 with f(q) at the target: like :func:`solve_ik`, but from q0 only.
 
-    Walks along a path or a self-motion need the solution nearest to the previous one.
+    Walks along a path or a self-motion need the solution nearest to the previous one. ``tolerance``
+    is the maximum task error, m and rad.
 
     Raises
     ------
@@ -346,7 +347,7 @@ def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
 def random_configurations(task: Task, count: int, rng: np.random.Generator) -> Array:
     """Draw configurations (count, n), uniform between the joint limits.
 
-    A side of a joint without a limit is taken π rad (m) from the task's reference configuration.
+    Where a joint has no limit, the bound is π rad (m) from the task's reference configuration.
     """
     low = np.where(np.isfinite(task.lower), task.lower, task.reference - np.pi)
     high = np.where(np.isfinite(task.upper), task.upper, task.reference + np.pi)

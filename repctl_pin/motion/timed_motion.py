@@ -24,7 +24,8 @@ class TimedMotion:
     joints : tuple of str
         Names of the joints.
     t : (T,) array
-        Time, s, from 0; the samples begin and end a little outside the motion, at rest.
+        Time, s, from 0; the first samples lie shortly before the motion and the last ones shortly
+        after it, at rest.
     q, qdot, qddot : (T, n) arrays
         Positions, velocities and accelerations, rad or m. Velocities and accelerations are central
         differences over a millisecond (or a sample, if shorter) to either side, because
@@ -90,12 +91,12 @@ class TimedMotion:
 
     @property
     def _is_its_motion(self) -> bool:
-        """True if ``motion`` has the same samples, so that its checks hold for this motion too."""
+        """True if this object has the samples of ``motion``, whose checks then hold for both."""
         return False
 
     @property
     def _shortest_part(self) -> tuple[float, str]:
-        """Shortest part that a file must show: its duration, s, and its name."""
+        """Shortest part of the motion that a file must resolve: duration, s, and name."""
         return self.cycle_time, "cycle"
 
     def cycle(self, k: int) -> tuple[Array, Array, Array, Array]:
@@ -105,7 +106,8 @@ class TimedMotion:
         """
         if as_int(k, "k") >= len(self.starts) - 1:
             raise InputError(
-                f"there are {len(self.starts) - 1} cycles, counted from 0; no cycle {k}"
+                f"there is no cycle {k}; this motion has {len(self.starts) - 1} cycles, "
+                "counted from 0"
             )
         rows = (self.t >= self.starts[k] - 1e-9) & (self.t < self.starts[k + 1] - 1e-9)
         return (self.t[rows] - self.starts[k], self.q[rows], self.qdot[rows], self.qddot[rows])

@@ -109,7 +109,8 @@ def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> Non
 def commanded(motion: Motion, strategy: Strategy) -> Motion:
     """Return a motion with the velocities that a strategy commands at its points, ``q̇ = G ẋ``.
 
-    These velocities replace the means per step, so that a file has the controller's own commands.
+    These velocities replace the mean velocities of the steps, so that a file has the controller's
+    own commands.
     """
     period = (motion.t[-1] - motion.t[0]) / motion.cycles
     ends = (motion.t - motion.t[0]) / period % 1.0

@@ -26,14 +26,14 @@ _MISSING = (
     "repctl_pin was installed without a C compiler",
     "install a C compiler (cc, gcc or clang), then install repctl_pin again",
 )
-"""What is said of a library that is not there: what it is, the cause, and the remedy."""
+"""State, cause and remedy that messages give if the library is missing."""
 
 _OTHER = (
     "was built from other sources",
     "it was built from other sources than those beside it",
     "run `python repctl_pin/native/build.py`, or install repctl_pin again",
 )
-"""The same of a library whose structs may not be those of this module."""
+"""State, cause and remedy if the library was built from other sources: its structs may differ."""
 
 
 def library() -> ctypes.CDLL | None:
@@ -221,7 +221,7 @@ def filled_struct(
 
 
 def point(made: Any, name: str, structs: list[Any]) -> None:
-    """Let the pointer ``name`` of a struct point to an array of other structs.
+    """Set the pointer ``name`` of a struct to an array of other structs.
 
     ``made`` is a struct of :func:`filled_struct`. Its ``held`` keeps ``structs``, all of one type,
     so that they live as long as ``made``. They are copied into the array: later changes of their

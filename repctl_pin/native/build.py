@@ -22,28 +22,28 @@ from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
 LIBRARY = FOLDER / "librepctl.so.1"
-"""The library; Python would take a file that ends with ``.so`` for a module."""
+"""File of the library. Python would take a file whose name ends with ``.so`` for a module."""
 
 _FLAGS = ("-std=c99", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
 """Without fused multiply-add, every compiler and processor computes the same numbers."""
 
 _LOOPS = ("arm.c", "body_guard.c", "governor.c", "law.c", "least_speed.c")
-"""Files of the control loops, at -O3. The others are no faster for it, and take twice as long to
-compile."""
+"""Files of the control loops, which are compiled with -O3. With -O3 the other files would take
+twice as long to compile and run no faster."""
 
 _DIGEST = b"repctl-sources-"
-"""Mark in the library before the digests of its sources, and of the command lines of its build."""
+"""Text in the library file before two digests: of its sources, and of its build commands."""
 
 _LEVELS = {"plain": "", "avx2": "-mavx2", "avx512": "-mavx512f -mavx512dq"}
 _LEVELLED = ("cell_bounds.c", "arm_angle.c", "function.c")
-"""Files that are compiled for each level of the vector units, and these levels on x86-64."""
+"""Files that are compiled once per level of vector instructions; the levels are those of x86-64."""
 
 _SECONDS = 300
 """Maximum time of one run of the compiler."""
 
 
 class NoCompilerError(Exception):
-    """No C compiler works; the message has the failed command's output, or what was tried."""
+    """No C compiler works; the message has the compiler's output, or the compilers tried."""
 
 
 def target() -> str:
@@ -58,7 +58,7 @@ def target() -> str:
 
 
 def compiler(zig: bool = True) -> list[str]:
-    """Find a C compiler that makes shared libraries: the beginning of its command line, as words.
+    """Find a C compiler that makes shared libraries; return the start of its command line.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def _works(command: list[str]) -> bool:
 
 
 def _run(line: list[str], folder: str) -> None:
-    """Run a compiler command in a folder, where the caches of zig go as well.
+    """Run a compiler command in a folder, which also holds the caches of zig.
 
     Raises NoCompilerError with the compiler's output if the command fails, or takes more than 300
     s.
@@ -175,18 +175,19 @@ def build(library: Path = LIBRARY) -> bool:
 
 
 def mark() -> bytes:
-    """Compute the mark, a digest of the sources, of a library that was built from this folder.
+    """Compute the digest of the sources in this folder, by which their library is recognised.
 
-    The structs of a library of other sources may differ from those that Python fills.
+    A library from other sources may have other structs than those that Python fills.
     """
     files = sorted(FOLDER.glob("*.[ch]"))
     return _DIGEST + _hash([file.read_bytes() for file in files]) + b"-"
 
 
 def _digest(command: list[str], lines: list[list[str]]) -> bytes:
-    """Compute the mark of a library, with a digest of the compiler and its command lines.
+    """Compute the digests by which a library is recognised: of its sources, and of its build.
 
-    Command lines name the sources relative to this folder, which may be another copy.
+    The second digest is of the compiler and its command lines, which name the sources relative to
+    this folder, because the folder may be a copy.
     """
     version = subprocess.run([*command, "--version"], capture_output=True, check=False).stdout
     texts = [" ".join(line).replace(f"{FOLDER}{os.sep}", "").encode() for line in lines]
@@ -194,7 +195,7 @@ def _digest(command: list[str], lines: list[list[str]]) -> bytes:
 
 
 def _hash(texts: list[bytes]) -> bytes:
-    """Hash a list of texts; other boundaries between the same letters give another hash."""
+    """Hash a list of texts; ``["ab", "c"]`` and ``["a", "bc"]`` have different hashes."""
     known = hashlib.sha256()
     for text in texts:
         known.update(hashlib.sha256(text).digest())

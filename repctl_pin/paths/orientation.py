@@ -120,8 +120,8 @@ def smooth_turning(
     if (angles > np.pi - 1e-4).any():
         at = int(np.argmax(angles))
         raise InputError(
-            f"points {at + 1} and {at + 2} differ by half a turn, so the direction is ambiguous; "
-            "add a point between them"
+            f"points {at + 1} and {at + 2} differ by half a turn, so the direction of rotation "
+            "is ambiguous; add a point between them"
         )
     steps = np.diff(s)[:, None]
     cubic = _cubics(theta, _rates(s, R, angles < 1e-9), steps)
@@ -160,9 +160,9 @@ def _rates(s: Array, R: Array, held: NDArray[np.bool_]) -> Array:
 def _cubics(theta: Array, rates: Array, steps: Array) -> Array:
     """Create the cubic v(u) of each interval, on which R(u) = R exp(v): (P - 1, 3, 3).
 
-    The second axis has the coefficients of u, u² and u³; R is the orientation at the interval's
-    begin, and u runs from 0 to 1. ``theta`` (P - 1, 3) are the rotations over the intervals, whose
-    lengths are ``steps``.
+    The second axis has the coefficients of u, u² and u³; R is the orientation at the beginning of
+    the interval, and u runs from 0 to 1. ``theta`` (P - 1, 3) are the rotations over the intervals,
+    whose lengths are ``steps``. ``rates`` (P, 3) are the angular velocities at the knots.
     """
     begin = rates[:-1] * steps
     end = np.array(

@@ -107,7 +107,11 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
 
 
 def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> ArcBound:
-    """Make the function (a, b) → upper bounds of length, m, and rotation, rad, from s = a to b."""
+    """Make the function (a, b) → upper bounds of length, m, and rotation, rad, from s = a to b.
+
+    ``ends`` are the last s of each piece, ``slopes`` the coefficients of the derivatives of the
+    pieces by s, and ``at`` is the path's function of s.
+    """
     # |T_k| ≤ 1, so a sum of norms bounds each slope
     rates = np.array(
         [

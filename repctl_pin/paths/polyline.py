@@ -197,7 +197,10 @@ def waypoints(
 
 
 def _placed(points: Any, rotation: Any) -> tuple[Array, list[Array]]:
-    """Convert waypoints to corners (P, 3), m, and one orientation, or P of them."""
+    """Convert waypoints to corners (P, 3), m, and one orientation, or P of them.
+
+    ``points`` and ``rotation`` are the arguments of :func:`waypoints`.
+    """
     if not isinstance(points, np.ndarray):
         points = list_of(points, "waypoints", "rows of three numbers")
     if _are_placements(points):
@@ -274,7 +277,7 @@ def _edge_sizes(corners: Array, rotation: Array | list[Array], name: str) -> Arr
     """Measure the edges between corners (P, 3), rotations included: (P - 1,), m.
 
     A pause counts as a mean edge. InputError is raised for too many corners, and if all of them are
-    the same.
+    the same. ``rotation`` is one orientation, or one per corner.
     """
     if len(corners) - 1 > MOST_POINTS:
         raise InputError(f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}")
@@ -396,7 +399,11 @@ def _rounded(
 
 
 def _too_short(lengths: Array, straight: Array, radius: float, name: str) -> InputError:
-    """Name the edge that is too short for its bends, and the largest radius that fits."""
+    """Name the edge that is too short for its bends, and the largest radius that fits.
+
+    ``lengths`` are the lengths of the edges, and ``straight`` the lengths that the bends leave of
+    them, m.
+    """
     at = int(np.argmin(straight))
     most = radius * lengths[at] / (lengths[at] - straight[at])
     return InputError(

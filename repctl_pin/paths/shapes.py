@@ -111,7 +111,8 @@ def _facing(
 ) -> TaskPath:
     """Create a path of constant speed and given length, m, whose frame always faces a point (3,).
 
-    ``start`` is the orientation at the beginning.
+    ``start`` is the orientation at the beginning. ``point`` and ``slope`` are p(s), m, and dp/ds of
+    the path, and ``target`` is the point to face.
     """
     target = vector(target, 3, "rotation, as a point to face,")
     R, spin, turn = facing(target, point, slope, start)

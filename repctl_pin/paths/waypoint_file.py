@@ -182,7 +182,7 @@ def _frame_of(text: str, task: Task, file: Path) -> str:
         raise InputError(
             f"{file}: the columns {text}.x … name {'no' if not meant else 'more than one'} frame "
             f"of {', '.join(frames)}",
-            remedy="write the name of a frame, or a beginning or part of only one, before the dot",
+            remedy="write the name of a frame, or a part that only its name has, before the dot",
         )
     return meant[0]
 

@@ -13,7 +13,7 @@ from .several_paths import paths_of
 from .task_path import TaskPath
 
 _POINTS = 2000
-"""Number of points at which the angle of the path is taken, beside the corners."""
+"""Number of points, in addition to corners, at which the angle around the axis is evaluated."""
 
 
 def winding(task: Task, path: TaskPath) -> int:

@@ -148,7 +148,8 @@ class ArmAngle(PotentialBasis):
         length = float(np.linalg.norm(w))
         if length < _SINGULAR:
             raise SingularityError(
-                "the wrist lies on the shoulder, where the arm angle is not defined"
+                "the wrist lies on the shoulder, where the arm angle is not defined; "
+                "choose another configuration"
             )
         w_hat = w / length
         dw_hat = (J_w - np.outer(w_hat, w_hat @ J_w)) / length
@@ -159,7 +160,7 @@ class ArmAngle(PotentialBasis):
         if s**2 + c**2 < _SINGULAR**2:
             raise SingularityError(
                 "the arm angle is singular: the arm is straight, or the wrist points "
-                "in a singular direction"
+                "in a singular direction; choose another configuration, or another singular="
             )
         ds = np.cross(y, e) @ dw_hat + np.cross(e, w_hat) @ dy_q + np.cross(w_hat, y) @ J_e
         dc = e @ dy_q + y @ J_e

@@ -95,7 +95,7 @@ def _common_joints(parts: Sequence[object]) -> int | None:
     numbers = sorted({n for n in known if n is not None})
     if len(numbers) > 1:
         raise InputError(
-            f"joined potentials must be of the same joints; these are of {numbers[0]} "
+            f"joined potentials must be functions of the same joints, not of {numbers[0]} "
             f"and of {numbers[1]} joints"
         )
     return numbers[0] if numbers else None

@@ -17,7 +17,7 @@ from .basis import PotentialBasis, Potentials, as_joint_indices, coefficients
 _MAX_SIZE = 20_000
 
 _FOURIER_SERIES = 1
-"""Kind of these potentials in arm.h."""
+"""Value of ``kind`` in arm.h that stands for these potentials."""
 
 
 class Fourier(PotentialBasis):

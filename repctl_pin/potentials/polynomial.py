@@ -19,7 +19,7 @@ from .basis import PotentialBasis, Potentials, as_joint_indices, coefficients
 _MAX_SIZE = 5_000
 
 _POLYNOMIALS = 0
-"""Kind of these potentials in arm.h."""
+"""Value of ``kind`` in arm.h that stands for these potentials."""
 
 _Powers = tuple[int, ...]
 
@@ -83,7 +83,7 @@ class Polynomial(PotentialBasis):
         if size > _MAX_SIZE:
             raise InputError(
                 f"degree {shown(self.degree)} in {len(self.variables)} joints makes "
-                f"{shown(size)} potentials",
+                f"{shown(size)} potentials, but the maximum is {_MAX_SIZE}",
                 remedy="lower the degree or choose variables",
             )
         # One row per potential: the variable of each factor, repeated as often as its power.
@@ -170,10 +170,10 @@ class Polynomial(PotentialBasis):
         return PolynomialMap(center, scale, d, terms, joints, self.n)
 
     def _tables(self, Q: ArrayLike) -> tuple[Array, Array]:
-        """Evaluate Legendre polynomials P_k(u_i), and P'_k(u_i), at Q (K, n): two (K, n, d + 1).
+        """Evaluate Legendre polynomials P_k(u_i), and P'_k(u_i): two arrays (K, n, d + 1).
 
-        u are the scaled joint coordinates, and k = 0 … d is the last axis. All potentials are
-        products of these numbers. The derivatives are by u, not by q.
+        u are the scaled joint coordinates at the rows of Q (K, n), and k = 0 … d is the last axis.
+        All potentials are products of these numbers. The derivatives are by u, not by q.
         """
         u = (as_configurations(Q, self.n, "this polynomial basis") - self.center) / self.scale
         P, dP = np.ones((2, *u.shape, self.degree + 1))
@@ -302,7 +302,8 @@ def _shares(terms: dict[_Powers, Array], degree: int, scale: Array) -> dict[_Pow
 
     ``terms`` are the coefficients (r,) of the monomials u^β by their powers β. See
     :class:`PolynomialMap` for z and ``w_i = ∂h/∂z_i``: weights are stored instead of coefficients,
-    because one table then gives values and all derivatives.
+    because one table then gives values and all derivatives. ``degree`` and ``scale`` are those of
+    the map.
     """
     shares: dict[_Powers, Array] = {}
 

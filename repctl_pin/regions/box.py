@@ -69,7 +69,7 @@ class Box(Region):
     def between(cls, lower: ArrayLike, upper: ArrayLike, *, density: Density | None = None) -> Box:
         """Create the box between two opposite corners (n,), such as two lists of joint limits.
 
-        InputError is raised unless lower < upper for every joint.
+        InputError is raised unless lower < upper for every joint. ``density`` is as for the class.
         """
         low = vector(lower, None, "the lower corner of a box")
         high = vector(upper, len(low), "the upper corner of a box")
@@ -97,7 +97,7 @@ class Box(Region):
         return self
 
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ count, and weights (K,), summing to 1.
+        """Compute quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1.
 
         The weighted sum over the nodes approximates the mean over the box. Up to three joints the
         nodes are a Gauss–Legendre grid, which is exact for polynomials of moderate degree; for more
@@ -123,9 +123,9 @@ class Box(Region):
         return self.center + self.half_width * (2 * sobol(self.n, count, seed) - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Compute the scale factor that brings the box's boundary to each row of Q: (K,).
+        """Compute the scale at which the box's boundary passes through each row of Q (K, n): (K,).
 
-        The factor scales the box's widths: below 1 for a row inside, above 1 outside.
+        The scale multiplies the half-widths: it is below 1 for a row inside, above 1 outside.
         """
         Q = as_configurations(Q, self.n, "this box")
         return (np.abs(Q - self.center) / self.half_width).max(-1)

@@ -28,7 +28,7 @@ A_REGION = (
     "a region of joint space, such as rp.Box(q0, 0.3); a user-defined class inherits from "
     "repctl_pin.regions.Region"
 )
-"""Words of an error message that says which argument is required: a region."""
+"""Description of a region, for messages on a wrong argument."""
 
 
 class Region(ABC):
@@ -72,10 +72,10 @@ class Region(ABC):
 
     @abstractmethod
     def ratio(self, Q: ArrayLike) -> Array:
-        """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
+        """Compute the scale at which the region's boundary passes through each row of Q: (K,).
 
-        The factor scales the region's widths: below 1 for a row inside, above 1 outside. The factor
-        shows where a motion leaves Ω, outside which repeatability is not guaranteed.
+        The scale multiplies all widths of the region: it is below 1 for a row inside, above 1
+        outside. It shows where a motion leaves Ω, outside which repeatability is not guaranteed.
         """
 
     @abstractmethod
@@ -93,7 +93,7 @@ class Region(ABC):
         """
 
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
-        """Quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1.
+        """Compute quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1.
 
         The weighted sum of a function over the nodes approximates its mean over the region.
         """
@@ -101,7 +101,7 @@ class Region(ABC):
         return Q, self.weights(Q)
 
     def weights(self, Q: ArrayLike) -> Array:
-        """Quadrature weights of points drawn by :meth:`random`: (K,), which sum to 1."""
+        """Compute the quadrature weights of points drawn by :meth:`random`: (K,), with sum 1."""
         Q = as_configurations(Q, self.n, f"this {type(self).__name__}")
         return normalised(evaluate_density(self.density, Q))
 

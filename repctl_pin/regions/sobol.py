@@ -92,7 +92,7 @@ def _extended(polynomial: int, initial: list[int]) -> list[int]:
     """Extend the numbers m_1, m_2, … of one dimension to 30, by its polynomial's recurrence.
 
     The binary digits of ``polynomial`` are its coefficients over GF(2), as in the table of Joe and
-    Kuo.
+    Kuo. ``initial`` are the first numbers.
     """
     degree = len(initial)
     m = list(initial)

@@ -90,9 +90,9 @@ class Tube(Region):
         return self.samples[which] + self.radius * (2 * u[:, 1:] - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Compute the scale factor that brings the tube's boundary to each row of Q: (K,).
+        """Compute the scale at which the tube's boundary passes through each row of Q: (K,).
 
-        The factor scales the tube's radius: below 1 for a row inside, above 1 outside.
+        The scale multiplies the radius: it is below 1 for a row inside, above 1 outside.
         """
         return self._nearest(Q)[1]
 

@@ -140,7 +140,7 @@ class WorkspaceBox(Region):
         return np.concatenate(found)[:count]
 
     def weights(self, Q: ArrayLike) -> Array:
-        """Quadrature weights of points from :meth:`random`: (K,), which sum to 1.
+        """Compute the quadrature weights of points Q from :meth:`random`: (K,), which sum to 1.
 
         The weights are proportional to ``√det(J Jᵀ)`` and to the density. So the weighted sum is a
         mean over poses and self-motions, not over joint angles.
@@ -151,9 +151,10 @@ class WorkspaceBox(Region):
         return normalised(volume * evaluate_density(self.density, Q))
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
+        """Compute the scale at which the region's boundary passes through each row of Q: (K,).
 
-        The factor scales the half-widths of both boxes: below 1 for a row inside, above 1 outside.
+        The scale multiplies the half-widths of both boxes: it is below 1 for a row inside, above 1
+        outside.
         """
         kind = self.task.kind
         axes = kind.rows[kind.linear]

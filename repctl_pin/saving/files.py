@@ -25,7 +25,10 @@ from .task_identity import carrying_tool, compare, task_of, written_task
 
 
 def _extended(extension: Extension, module: str) -> FileKind:
-    """Import a kind of file from an extension: the constant ``KIND`` of one of its modules."""
+    """Import a kind of file from an extension: the constant ``KIND`` of one of its modules.
+
+    ``module`` is the name of the module.
+    """
     kind: FileKind = extension.module(module).KIND
     return kind
 
@@ -76,7 +79,7 @@ def save(design: Any, path: str | Path) -> Path:
         if isinstance(design, kind().result):
             return write(kind().to_content(design), file_name(path))
     raise InputError(
-        f"must be a design, as rp.nearest_repeatable makes them; got {shown(design)}",
+        f"must be a design, such as the result of rp.nearest_repeatable; got {shown(design)}",
         argument="design",
     )
 

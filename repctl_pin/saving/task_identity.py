@@ -3,7 +3,8 @@
 Everything that the numbers of the file depend on is compared: robot, frame, joints, placements of
 the frame, joint limits, the frames of arm angles, masses, and collision bodies. Speed limits are
 compared if the design has the period of a cycle. Geometry and masses are compared at the check
-configurations, a few configurations that the file contains.
+configurations, a few configurations that the file contains. An argument ``made_for`` is the part of
+the file that describes the task.
 """
 
 from __future__ import annotations
@@ -32,15 +33,15 @@ from .schema import (
 )
 
 _TOLERANCE = 1e-9
-"""Largest difference of an unchanged number, m, rad, or relative for masses."""
+"""Largest difference of numbers that count as unchanged: m, rad, or relative for masses."""
 
 
 def identity(task: Task) -> TaskFile:
     """Convert a task to its part of a file: names, and placements at several configurations.
 
     A file is refused for another robot, and for one that has changed since. The placements are the
-    fingerprint: they depend on each link and joint axis of the chain and on the locked joints. They
-    are compared with a tolerance of 1e-9, so rounding has no effect.
+    fingerprint: they depend on each link and joint axis of the chain and on the locked joints.
+    Placements are compared with a tolerance of 1e-9, so rounding has no effect.
     """
     robot = task.robot
     checks = [
@@ -236,7 +237,7 @@ def require_arm_angles(basis: BasisFile, made_for: TaskFile, task: Task) -> list
         if not shift < _TOLERANCE:
             raise _changed(
                 made_for,
-                f"at its check configurations the frame {name!r} lies {shift:.3g} m elsewhere",
+                f"at its check configurations the frame {name!r} is displaced by {shift:.3g} m",
             )
     return []
 

@@ -136,7 +136,8 @@ def _maps_figure(study: Study, maps: ReportMaps) -> Figure:
     """Draw the figure of a design over two joints: distance from J⁺, defect of J⁺, and leaf margin.
 
     The defect is 0 where J⁺ is repeatable, the leaf margin 0 where the design is singular. Maps
-    that hardly vary are left out. A further panel shows the cost against the degree.
+    that hardly vary are left out. A further panel shows the cost against the degree. ``maps`` are
+    the values to draw.
     """
     grid = maps.grid
     drawn = maps_that_vary(
@@ -171,7 +172,7 @@ def framed(picture: bytes, text: str) -> dict[str, object]:
     """Encode a PNG file for a template of a page, with its size and description.
 
     The keys are ``data`` (base64), ``width`` and ``height`` in pixels, and ``words``, the given
-    text.
+    text. ``picture`` are the bytes of the file.
     """
     width, height = struct.unpack(">II", picture[16:24])  # as its header says
     return {
@@ -214,8 +215,8 @@ def _chosen(
 ) -> tuple[dict[str, str], dict[str, str]]:
     """Split the options, as text by name, into those that the command line names and the others.
 
-    The report shows the first at once, and the second, which have their defaults, in the details.
-    Without a command line, all count as named.
+    The report shows the named options at once, and the others, which have their default values, in
+    the details. Without a command line, all options count as named.
     """
     said = None if command is None else {word.partition("=")[0] for word in shlex.split(command)}
     texts = {name: _text(value) for name, value in options.items()}

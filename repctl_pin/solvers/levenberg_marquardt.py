@@ -24,7 +24,7 @@ _RETRY, _FIRST_RETRY = 4.0, 1e-3
 """Factor of the damping after a rejected step, and smallest damping after a rejected step."""
 
 _RELAXED = 100.0
-"""Divisor of the damping if the damped step predicts no decrease: a longer step may."""
+"""Divisor of the damping if the damped step predicts no decrease; a longer step may predict one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +247,8 @@ def _taken(
 
     Return the accepted point, or None if no length is accepted. The full step is usually accepted,
     so it is evaluated with the intermediate values that the next model needs. ``rules`` has the
-    number of halvings and the sufficient decrease.
+    number of halvings and the sufficient decrease. ``here`` is the point from which the step
+    starts.
     """
 
     def most(length: float) -> float:

@@ -37,7 +37,7 @@ def newton(
     Parameters
     ----------
     correction : function q → dq (n,)
-        Newton's step ``−F'(q)⁻¹ F(q)``. It may reuse one output array in all calls.
+        Newton's step ``−F'(q)⁻¹ F(q)``. The function may reuse one output array in all calls.
     start : (n,) array
         The first q.
     longest
@@ -53,7 +53,8 @@ def newton(
         leads to a different solution branch, and None is returned.
     residual : function q → float, optional
         ‖F(q)‖. If given, each step is halved until the residual falls; the iteration ends if it
-        never falls. The last call before each ``correction`` is at the same q.
+        never falls. The last call of ``residual`` before each call of ``correction`` is at the same
+        q.
 
     Returns
     -------
@@ -118,7 +119,8 @@ def newton_rows(
     Parameters
     ----------
     correction : function (Q (L, n), rows (L,)) → dQ (L, n)
-        Newton's steps of the systems with these numbers. Entries that are not finite count as 0.
+        Newton's steps of the systems with the numbers ``rows``, at Q. Entries that are not finite
+        count as 0.
     start : (K, n) array
         The first q of each system.
     longest

@@ -26,7 +26,7 @@ from ..redundancy.inverses import inverse_condition_number
 from ..redundancy.nullspace import nullspace
 
 _INSIDE = 1e-4
-"""Distance of the result from a joint limit, rad or m: paths between iterations are curved."""
+"""Distance, rad or m, that results keep from joint limits: paths between iterations are curved."""
 
 _LEAST = 0.05
 """Minimum leaf margin of the result, or that of the start if it is lower."""
@@ -103,7 +103,9 @@ class ElbowLevel:
 class _Regular:
     """Bounds on how near a search may come to singularities and to the edge of Ω.
 
-    If the start exceeds the usual bounds, the search comes no nearer than the start.
+    If the start exceeds one of the usual bounds, its own value becomes the bound. ``condition`` is
+    the minimum of σ_min / σ_max of J, ``margin`` the minimum leaf margin, and ``ratio`` the maximum
+    scaled distance from the middle of Ω, 1 at its edge.
     """
 
     condition: float
@@ -196,7 +198,8 @@ def leaf_toward(
 
     The method uses the gradient and the second derivatives by z (r,), the step along the columns of
     N. After a step q + N z, the frame is brought back to its pose. A joint at a limit stays there
-    unless the minimum is inside its limits.
+    unless the minimum is inside its limits. ``point`` (3,) is p_e, in the base frame, m, and
+    ``margin`` is the distance to keep from the joint limits.
     """
     task = inverse.task
     lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
@@ -225,7 +228,10 @@ def leaf_toward(
 
 
 def _derivatives(inverse: _OnLeaves, elbow: Elbow, q: Array, N: Array) -> tuple[Array, Array]:
-    """Compute the first (3, r) and second (r, r, 3) derivatives of the elbow's position by z."""
+    """Compute the first (3, r) and second (r, r, 3) derivatives of the elbow's position by z.
+
+    z are the coordinates of the self-motion, the steps along the columns of N (n, r).
+    """
     r, h, here = N.shape[1], _APART, elbow.point(q)
     place = inverse.task.placement(q)
 
@@ -250,7 +256,9 @@ def _newton_step(
     """Compute the step z (r,) to the minimum of the quadratic model within the joint limits.
 
     A joint at or beyond its limit that would move farther outward is moved to the limit. The second
-    result is False if the model is too flat for a unique minimum.
+    result is False if the model is too flat for a unique minimum. g (r,) and H (r, r) are the
+    gradient and the second derivatives of the model, A (3, r) is the derivative of the elbow's
+    position by z, and ``lower`` and ``upper`` (n,) are the limits.
     """
     held = np.zeros(len(q), bool)
     goal = np.clip(q, lower, upper)
@@ -273,7 +281,12 @@ def _newton_step(
 
 
 def _model_step(A: Array, H: Array, g: Array, rows: Array, back: Array) -> tuple[Array, bool]:
-    """Minimise ``gᵀz + ½ zᵀHz`` subject to ``rows z = back``; z is 0 along flat directions."""
+    """Minimise ``gᵀz + ½ zᵀHz`` subject to ``rows z = back``, for the step z (r,).
+
+    A direction is flat if slope and curvature along it are small compared with ``‖A‖²``, where A is
+    the derivative of the elbow's position by z. z is 0 along flat directions. The second result is
+    True if no direction is flat.
+    """
     begin: Array = np.zeros(len(g))
     if len(rows):
         begin = np.asarray(np.linalg.lstsq(rows, back, rcond=None)[0], float)
@@ -302,8 +315,8 @@ def _accepted(
     """Find a configuration along the step ``way`` (n,) with the elbow nearer to the point.
 
     The step is halved until its end is within the joint limits, less :data:`_INSIDE`, and within
-    the bounds ``regular``; None if that fails. From beyond the limits, the joints move back, and
-    the distance of the elbow may increase.
+    the bounds ``regular``; None if that fails. If q is beyond the limits, the step moves the joints
+    back, and may move the elbow away from the point.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)
@@ -326,7 +339,11 @@ def _accepted(
 
 
 def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: Array) -> Array:
-    """Bring joints back that a step moved beyond their limits, with the frame at rest."""
+    """Move joints that are beyond their limits back to them, with the frame at rest.
+
+    Return the configuration (n,). The joints stay where they are if that needs too long a step.
+    ``place`` is the placement of the frame.
+    """
     for _ in range(_NEWTON):
         back = np.clip(q, lower, upper) - q
         beyond = np.abs(back) > _INSIDE / 2

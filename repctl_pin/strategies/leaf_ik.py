@@ -113,7 +113,7 @@ def _newton(
 
     ``step`` is the method of the inverse that computes the next q of a control loop; with dt = 1 it
     is a Newton step. None if the first step is too long, the steps do not shrink, or J_V is
-    singular.
+    singular. ``target`` is the placement x.
     """
 
     def correction(q: Array) -> Array:
@@ -176,7 +176,7 @@ def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
     """Interpolate the placement at the share s of the path, 0 to 1.
 
     The position moves in a straight line, and the orientation turns by s times the rotation vector
-    ``turn`` (3,), rad, in base axes.
+    ``turn`` (3,), rad, in base axes. ``start`` and ``target`` are the placements at its ends.
     """
     p = start.translation + s * (target.translation - start.translation)
     return pin.SE3(pin.exp3(s * turn) @ start.rotation, p)
@@ -187,8 +187,8 @@ def _unreached(
 ) -> InputError:
     """Create the error for a target that cannot be reached on the leaf: the path ends at q.
 
-    The message says how much of the path was ``done`` (0 to 1), and whether the arm or the leaf, by
-    its margin, is near a singularity there.
+    The message gives the share of the path that was ``done`` (0 to 1), and says that J is nearly
+    singular at q or, if it is not, gives the leaf margin at q.
     """
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
     J = task.jacobian(q)
@@ -196,7 +196,7 @@ def _unreached(
         why = "the arm is stretched or folded at a singularity there"
     else:
         clear = float(leaf_margin(nullspace(J), potentials.gradient(q)))
-        why = f"the leaf margin of the control is {clear:.2g} there"
+        why = f"the leaf margin of the controller is {clear:.2g} there"
     return InputError(
         f"{task.frame!r} cannot reach {where} m on this leaf: "
         f"the path ends at {percentage(done)} ({why}); "

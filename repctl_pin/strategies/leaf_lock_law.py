@@ -34,7 +34,7 @@ class NumPyLaw:
         self._report = 0.0, 1.0
 
     def leaf(self, q: Array) -> Array:
-        """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q."""
+        """Evaluate the level c = h(q) (r,) of the potentials, which identifies the leaf of q."""
         c = self.potentials.value(q)
         if not np.isfinite(c).all():
             raise InputError(
@@ -110,9 +110,9 @@ class NumPyLaw:
         return q + x
 
     def report(self) -> tuple[float, float]:
-        """Return the damping λ of the last step with limits, and the factor, 0 to 1, of the limits.
+        """Return the damping λ of the last step with limits, and its speed-limit factor, 0 to 1.
 
-        The factor is the share of the step that the joint speed limits left; (0, 1) before any
+        The joint speed limits shortened the step by this factor; the result is (0, 1) before any
         step.
         """
         return self._report
@@ -145,8 +145,8 @@ class NumPyLaw:
     def _damped(self, q: Array, J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
         """Solve ``J_V x = rhs``, damped if ``most``, λ_max, is above 0; return x (n,) and λ.
 
-        λ limits x near singularities; it is 0 elsewhere. Without damping a singularity raises an
-        error.
+        λ limits x near singularities, and is 0 away from them. Without damping a singularity raises
+        an error.
         """
         if not most:
             return self._solved(q, J_V, rhs), 0.0

@@ -110,7 +110,7 @@ class NativeLaw:
         return self._inverse.copy()
 
     def leaf(self, q: Array) -> Array:
-        """Evaluate the level c = h(q) (r,) of the potentials, which names the leaf of q.
+        """Evaluate the level c = h(q) (r,) of the potentials, which identifies the leaf of q.
 
         An InputError is raised if q or h(q) is not finite.
         """
@@ -138,7 +138,7 @@ class NativeLaw:
         ``target`` is the placement x, ``twist`` the feed-forward (v, ω), ``leaf`` the level c, and
         ``gain`` the feedback gain, 1/s; None removes the whole error in one step. ``bounds`` are
         the speed limits and the maximum damping. An InputError or a SingularityError is raised if C
-        finds no step.
+        finds no step. ``dt`` is the duration of the step, s.
         """
         given = 0
         self._q[...] = q
@@ -162,9 +162,9 @@ class NativeLaw:
         return self._result.copy()
 
     def report(self) -> tuple[float, float]:
-        """Return the damping λ of the last step, and the factor, 0 to 1, of the speed limits.
+        """Return the damping λ of the last step, and its speed-limit factor, 0 to 1.
 
-        The factor is the share of the step that the joint speed limits left.
+        The joint speed limits shortened the step by this factor.
         """
         return float(self._numbers[3]), float(self._numbers[4])
 
@@ -194,8 +194,8 @@ class NativeLaw:
     def _run_rows(self, name: str, *arrays: Array) -> bool:
         """Call a C function on all rows of arrays, the last of which receives the results.
 
-        ``name`` is the function's name in the library. Returns for each row whether the function
-        succeeded; it fails at a singularity.
+        ``name`` is the function's name in the library. Returns True if the function succeeded at
+        all rows; it stops at a singular row.
         """
         native = library()
         assert native is not None

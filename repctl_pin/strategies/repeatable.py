@@ -59,9 +59,10 @@ class Bounded(Protocol):
     """
 
     def ratio(self, Q: Array) -> Array:
-        """Compute the scale factor that brings the region's boundary to each row of Q: (K,).
+        """Compute the scale at which the region's boundary passes through each row of Q: (K,).
 
-        The factor scales the region's widths: below 1 for a row inside, above 1 outside.
+        The scale multiplies all widths of the region: it is below 1 for a row inside, above 1
+        outside.
         """
 
 
@@ -184,9 +185,9 @@ class RepeatableInverse:
     ) -> Array:
         """Compute the next q (n,) of a control loop, with feedback of the task and leaf errors.
 
-        ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])``, beyond the paper: the leaf lock,
-        which returns the arm to the level c of the potentials h. Only the result is allocated. The
-        controller holds no state: a step that raises changes nothing.
+        The next q is ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])``. This leaf lock, which
+        the paper does not have, returns the arm to the level c of the potentials h. Only the result
+        is allocated. The controller holds no state: a step that raises changes nothing.
 
         Parameters
         ----------
@@ -364,7 +365,8 @@ class RepeatableInverse:
         link
             Link whose origin is the elbow, see :meth:`elbow`.
         margin
-            Distance kept from the joint limits, rad (m); at least the margin of the governor.
+            Distance to keep from the joint limits, rad (m). For a governor, give at least its own
+            ``margin``.
 
         Returns
         -------

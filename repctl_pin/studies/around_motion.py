@@ -175,6 +175,7 @@ def _in_region(problem: Problem, make: _Make) -> Design:
 
     The remedy in the SingularRegionError suggests a smaller region without singularities, in the
     user's form (a half-width or an object). If there is no such region, it suggests another start.
+    ``make`` is as in :func:`design_for`.
     """
     region = problem.region
     try:
@@ -206,12 +207,13 @@ def _merit(problem: Problem, design: Design) -> tuple[int, float]:
 def _around_motion(
     problem: Problem, desired: Inverse, make: _Make, width: float | None, seed: int, say: _Say
 ) -> Design:
-    """Design in a tube around the motion, all configurations within ``width`` of it.
+    """Design in a tube around the motion: all configurations within ``width`` of the motion.
 
     The motion of a design depends on its tube, and the tube on the motion. The first tube is
     therefore around the motion of a design of degree 1. If the motion of the new design leaves its
     tube, the design is repeated in a tube around that motion, at most twice. ``width`` is in rad or
-    m, None for the default; ``say`` receives the name of each step.
+    m, None for the default; ``say`` receives the name of each step. ``make`` is as in
+    :func:`design_for`.
     """
     path, q0 = problem.cycle, problem.start
     say("finding where the motion will be")
@@ -234,7 +236,7 @@ def _tube_of_linear(
 
     The motion of that design is closed. So it is nearer to the motion of the final design than that
     of the desired inverse G_d, which drifts. If the design of degree 1 cannot follow the path, the
-    tube is around one cycle of G_d.
+    tube is around one cycle of G_d. ``width`` is the radius of the tube.
 
     Raises
     ------

@@ -196,7 +196,7 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
 
 
 def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Iterator[PathStart]:
-    """Generate the starts of a problem without a path, those from which a circle fits first.
+    """Generate the starts of a problem without a path; those from which a circle fits come first.
 
     At those starts, no bodies collide either. The others follow in their given order. ``offers``
     are configurations with their descriptions.
@@ -259,7 +259,9 @@ def _check_regular(task: Task, q0: Array, remedy: str) -> None:
     """
     if dexterity_at(task, q0) < _SINGULAR:
         raise SingularityError(
-            f"the start is at a singularity of {task.frame!r}, {task.kind}", remedy=remedy, at=q0
+            f"the start is a singularity of the {task.kind} task of {task.frame!r}",
+            remedy=remedy,
+            at=q0,
         )
 
 

@@ -95,7 +95,7 @@ def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
             remedy="choose a frame that fewer joints move, lock joints, or pass degree=1",
         )
     times = f"{_about(least)}; degree 2 would take {_about(seconds)} for {task.n} joints"
-    return 1, [f"degree 1 is used, which takes {times} and is used on request"]
+    return 1, [f"degree 1 is used, which takes {times} and is used only if it is given"]
 
 
 def check_degree(task: Task, degree: int) -> None:

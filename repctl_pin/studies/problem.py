@@ -298,7 +298,7 @@ def _task_of(robot: Robot | Task, frame: Any, kind: str | None) -> Task:
         return choose_task(robot, frame, kind)
     for name, value in (("frame", frame), ("kind", kind)):
         if value is not None:
-            raise InputError(": is part of the task already", argument=name, remedy=f"omit {name}=")
+            raise InputError("is part of the task already", argument=name, remedy=f"omit {name}=")
     return robot
 
 

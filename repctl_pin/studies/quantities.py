@@ -58,7 +58,7 @@ class Quantity:
     bad : function of a motion
         Returns whether the value is bad; tables then mark it.
     lacking, stopped : str
-        What tables say where there is no value, and where the motion stopped.
+        Texts in tables where there is no value, and where the motion stopped.
     cycles : int
         Smallest number of cycles for which tables list it.
     meaning : str

@@ -45,7 +45,7 @@ _POSTURE_GAIN = 1.0
 
 _EDGE = 1e-6
 """Distance between the start and a second start, rad or m. Their motions are compared to see
-whether the start lies on an edge between different motions."""
+whether the start lies on an edge: starts on its two sides lead to different motions."""
 
 _AMPLIFIED = 1000.0
 """Growth factor of the distance ``_EDGE`` in one cycle above which the start is on an edge."""
@@ -162,7 +162,7 @@ def _reporter(progress: Callable[[str], None] | None) -> Callable[[str], None]:
     """Check the progress callback; for None, return a function that does nothing."""
     if progress is None:
         return lambda text: None
-    function(progress, "progress", "a function that takes the step that begins")
+    function(progress, "progress", "a function that takes the name of the step that begins")
     return progress
 
 
@@ -177,7 +177,8 @@ def _designed(
 ) -> tuple[Problem, Design]:
     """Design the repeatable inverse nearest to ``desired``, and complete the problem by its region.
 
-    If ``quiet``, the steps of the fit are not reported.
+    If ``quiet``, the steps of the fit are not reported. ``degree`` is that of the polynomials.
+    Return the completed problem, and the design.
     """
     designing = f"designing the nearest repeatable inverse, degree {degree}"
 
@@ -241,7 +242,8 @@ def _rows(
     Controllers are J⁺, J⁺ with two postures, ``custom`` by name, and the design's inverse, in this
     order. If ``period`` is None, it is chosen so that no joint exceeds its speed limit. Returned
     are the rows, the period, s, and the notes on the period and on a start on an edge between two
-    motions (see :func:`edge_warning`).
+    motions (see :func:`edge_warning`). ``cycles`` and ``steps`` are the numbers of cycles, and of
+    steps per cycle.
     """
     q0 = problem.start
     path = problem.cycle
@@ -312,10 +314,11 @@ def edge_warning(
 ) -> list[str]:
     """Write a warning if the motion changes when its start moves by 1e-6 along the self-motion.
 
-    In a self-motion the joints move and the frame does not. Results from such a start, on an edge
-    between two motions, depend on rounding errors. ``row`` is the result of ``strategy`` from q0
-    (n,), and ``options`` are passed to ``follow``. The list has one text; the list is empty if the
-    two motions stay within 1000 times that distance, or both stop.
+    In a self-motion the joints move and the frame does not. A start whose motion changes lies on an
+    edge between two motions, and its results depend on rounding errors. The shift is in rad or m.
+    ``row`` is the result of ``strategy`` from q0 (n,), and ``options`` are passed to ``follow``.
+    The list has one text; the list is empty if the two motions stay within 1000 times that
+    distance, or both stop.
     """
     task = strategy.task
     beside = q0 + _EDGE * nullspace(task.jacobian(q0))[:, 0]
@@ -329,7 +332,7 @@ def edge_warning(
             return []
         where = f"ends cycle 1 {gap:.2g} {task.unit} away"
     differs = f"from a start that differs by {_EDGE:g} {task.unit} the motion {where}"
-    edge = f"{row.label}: the start is on an edge: {differs}"
+    edge = f"{row.label}: the start is on an edge between two motions: {differs}"
     return [f"{edge}; choose another start or a smaller path"]
 
 
@@ -339,7 +342,7 @@ def _custom_controls(task: Task, controls: Mapping[str, _Control]) -> dict[str, 
     A strategy is an object that computes q̇ from q and ẋ. InputError is raised if the controllers
     are not in a dictionary.
     """
-    what = "a dictionary that gives each control a name, such as {'mine': control}"
+    what = "a dictionary that gives each controller a name, such as {'mine': control}"
     require_type(controls, Mapping, "controls", what)
     return {name: _custom_control(task, name, control) for name, control in controls.items()}
 

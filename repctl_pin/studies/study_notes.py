@@ -100,7 +100,7 @@ def _path_losses(rows: Sequence[Row]) -> list[str]:
 def violation_texts(row: Row) -> list[str]:
     """Write which joint exceeds its limits, or which links collide, and when: one text for each.
 
-    A joint that exceeds its speed limit is among them. The list is empty without violations.
+    Joints that exceed their speed limits are included. The list is empty without violations.
     """
     motion, said = row.motion, [str(violation) for violation in row.violations]
     if motion is not None and motion.speed_ratio > TOO_FAST:

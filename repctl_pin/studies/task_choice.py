@@ -57,8 +57,7 @@ def choose_task(robot: Robot, frame: str | Sequence[Any] | None, kind: str | Non
     none = f"{robot.name} {frame!r} is moved by {joints}: no kind of task is redundant there"
     if other is None:
         raise InputError(f"{none}, nor at another frame", remedy="use another robot")
-    one = f"{none}, but one is at {other!r}, for example"
-    raise InputError(one, remedy="choose another frame")
+    raise InputError(none, remedy=f"choose another frame, such as {other!r}")
 
 
 def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:

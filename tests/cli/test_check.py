@@ -79,7 +79,7 @@ def test_check_stays_inside_the_joint_limits_and_says_so(
     ):
         assert main(["check", arm, *more, "--samples", "16"]) == 0
         told = " ".join(capsys.readouterr().out.split())
-        assert f"note: Ω was cut at the limits of {joint}" in told
+        assert f"note: Ω was cut at the joint limits of {joint}" in told
         assert main(["check", arm, *more, "--samples", "16", "--json"]) == 0
         data = json.loads(capsys.readouterr().out)
         task = rp.Robot.load(arm).task(data["frame"], data["task"])
@@ -96,7 +96,7 @@ def test_check_stays_inside_the_joint_limits_and_says_so(
             min(task.upper[i], data["start"][i] + asked),
         )
         np.testing.assert_allclose([middle[i] - half[i], middle[i] + half[i]], [low, high])
-        assert data["notes"] == [f"Ω was cut at the limits of {joint}"]
+        assert data["notes"] == [f"Ω was cut at the joint limits of {joint}"]
     assert main(["check", "panda", "--samples", "16", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["notes"] == [] and data["region"]["center"] == data["start"]

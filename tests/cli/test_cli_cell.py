@@ -203,7 +203,7 @@ def test_other_commands_say_that_it_is_a_cell(
     made: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["check", str(made / "out" / "cell.json"), "--robot", str(made / "arm.urdf")]) == 2
-    assert "does not take the function of a cell" in capsys.readouterr().err
+    assert "holds the function of a cell, which this command cannot use" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

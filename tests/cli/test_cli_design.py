@@ -198,5 +198,5 @@ def test_interruption(tmp_path: Path) -> None:
     os.killpg(running.pid, signal.SIGINT)  # what a terminal does: everybody in the group gets it
     out, err = running.communicate(timeout=60)
     assert running.returncode == 130 and out == ""
-    assert err.splitlines()[-1] == "repctl: interrupted; nothing half-written was left"
+    assert err.splitlines()[-1] == "repctl: interrupted; no incomplete file was left"
     assert "Traceback" not in err and list(tmp_path.iterdir()) == []

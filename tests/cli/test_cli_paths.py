@@ -220,17 +220,20 @@ def test_a_way_out_of_reach_between_two_points_is_named_by_both(
 MISWRITTEN = {
     "semicolons": (
         [line.replace(",", ";") for line in GOOD],
-        "line 1: separate the columns by commas",
+        "line 1: the columns are separated by semicolons or blanks",
     ),
     "semicolons below names": (
         ["x;y;z", *(line.replace(",", ";") for line in GOOD)],
-        "loop.csv, line 1: separate the columns by commas",
+        "loop.csv, line 1: the columns are separated by semicolons or blanks",
     ),
     "decimal commas": (
         [line.replace(",", ";").replace(".", ",") for line in GOOD],
         "use decimal points",
     ),
-    "spaces": ([line.replace(",", " ") for line in GOOD], "line 1: separate the columns by commas"),
+    "spaces": (
+        [line.replace(",", " ") for line in GOOD],
+        "line 1: the columns are separated by semicolons or blanks",
+    ),
     "a letter in the first line": (["O.45,0,0.25", *GOOD[1:]], "line 1: x = 'O.45' is not a"),
     "powers of ten": (["4.5e-1;0;2.5e-1", *GOOD[1:]], "line 1: "),
 }

@@ -115,7 +115,7 @@ def test_what_contradicts_the_file_is_named_by_its_option(rail: Path, capsys) ->
                 [command, "panda", "--robot", "ur5", "--strategy", "inertia"][
                     : 6 if command == "follow" else 4
                 ],
-                "--robot requires a saved design; the robot is panda",
+                "--robot requires a saved design; omit --robot to use panda",
             ),
         ):
             error = refused(capsys, *arguments)

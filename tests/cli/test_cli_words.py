@@ -53,7 +53,8 @@ def test_a_singular_region_names_the_option_that_helps(tmp_path, monkeypatch, ca
 def test_too_high_a_degree_is_lowered(command: list[str], tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     error = refused(capsys, *command, "--degree", "9")
-    assert error.strip().endswith("degree 9 in 7 joints makes 11439 potentials; lower the degree")
+    told = "makes 11439 potentials, but the maximum is 5000; lower the degree"
+    assert error.strip().endswith(f"degree 9 in 7 joints {told}")
     assert "variables" not in refused(capsys, "design", "panda", "--fourier", "30", "--degree", "1")
     assert list(tmp_path.iterdir()) == []
 
@@ -191,7 +192,7 @@ def test_strategies_are_chosen_by_key_or_by_label(tmp_path, monkeypatch, capsys)
         assert list(json.loads(out)["drift"]) == keys
     error = refused(capsys, "animate", "ppr", "--motion", "motion.csv", "--only", "nope")
     assert error.strip().endswith(
-        "no strategy 'nope'; it has pseudoinverse, posture, posture_off, repeatable"
+        "no strategy 'nope'; choose from pseudoinverse, posture, posture_off, repeatable"
     )
     Path("mine.csv").write_text("d1\n0\n0.1\n0\n", encoding="utf-8")
     out, _ = printed(capsys, "animate", "ppr", "--motion", "mine.csv", "--only", "mine", "--json")

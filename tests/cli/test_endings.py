@@ -78,7 +78,7 @@ def test_stopped_while_it_writes_no_file_is_left(
     assert [file.name.startswith(".repctl-") for file in there] == [True]
     assert list(tmp_path.iterdir()) == []
     told = capsys.readouterr().err
-    assert told == f"repctl: stopped by {number.name}; nothing half-written was left\n"
+    assert told == f"repctl: stopped by {number.name}; no incomplete file was left\n"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX's")
@@ -110,7 +110,7 @@ def test_a_stop_inside_a_finaliser_is_not_lost(
     finally:
         signal.signal(signal.SIGTERM, before)
     told = capsys.readouterr().err
-    assert told == "repctl: stopped by SIGTERM; nothing half-written was left\n"
+    assert told == "repctl: stopped by SIGTERM; no incomplete file was left\n"
 
 
 ESCAPES = "\x1b[2J\x1b]0;title\x07\x9b2J\r\t\u202e"

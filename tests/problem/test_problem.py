@@ -85,7 +85,7 @@ def test_a_part_that_cannot_be_used_is_named(parts: dict, argument: str, words: 
 
 
 def test_a_task_has_its_own_frame_and_kind(problem: rp.Problem) -> None:
-    with pytest.raises(rp.InputError, match="^kind: is part of the task already; omit kind=$"):
+    with pytest.raises(rp.InputError, match="^kind is part of the task already; omit kind=$"):
         rp.Problem(problem.task, kind="xy")
 
 

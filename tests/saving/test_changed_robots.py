@@ -213,7 +213,7 @@ def test_a_moved_marker_of_an_arm_angle_is_named(name: str, tmp_path: Path) -> N
         tree = ElementTree.ElementTree(ElementTree.fromstring(text))
         changed(tree, f"to_{marker}", "origin", "xyz", place, 0.02)
         tree.write(file)
-        with pytest.raises(rp.InputError, match=f"frame '{marker}' lies 0.0"):
+        with pytest.raises(rp.InputError, match=f"frame '{marker}' is displaced by 0.0"):
             loaded(file, with_angle, frame, kind)
         loaded(file, without, frame, kind)  # nothing of it depends on the marker
 

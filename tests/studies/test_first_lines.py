@@ -265,7 +265,5 @@ def test_what_regions_and_messages_say_is_so() -> None:
     assert box.ratio([[1.0, 0.0]]) == [2.0]
     for region in (rp.Box, rp.Tube, rp.WorkspaceBox):
         words = " ".join(region.ratio.__doc__.split())
-        assert re.match(
-            "Compute the scale factor that brings the (region|box|tube)'s boundary", words
-        )
+        assert re.match("Compute the scale at which the (region|box|tube)'s boundary", words)
         assert re.search("above 1( for a row)? (is )?outside", words.lower()), words

@@ -13,7 +13,7 @@ from controls import some
 
 import repctl_pin as rp
 
-NO_NUMBER = "passes close to a singularity; its drift is not a number"
+NO_NUMBER = "passes close to a singularity; its drift cannot be computed reliably"
 START = [0.3823, -0.1961, -0.7030, 1.4595, 2.9146, -0.0022, 2.0581]
 LOOP = ["--path", "circle:0.2:0", "--plane", "xy", f"--start={str(START)[1:-1]}"]
 

@@ -100,7 +100,7 @@ def test_where_no_task_is_redundant_another_frame_is_named_if_there_is_one(tmp_p
     arm = rp.Robot.load("planar3r")
     with pytest.raises(
         rp.InputError,
-        match=r"moved by 2 joints: .* but one is at 'tool', for example; choose another",
+        match=r"moved by 2 joints: .* is redundant there; choose another frame, such as 'tool'",
     ):
         rp.Problem(arm, frame="link2")
     (tmp_path / "two.urdf").write_text(planar_urdf([1.0, 1.0]))

@@ -25,7 +25,7 @@ from .playback import TracedChain, playback_of, playback_page, traced_chains
 
 _WARM, _COOL = (VERMILLION, ORANGE, PURPLE), (BLUE, GREEN, SKY)
 _BACK = 0.01
-"""Share of the largest drift up to which a motion counts as closed; up to 1e-6 it always does."""
+"""Drift, as a share of the largest one, up to which a motion counts as closed; 1e-6 always does."""
 
 
 @dataclass(frozen=True)

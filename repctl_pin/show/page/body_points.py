@@ -23,9 +23,9 @@ def body_drift(
     *,
     directions: Sequence[int] | None = None,
 ) -> tuple[tuple[Array, ...], Array]:
-    """Compute how far each body is displaced since the same moment of cycle 1.
+    """Compute the displacement of each body from its placement at the same moment of cycle 1.
 
-    A repeatable motion has no such displacement. The page colours the bodies by their displacement.
+    It is 0 in a repeatable motion. The page colours the bodies by their displacement.
 
     Parameters
     ----------

@@ -105,7 +105,10 @@ def render(template: str, **parts: Any) -> str:
 
 @cache
 def _templates() -> Environment:
-    """Load the environment of the templates, once; missing parts of a template raise an error."""
+    """Create the Jinja environment of the page's templates; cached.
+
+    A part that a template needs and does not get raises an error.
+    """
     folder = files(__package__) / "assets"
     made = Environment(
         loader=FileSystemLoader(str(folder)), autoescape=True, undefined=StrictUndefined
@@ -115,7 +118,7 @@ def _templates() -> Environment:
 
 
 def _dense(style: str) -> str:
-    """Leave out the white space of a style sheet that only people need."""
+    """Remove from a style sheet the white space that only human readers need."""
     return re.sub(r"\s*([{}])\s*|([;,:])\s+", r"\1\2", style)
 
 

@@ -1,8 +1,8 @@
 """Motions of a whole robot for animation, from results or CSV files.
 
-A playback is one motion of all joints of the robot, as the page shows it. A traced chain consists
-of the joints that move one frame; the page draws traces of that frame and of the chain's elbow, the
-joint in the middle of the arm that moves most during self-motion.
+A playback, or track, is one motion of all joints of the robot, as the page shows it. A traced chain
+consists of the joints that move one frame; the page draws traces of that frame and of the chain's
+elbow, the joint in the middle of the arm that moves most during self-motion.
 """
 
 from __future__ import annotations
@@ -281,7 +281,7 @@ def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
 
 
 def _hand(name: str, kind: Kind) -> str:
-    """Write the name of a hand, and which rotation its task leaves free, before a distance."""
+    """Write the label of a hand's distance: its name, and the rotation left free by its task."""
     if kind.turns and not kind.tool_axes:
         return name
     return f"{name}, free to {'spin' if kind.turns else 'turn'}:"

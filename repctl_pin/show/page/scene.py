@@ -243,7 +243,7 @@ def _missed(Q: Array, frames: Frames) -> float:
 
     The error shows whether there are enough samples. The page draws a cubic through neighbouring
     samples; the error is evaluated half-way between them. ``Q`` (T + 1, nq) holds all
-    configurations of the robot.
+    configurations of the robot. ``frames`` are the samples that the page holds.
     """
     index = frames.index.reshape(-1, frames.per_cycle)
     if index.shape[1] < 4:
@@ -373,7 +373,7 @@ def _describe(
 
     The first array has the poses of M moving bodies (T, M, 7), a moving workpiece last. Tips and
     elbows (T, K, 3) follow, then the origin of a violation (T, 3), if there is one, and the points
-    (P, 3) of each moving body.
+    (P, 3) of each moving body. ``frames`` are the samples of its motion.
     """
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)

@@ -81,7 +81,7 @@ class Viewer:
     Examples
     --------
     >>> with rp.Viewer(task, ["J⁺", "ours"]) as view:
-    ...     view.show(q0, q0 + 0.1)  # one configuration per control, as often as the loop likes
+    ...     view.show(q0, q0 + 0.1)  # one configuration per controller, at any rate
     ...     target = task.placement(q0).translation + view.offset  # m, moved by the keys
     """
 
@@ -200,7 +200,7 @@ class Viewer:
         if isinstance(configurations, np.ndarray) and configurations.ndim == 2:
             configurations = list(configurations)
         configurations = list_of(
-            configurations, "before", "a list of configurations, one per control"
+            configurations, "before", "a list of configurations, one per controller"
         )
         if len(configurations) != len(self.names):
             raise InputError(
@@ -297,7 +297,8 @@ class Viewer:
     def _serve(self, sockets: Any, page: str) -> None:
         """Run the server until its loop is stopped, then close it.
 
-        This is the function of the viewer's thread.
+        This is the function of the viewer's thread. ``sockets`` are the open sockets of the port,
+        and ``page`` is the HTML page to serve.
         """
         asyncio.set_event_loop(self._loop)
         handlers: list[Any] = [("/", _Page, {"page": page}), ("/poses", _Poses, {"viewer": self})]

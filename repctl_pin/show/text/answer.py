@@ -41,7 +41,7 @@ _FIRST = (
 are not checked, which come first."""
 
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
-"""Beginnings of the notes that come after the meanings of words, left out first if space lacks."""
+"""Beginnings of the notes that follow the explanations of terms, and are left out first."""
 
 
 def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
@@ -201,8 +201,8 @@ def _part(summaries: Sequence[MotionSummary | None]) -> str:
 def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
     """Format the extra joint speed relative to J⁺, such as ``+3 %``; a dash if it is meaningless.
 
-    It is meaningless for J⁺ itself, whose summary is ``usual``; if J⁺ stopped; or if either motion
-    leaves its path.
+    The extra speed is meaningless for J⁺ itself, whose summary is ``usual``, if J⁺ stopped, or if
+    either motion leaves its path.
     """
     if usual is None or summary is usual or not usual.speed > 0:
         return Span("–")

@@ -18,13 +18,13 @@ GLOSSARY = {
     "redundant": "The arm has more joints than its task has coordinates: many joint motions move "
     "the frame in the same way.",
     "usual control, J⁺": "The pseudoinverse of the Jacobian J: of all joint velocities that give "
-    "the frame its velocity, the one with the smallest norm. It is also the desired one here.",
+    "the frame its velocity, the one with the smallest norm. The design approximates J⁺.",
     "repeatable": "A closed path of the frame ends in the configuration it began in, if it can be "
     "shrunk to a point through closed paths whose motions all stay in Ω.",
     "drift": "Distance of the joints from the start after a cycle: a norm over all joints, so it "
     "may exceed the displacement of each of them.",
     "Usual + posture": "J⁺ with null-space attraction to a given configuration: the start, or "
-    "another one (other posture), which the arm reaches first.",
+    "a different one (other posture), to which the arm moves first.",
     "potentials": "Functions of the joints that the repeatable controller holds constant. A higher "
     "degree allows a smaller distance from J⁺.",
     "Ω": "The region of joint space for which the repeatable controller was designed; outside, "
@@ -35,8 +35,8 @@ GLOSSARY = {
     "defect": "Violation of the condition for repeatability at a configuration, per rad: 0 where "
     "it holds.",
     "constant rows, extended Jacobian": "Two simpler repeatable controllers, for comparison: one "
-    "holds fixed combinations of the joints constant, the other holds an attraction to the centre "
-    "of Ω at zero in the null space.",
+    "holds fixed combinations of the joints constant, the other holds the distance from the centre "
+    "of Ω stationary along self-motions.",
 }
 """Definitions of the terms of a report."""
 

@@ -57,7 +57,7 @@ _END_NAMES = (
     ("foot", {"foot", "feet", "ankle", "sole", "toe"}),
     ("head", {"head", "gaze", "neck", "eyes", "stereo", "xtion", "rgbd"}),
 )
-"""Words in the names of links at the ends of other branches, by what a sentence calls them."""
+"""Display names of links at the ends of other branches, with the words that identify each."""
 
 
 def hands_are(count: int) -> str:
@@ -88,7 +88,7 @@ NO_HEADLINE = Headline((), ())
 
 
 def under(label: str) -> str:
-    """Return how a sentence names a controller: ``the usual control`` for the label J⁺.
+    """Return the name of a controller in a sentence: ``the usual control`` for the label J⁺.
 
     A user's controller is named by its label.
     """
@@ -208,7 +208,8 @@ def _whole(text: str) -> str:
 def _is_open(one: MotionSummary) -> bool:
     """Return whether the hand does not end where it began, although it does not leave its path.
 
-    The path is then not closed, or is unknown because the motion was read from a file.
+    The path is then not closed, or is unknown because the motion was read from a file. ``one`` is
+    the summary of the motion.
     """
     return one.path_loss is None and one.hand_off > ON_PATH * one.size
 
@@ -251,8 +252,8 @@ def _by(one: MotionSummary, summaries: Sequence[MotionSummary]) -> str:
 def _alone(one: MotionSummary) -> str:
     """Name a controller in a sentence that compares it with no other one.
 
-    A repeatable one is "the repeatable control" there, not "the repeatable one"; others keep their
-    label.
+    A repeatable controller is then called "the repeatable control" instead of "the repeatable one";
+    other controllers keep their label.
     """
     return under(one.label).replace("repeatable one", "repeatable control")
 
@@ -349,7 +350,7 @@ def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
 def off_of(one: MotionSummary) -> Span:
     """Format the displacement of the most displaced part at the end of all cycles.
 
-    The tone is ``good`` for 0, and ``bad`` from 1 cm up.
+    The tone is ``good`` for 0, and ``bad`` from 1 cm up. ``one`` is the summary of the motion.
     """
     tone = "good" if one.back else "bad" if one.off >= SMALL else ""
     return Span(displacement(one.off), tone, _exact(one))
@@ -358,7 +359,7 @@ def off_of(one: MotionSummary) -> Span:
 def _exact(one: MotionSummary) -> str:
     """Write the most displaced link, and its displacement, m, with three digits.
 
-    Readers can look up this exact value of a rounded text.
+    Readers can look up this exact value of a rounded text. ``one`` is the summary of the motion.
     """
     return f"{one.link}: {one.off:.3g} m"
 
@@ -366,8 +367,9 @@ def _exact(one: MotionSummary) -> str:
 def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
     """Format the displacement of the farthest part, m, under each controller: a text per summary.
 
-    ``unit`` is the text after each value (" from its start"), except a 0 that is not the first. If
-    the most displaced part depends on the controller, the smaller values name their part.
+    ``unit`` is the text after each value, such as " from its start"; it is left out after a 0,
+    unless that 0 is the first value. If the most displaced part depends on the controller, the
+    smaller values name their part.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
@@ -382,7 +384,7 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
 def _turned(one: MotionSummary) -> Span:
     """Format the final displacement of a joint, rad, if the parts are hardly displaced.
 
-    The tone is ``bad`` from 0.1 rad up.
+    The tone is ``bad`` from 0.1 rad up. ``one`` is the summary of the motion.
     """
     angle = one.joint_displacement[0]
     value = "0" if angle < _UNTURNED else _whole(radians(angle))
@@ -405,9 +407,9 @@ def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list[Span]:
     """Write the extra joint speed (rms) of the last motion relative to the first.
 
-    It is that of cycle 1, in which both start alike, and that of all ``cycles``. If the first
-    motion is that of J⁺, this is the cost of repeatability. The list has one text. It is empty for
-    a single motion, or if one of the two leaves its path.
+    The text gives it for cycle 1, which both motions begin in the same configuration, and for all
+    ``cycles``. If the first motion is that of J⁺, this is the cost of repeatability. The list has
+    one text. It is empty for a single motion, or if one of the two leaves its path.
     """
     moves = first.speed > 0 and first.mean_speed > 0
     if last is first or not moves or first.path_loss or last.path_loss:
@@ -458,6 +460,7 @@ def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     """Write which joints leave their ranges if the drift goes on: a list of one text, or none.
 
     Controllers under which the same joint leaves its range in the same cycle are named together.
+    ``cycles`` is the number of cycles of the motions.
     """
     exits: dict[tuple[int, str], list[MotionSummary]] = {}
     for one in summaries:

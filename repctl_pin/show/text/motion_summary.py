@@ -138,7 +138,7 @@ def motion_summary(
     moved : (str, float)
         The most displaced part at the end, as its link, and its displacement, m.
     bodies
-        True to evaluate body distances. They are wrong if joints outside the task move.
+        True to evaluate body distances. Body distances are wrong if joints outside the task move.
     """
     task, closes = motion.task, motion.closes
     (link, off), first, last = moved, motion.q[0], motion.q[-1]
