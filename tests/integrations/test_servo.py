@@ -503,7 +503,7 @@ def test_an_elbow_where_no_level_is_found_keeps_the_level(bench: Bench) -> None:
         if bench.servo.elbow_said:
             break
     assert bench.servo.elbow_said.startswith("no level found: ")
-    assert "the level is kept: none was found for the elbow: " in bench.servo.said
+    assert "the level stays constant: none was found for the elbow: " in bench.servo.said
     bench.run(2.0)
     assert np.abs(inverse.leaf(bench.q) - inverse.leaf(Q0)).max() < 1e-9
 
@@ -535,7 +535,7 @@ def test_the_clutch_takes_the_operators_elbow(bench: Bench) -> None:
     )
     assert np.abs(bench.q - found.q).max() < 1e-6 and bench.used() <= 1 + 1e-6
     servo.hand_elbow([np.nan, 0, 0])
-    assert servo.reason == "elbow refused: its numbers must be finite; the level is kept"
+    assert servo.reason == "elbow refused: its numbers must be finite; the level stays constant"
     for k in range(100):
         servo.hand(hand + [0.05 - 0.0005 * k, 0, 0], still, bench.now)
         servo.hand_elbow(elbow)

@@ -127,7 +127,7 @@ def inverse_function(F: InverseFunction, xp: Namespace) -> Callable[..., Numbers
 def pose_and_leaf(
     F: InverseFunction, xp: Namespace
 ) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
-    """Convert the way back, from a configuration to its pose and level, to a function of arrays.
+    """Create the inverse of F, from a configuration q to its pose x and level c, for arrays.
 
     ``x = f(q)`` and ``c = n_ref(x)ᵀ (q − q_ref(x))``, with q_ref and n_ref the polynomials of F. So
     ``F(x; c) = q`` if q is near F(x; 0).
@@ -234,9 +234,9 @@ _numbers = count()
 
 
 def _operator(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Make a function of torch's arrays one operator wherever torch.compile meets it.
+    """Wrap a function of torch's arrays, so that torch.compile treats it as one operator.
 
-    Its Newton steps, unrolled in a graph, would take minutes to compile.
+    Without this, torch.compile would unroll all Newton steps and compile for minutes.
     """
     import torch
 
@@ -256,7 +256,10 @@ def _operator(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @cache
 def _operators() -> Callable[..., Any]:
-    """Register the operator (number of a function, arguments) → results, and its derivative."""
+    """Register torch's operator for all wrapped functions, and its derivative; return the operator.
+
+    Its arguments are the number of the wrapped function and that function's arrays.
+    """
     import torch
 
     def call(number: int, one: Numbers, two: Numbers | None = None) -> list[Numbers]:
@@ -294,7 +297,7 @@ def _operators() -> Callable[..., Any]:
 
 
 def _constant(xp: Namespace, *arrays: Numbers) -> tuple[Numbers, ...]:
-    """Return arrays that are constants for derivatives."""
+    """Return the arrays as constants, which are not differentiated."""
     if is_jax_namespace(xp):
         import jax
 
@@ -303,10 +306,10 @@ def _constant(xp: Namespace, *arrays: Numbers) -> tuple[Numbers, ...]:
 
 
 def _repeated(xp: Namespace, step: Callable[[Numbers], Any], q: Numbers, near: float) -> Numbers:
-    """Repeat Newton's steps q → (q, length) on the rows of a batch that still move.
+    """Repeat Newton's steps q → (q, step length) on the rows of a batch that have not converged.
 
-    A row ends after a step shorter than ``near``. The last two of the 12 steps, which alone are
-    differentiated, are left to the caller.
+    A row has converged after a step shorter than ``near``. The last two of the 12 steps, which
+    alone are differentiated, are left to the caller.
     """
 
     def again(state: tuple[Numbers, Numbers, int]) -> tuple[Numbers, Numbers, int]:
@@ -339,7 +342,8 @@ def _some(xp: Namespace, flags: Numbers) -> bool:
 def _scanned(xp: Namespace, body: Callable[..., Any], state: Any, *tables: Numbers) -> Any:
     """Map (state, row of each table) to (state, outputs) row by row, and stack the outputs.
 
-    In JAX it is one step of a loop, which takes less time to compile than all of them.
+    In JAX the body is compiled once, as the step of a loop, which takes less time than to compile
+    it for every row.
     """
     if is_jax_namespace(xp):
         import jax
@@ -417,7 +421,7 @@ def _like(xp: Namespace, a: Any, other: Numbers) -> Numbers:
 
 
 def _device(xp: Namespace, a: Numbers) -> Any:
-    """Return the device of an array; JAX places constants beside the arrays that they meet."""
+    """Return the device of an array; None in JAX, which chooses the device of constants itself."""
     return None if is_jax_namespace(xp) else device(a)
 
 
@@ -743,7 +747,7 @@ def _about_axis(
 
 
 def _from_middle(xp: Namespace, cell: Cell, v: Numbers) -> Numbers:
-    """Convert vectors (3, K) to the axes of the tool in the middle of a cell.
+    """Convert vectors (3, K), given in base axes, to the axes of the tool in the middle of a cell.
 
     In a sector they are given in the directions radial, tangential, and along the axis.
     """
@@ -769,7 +773,10 @@ def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
 
 
 def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
-    """Remove full turns from q − q_ref (n, K), at joints that alone move the frame (symmetries)."""
+    """Remove full turns from q − q_ref (n, K), at the joints of the cell's symmetries.
+
+    Such a joint, for example the first one, turns all poses of the cell around one axis.
+    """
     turning = np.zeros((cell.task.n, 1))
     turning[[one.joint for one in cell.removed]] = 2 * np.pi
     return away - _like(xp, turning, away) * xp.round(away / (2 * np.pi))

@@ -1,6 +1,7 @@
-"""Search of the level for an operator's elbow, beside the ticks of a control loop.
+"""Search, in a thread of its own, for the level whose elbow is nearest to a given point.
 
-A search takes some 10 ms, longer than a tick may take. So it runs in a thread of its own.
+A level c identifies a leaf, the set h(q) = c of a design's potentials; it determines the elbow at a
+pose. A search takes some 10 ms, longer than a tick, one period of the control loop, may take.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class ElbowSearch:
         self.drop()
 
     def drop(self) -> None:
-        """Drop the point; the result of a search that is on its way is not used."""
+        """Drop the point; the result of a search that is still running is not used."""
         self.point: Array | None = None
         self.said = ""
         self._running: Future[ElbowLevel] | None = None

@@ -67,11 +67,11 @@ class RepeatableTask(PinkTask):
         self.leaf = vector(leaf, self.inverse.task.r, "the level c", "one per potential")
 
     def set_target_from_configuration(self, configuration: Configuration) -> None:
-        """Set the level c to hold to the value of the potentials h at a configuration of pink."""
+        """Set the level c to hold: c = h(q), with q from a configuration of pink."""
         self.set_target(self.inverse.potentials.value(self._joints(configuration)))
 
     def compute_error(self, configuration: Configuration) -> Array:
-        """Evaluate the error h(q) − c (r,) of the potentials h from the level c to hold.
+        """Evaluate the error h(q) − c (r,), with c the level to hold.
 
         InputError if no level is set.
         """

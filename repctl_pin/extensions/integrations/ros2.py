@@ -201,7 +201,7 @@ class _ArmNode(Node):
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Set the parameter ``leaf``, the level c; refuse other parameters, which are read once."""
         for parameter in parameters:
-            what = f"{parameter.name} is read at the start; restart the node"
+            what = f"{parameter.name} is read only when the node starts; restart the node"
             if parameter.name == "leaf":
                 what = self._set_leaf(parameter.value)
             if what:
@@ -219,7 +219,7 @@ class _ArmNode(Node):
         try:
             return self.servo.leaf(value)
         except (TypeError, ValueError):
-            return "leaf must be numbers"
+            return "parameter leaf must be numbers"
 
     # ---- messages ------------------------------------------------------------------------------
 

@@ -243,8 +243,8 @@ class Servo:
     def hand_elbow(self, point: Sequence[float], *, age: float = 0.0) -> None:
         """Set the operator's elbow (3,), in the tracker's frame, m; the arm's elbow moves with it.
 
-        It is used while the clutch is engaged. A point that is not finite releases the elbow alone,
-        and the level is kept, until the clutch is engaged again.
+        It is used while the clutch is engaged. A point that is not finite releases the elbow alone:
+        the level then stays constant until the clutch is engaged again.
         """
         if not self._clutch.engaged or not self._usable("elbow", "", age):
             return
@@ -256,15 +256,15 @@ class Servo:
         moved = self._clutch.elbow(point)
         if moved is None:
             self._elbow.drop()
-            self.reason = "elbow refused: its numbers must be finite; the level is kept"
+            self.reason = "elbow refused: its numbers must be finite; the level stays constant"
         else:
             self._elbow.point = moved
 
     def elbow(self, point: Sequence[float], *, frame: str = "", age: float = 0.0) -> None:
         """Set the point (3,) for the arm's elbow, in the base frame, m.
 
-        The arm moves to the level whose elbow is nearest, also while its frame rests. ``age`` is
-        the message's age, s. An invalid point stops the arm.
+        The arm moves to the level whose elbow is nearest, even while its frame is at rest. ``age``
+        is the message's age, s. An invalid point stops the arm.
         """
         if self._usable("elbow", frame, age):
             if not np.isfinite(point).all():
@@ -273,7 +273,7 @@ class Servo:
             self._elbow.point = np.array(point, float)
 
     def level(self, leaf: ArrayLike) -> None:
-        """Move to the level c (r,), also while the frame rests; until the arm is stopped.
+        """Move to the level c (r,), even while the frame is at rest, until the arm is stopped.
 
         An invalid level stops the arm.
         """
@@ -300,7 +300,7 @@ class Servo:
         return ""
 
     def _refused(self, c: Array) -> str:
-        """Describe why an array is no level; empty if it is one."""
+        """Describe why an array c is not a valid level (r,); return an empty text if it is."""
         if c.shape == (self.task.r,) and np.isfinite(c).all():
             return ""
         return f"leaf must be {self.task.r} finite numbers"
@@ -317,7 +317,7 @@ class Servo:
         self._held = ""
         self._forget()
         if self.state is State.HOLDING and self._fault:
-            self.reason = "resumed: once at rest, it starts from the measured joints"
+            self.reason = "resumed: once at rest, the arm starts from the measured joints"
         elif self.state is State.HOLDING:
             self.state, self.reason = State.RUNNING, ""
 
@@ -363,12 +363,12 @@ class Servo:
         try:
             found = self._elbow.update(place)
         except RepctlError as error:
-            self.reason = f"the level is kept: none was found for the elbow: {error}"
+            self.reason = f"the level stays constant: none was found for the elbow: {error}"
         else:
             self._asked = self._asked if found is None else found
 
     def brake(self) -> Array | None:
-        """Compute the next configuration (n,) of a stop; None if the arm is at rest, or waits.
+        """Compute the next configuration (n,) of a stop; None at rest, or in the state WAITING.
 
         Call this repeatedly when the program ends; measured joints are not needed.
         """

@@ -134,7 +134,7 @@ class JointReadings:
         return now - self._still[1] >= duration
 
     def disturb(self) -> None:
-        """Restart, after late readings, the time of constant joints that :meth:`rest` requires."""
+        """Restart, after late readings, the period of rest that :meth:`rest` requires."""
         self._still = None
 
 

@@ -79,7 +79,7 @@ class Line:
 
     @classmethod
     def of(cls, kind: Literal["tool", "cell"], at: Curve, ends: Array | None = None) -> Line:
-        """Create a line of poses x(a), and measure its length; for ``ends``, see the attribute."""
+        """Create the line with the poses ``at``, x(a), and compute its length."""
         X = at(_SAMPLES)
         moved = float(np.linalg.norm(np.diff(X[:, :3, 3], axis=0), axis=1).sum())
         steps = np.linalg.norm(np.diff(X[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2)
@@ -133,7 +133,7 @@ def cell_line(F: Function, start: Array, end: Array) -> Line:
 
 
 def _between(U: Array, a: Array) -> Array:
-    """Interpolate between two coordinates U (2, k) of a cell, at fractions a (K,): (K, k)."""
+    """Interpolate linearly between two points U (2, k) of cell coordinates, at a (K,): (K, k)."""
     return np.asarray((1 - a)[:, None] * U[0] + a[:, None] * U[1])
 
 
@@ -174,7 +174,7 @@ class Blend:
 
 
 def _angle(into: Line, out: Line) -> float | None:
-    """Compute the angle, rad, between the directions of two lines; None if they are equal."""
+    """Compute the angle, rad, between two lines at their common pose; None for equal velocities."""
     v_in, v_out = into.velocity(1.0), out.velocity(0.0)
     if np.abs(np.subtract(v_in, v_out)).max() < _STRAIGHT:
         return None

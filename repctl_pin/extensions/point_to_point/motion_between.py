@@ -157,7 +157,7 @@ def motion_between(
     ('tool',)
     """
     progress = flag_or_function(
-        progress, "progress", "a function of what is being done and the share that is done", 2
+        progress, "progress", "a function of the step (text) and the fraction done", 2
     )
     if not isinstance(F, ToolFunction):
         what = "a function of a cell, such as design.function"

@@ -18,10 +18,7 @@ from ...show.text.numbers import counted, metres
 if TYPE_CHECKING:
     from ...motion.joint_motion import JointMotion
 
-HELP = (
-    "move through poses of a saved cell, from rest to rest: at each pose, the joints are always "
-    "the same"
-)
+HELP = "move through poses of a saved cell, from rest to rest, with one configuration per pose"
 EXAMPLE = """examples:
   repctl move cell.json --through poses.csv --acceleration panda --csv day.csv
   repctl move cell.json --through poses.csv --acceleration 5 --jerk 100 \\
@@ -33,11 +30,11 @@ Without quaternions, the orientation is that of the cell's middle."""
 
 def add_options(parser: Parser) -> None:
     """Add the options of ``repctl move`` to its parser."""
-    parser.what("a saved function of a cell (.json) of repctl cell")
+    parser.what("function of a cell (.json), saved by repctl cell")
     parser.set_defaults(frame=None, task=None)
     parser.surroundings()
     add = parser.add_argument
-    add("--through", metavar="FILE", required=True, help="CSV of the poses, in order")
+    add("--through", metavar="FILE", required=True, help="CSV file of the poses, in order")
     add(
         "--blend",
         type=positive,

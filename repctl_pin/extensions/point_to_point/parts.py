@@ -158,7 +158,7 @@ def _line_between(
             return line, curve
     try:
         F.batch(line.at(np.linspace(0.0, 1.0, 101)))
-        why = "F is not smooth there"
+        why = "F is not smooth between them"
     except InputError as error:
         why = str(error).partition(": ")[2]
     raise InputError(f"no motion from {first} to {second}: {why}; go through an intermediate pose")

@@ -1,9 +1,9 @@
 """Recorded joint positions and poses: one configuration per pose, and audits of drift.
 
-An audit measures from a log whether an arm returns to the same configuration whenever its hand
-returns to a pose. Relabelling replaces recorded joints by those of a function q = F(x), which gives
-one configuration per pose. So a policy that learns from the recording never sees different answers
-for one pose.
+An audit measures from a log whether an arm is in the same configuration whenever its hand, the end
+effector, is back at a pose. Relabelling replaces recorded joints by those of a function q = F(x),
+which gives one configuration per pose. So the recording from which a policy learns never has
+different joints at one pose.
 """
 
 from ...base.plugins import Extension

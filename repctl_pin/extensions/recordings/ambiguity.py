@@ -1,4 +1,4 @@
-"""Ambiguity of recorded configurations: how badly a smooth function of the pose explains them.
+"""Ambiguity of recorded configurations: the misfit of a smooth function of the pose to them.
 
 If demonstrations reach one pose with different elbow positions, no function of the pose fits their
 joints. A labelling assigns one configuration to every frame (row of the recording): the recorded

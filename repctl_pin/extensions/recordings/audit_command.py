@@ -35,9 +35,7 @@ def add_options(parser: Parser) -> None:
     )
     add("--robot", metavar="ROBOT", required=True, help="catalogue name or path to a URDF")
     parser.loading()
-    add(
-        "--frame", help="link that is the hand (default: the end of the arm); two hands: LEFT,RIGHT"
-    )
+    add("--frame", help="link of the hand (default: the end of the arm); for two hands, LEFT,RIGHT")
     add("--task", metavar="KIND", help=f"{KINDS} (default: as in study)")
     add("--degrees", action="store_true", help="the log has revolute joints in degrees")
     add(
@@ -49,7 +47,7 @@ def add_options(parser: Parser) -> None:
     add(
         "--levels",
         metavar="COLUMN[,…]",
-        help="columns of the log with the commanded level or elbow: a return is to them, too",
+        help="columns of commanded levels or elbow positions, which a return must repeat",
     )
     out = "folder of audit.html and audit.png (default repctl-out/LOG)"
     add("--out", metavar="FOLDER", help=out)

@@ -90,7 +90,7 @@ def _audit_sentence(audit: Audit) -> list[Span]:
     A log in which no pose is visited often enough gets a sentence that says so.
     """
     if audit.found is None:
-        return [Span(f"The log does not repeat{_distance(audit)}. Nothing can be said of drift.")]
+        return [Span(f"The log does not repeat{_distance(audit)}. Drift cannot be determined.")]
     back = hands_are(len(audit.task.frames))
     span = _time_span(float(audit.log.t[-1] - audit.log.t[0]))
     returns = (
@@ -175,7 +175,7 @@ def _headline(audit: Audit) -> Headline:
 
 
 def _distance(audit: Audit) -> str:
-    """Write, as the end of a sentence, how near the hand came to an earlier pose again.
+    """Write the end of the sentence that tells how near the hand came to an earlier pose.
 
     This explains why there is no verdict: no pose was visited often enough.
     """
@@ -267,7 +267,7 @@ def _table(audit: Audit) -> str:
 
 
 def _leads(audit: Audit) -> list[str]:
-    """Write the lines below the table of an audit.
+    """Write the remarks below the table of an audit, one text per line.
 
     They say which visits have the same configuration if the arm jumps or scatters, when a joint
     will leave its range at the measured rate, and within which distance poses counted as the same.
@@ -292,7 +292,7 @@ def _leads(audit: Audit) -> list[str]:
 
 
 def _next_step(audit: Audit) -> list[str]:
-    """Write what to do after an audit: a list of one text, empty if the arm repeats."""
+    """Write the recommended next step: a list of one text, or an empty list if the arm repeats."""
     task = audit.task
     robot = task.robot.name if task.robot.entry else task.robot.description.path.name
     kind = ["--task", str(task.kind)] if len(task.frames) == 1 else []
@@ -307,7 +307,7 @@ def _next_step(audit: Audit) -> list[str]:
 
 
 def _order(groups: NDArray[np.intp]) -> str:
-    """Write which visits have the same configuration, as letters A B A B …, and how many agree.
+    """Write the configuration of each visit as a letter, A B A B …, and how many visits agree.
 
     ``groups`` (N,) has the number of each visit's configuration, from 0. The letters show at a
     glance whether the arm alternates.

@@ -159,8 +159,9 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
     """Find a constant offset of the tool or of the base; return its description and the remedy.
 
     Q are the recorded joints, p and R the recorded poses. Another frame of the tool, a shift of the
-    base, and a shift with a rotation are tried; of equally good explanations, the first is
-    returned. Return None if no offset exceeds the noise, or if there are fewer than four frames.
+    base, and a shift with a rotation are tried; if several explain the difference equally well, the
+    first is returned. Return None if no offset exceeds the noise, or if there are fewer than four
+    frames.
     """
     if len(Q) < _FEWEST:
         return None
@@ -310,7 +311,7 @@ def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[f
 
 
 def _alike(by: tuple[float, float]) -> bool:
-    """Test whether median distances, m and rad, are so small that joints and poses agree."""
+    """Test whether joints and poses agree: the median distances, m and rad, are small enough."""
     return by[0] < _ALIKE_M and by[1] < _ALIKE_RAD
 
 

@@ -85,7 +85,7 @@ def design_for(
 
 
 def _held(found: CellDesign, recording: Recording) -> float:
-    """Compute the share of frames at which a cell's function has a configuration within limits."""
+    """Compute the fraction of frames at which a design's function has a value within the limits."""
     F = InverseFunction(found.function.chart)
     Q = F.batch(recording.homogeneous, missing="nan")
     return float(np.isfinite(Q[:, 0]).mean())
@@ -240,9 +240,10 @@ def _measured(probe: Cell, p: Array, R: Array) -> Array:
 
 
 def _within(Y: Array, share: float) -> Array:
-    """Select the share of the rows of Y (K, m) that is nearest to the median of all rows.
+    """Select those rows of Y (K, m) that are nearest to the median of all rows.
 
-    Each coordinate is divided by its spread, so that metres and radians count alike.
+    ``share``, from 0 to 1, is the fraction of the rows to return. For the distance, each coordinate
+    is divided by its spread, so that metres and radians count alike.
     """
     if share == 1.0:
         return Y

@@ -396,7 +396,7 @@ def _find(
     The first result is a dict from argument (joints, poses, times, sessions) to the names of its
     columns; arguments that the table lacks are left out. The second result is the index of each
     joint in a column that holds an array of all joints; None if each joint has a column. ``given``
-    are the names of the numbers in the array; by default, those of LeRobot count. InputError is
+    are the names of the numbers in the array; by default, LeRobot's names are used. InputError is
     raised if there are neither joints nor poses, or only some of the joints.
     """
     widths = table.widths

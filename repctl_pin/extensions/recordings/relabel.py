@@ -187,8 +187,8 @@ class Relabeled:
     def save(self, file: str | Path) -> Path:
         """Write the recording with the new configurations, as .csv, .npz or .parquet.
 
-        A data set is written as it was read, with its statistics. It is written whole or not at
-        all, and replaces nothing.
+        A data set is written in the format in which it was read, with new statistics. It is written
+        completely or not at all, and never replaces an existing file or folder.
 
         If the recording was read from a file, its other columns are kept, except ``removed`` and
         ``recomputed``. In the same format, their values and types, and the metadata, are unchanged.
@@ -348,7 +348,7 @@ def relabel(
     options = fit_options(options)
     options.require_only(("samples", "held_out", "seed"), "relabel")
     progress = flag_or_function(
-        progress, "progress", "a function of what is being done and the share that is done", 2
+        progress, "progress", "a function of the step (text) and the fraction done", 2
     )
     if leaf is not None:
         leaf = vector(np.atleast_1d(leaf), recording.task.r, "leaf", "")
@@ -388,7 +388,7 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 def _with_further(recording: Recording) -> Recording:
     """Append the further joints of a data set to the frames of a recording, without times.
 
-    So the cell contains their poses, too, and the level is chosen such that F reaches them.
+    The cell then contains their poses, too, and the level is chosen such that F reaches them.
     """
     if not recording.further:
         return recording
@@ -421,11 +421,12 @@ def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
 
 
 def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | None) -> Array:
-    """Find the level c (r,) nearest to the recorded median that loses no frame and no limit margin.
+    """Find the level c (r,) nearest to the median of the recorded levels that is as good as c = 0.
 
-    So the elbow stays near its recorded positions. Levels between the median of ``recorded`` (K, r)
-    and 0 are tried, the nearest to the median first. If all lose frames or margin, the result is
-    c = 0, for which the function was designed.
+    The elbow then stays near its recorded positions. A level is as good if it relabels as many
+    frames as c = 0, with a limit margin that is as large, or large enough. Levels between the
+    median of ``recorded`` (K, r) and 0 are tried, the nearest to the median first. If none of them
+    is as good, the result is c = 0, for which the function was designed.
     """
     zero = np.zeros(F.task.r)
     if recorded is None or np.isnan(recorded).all():

@@ -36,28 +36,28 @@ def add_options(parser: Parser) -> None:
     add("file", metavar="FILE", help=f"recording: {formats}")
     parser.what(
         "the robot (catalogue name or URDF), or a saved cell (.json) whose function is used; for a "
-        "robot, the cell that holds the frames is found"
+        "robot, a cell that contains the frames is found"
     )
-    add("--frame", help="link that the poses are of (default: the end of the arm)")
+    add("--frame", help="link whose poses are recorded (default: the end of the arm)")
     add("--task", metavar="KIND", help=KINDS.replace("pose", "pose (default)"))
     add(
         "--joints",
         metavar="NAMES",
-        help="names of the numbers of the file's array of joints, separated by commas, if it has "
-        "those of another arm or a gripper, too; for HDF5, the name of that array",
+        help="names of the numbers in the file's array of joints, separated by commas; required if "
+        "it also has another arm or a gripper; for HDF5, the name of that array",
     )
     add(
         "--action",
         choices=("joints", "hand"),
-        help="what the actions of a data set are: joint positions, which get the new joints, or "
+        help="meaning of a data set's actions: joint positions, which get the new joints, or "
         "commands of the hand, which are kept (default: as the data set says)",
     )
     parser.set_defaults(start=None)
     add(
         "--leaf",
         metavar="C",
-        help="elbow of the new joints: c of the function, rad, separated by commas (default: near "
-        "the median of the recorded joints, so that no more frames are lost than at 0)",
+        help="level c of the function, rad, separated by commas: elbow position of the new joints "
+        "(default: near the median of the recorded levels, without more lost frames than at 0)",
     )
     held = "number of held-out poses of the function's design (default 1024)"
     add("--held-out", type=integer, default=1024, help=held)

@@ -144,7 +144,7 @@ def _ranges(at: Sequence[int]) -> str:
 def _copy(
     source: Table, name: str, known: Sequence[tuple[Sequence[int] | None, Array, Array]]
 ) -> tuple[Array, Sequence[int]] | None:
-    """Find recorded joints in the rows of a file's array; return the new ones, and their indices.
+    """Find recorded joints in the rows of a file's array; return new joints, and indices in a row.
 
     ``known`` has, for each column of joints, their indices in a row or None, and the recorded and
     the new joints. The array may have further numbers, such as a gripper's, which are then kept. In

@@ -198,7 +198,7 @@ def _groups(q: Array, r: Array) -> NDArray[np.intp]:
 
 
 def _few(q: Array, r: Array, groups: NDArray[np.intp]) -> bool:
-    """Test whether the arm jumps: it has two configurations, or enters each twice on average.
+    """Test whether the arm jumps: it has two configurations, or visits each twice on average.
 
     ``groups`` (N,) numbers the configuration of each visit, whose values are q ± r (N, n). The
     configurations must be separate: for some joint, the intervals of their visits do not overlap.

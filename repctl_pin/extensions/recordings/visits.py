@@ -276,7 +276,7 @@ def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
 
 
 def _runs(near: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Split the sorted numbers of rows near a pose into runs of consecutive rows.
+    """Split the sorted row numbers ``near``, of rows near a pose, into runs of consecutive rows.
 
     Between two runs the hand was away, so each run is a visit of the pose, or a passage nearby.
     """
@@ -346,8 +346,8 @@ def _configuration(
 ) -> _Estimate:
     """Estimate the configuration of a visit: the mean of at least four rows, or an interpolation.
 
-    ``one`` is the visit, ``target`` the pose, and ``noise`` (n,) the noise of the joints. ``late``
-    is that of :func:`_average`.
+    ``one`` is the visit, ``target`` the pose, and ``noise`` (n,) the noise of the joints. If
+    ``late``, a mean over a motion uses its last rows, as in :func:`_average`.
     """
     if len(one.rows) >= _AVERAGED:
         q, A, bend = _average(task, Q[one.rows], target, noise, late)

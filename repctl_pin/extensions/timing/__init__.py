@@ -1,7 +1,8 @@
-"""Timing of motions from rest to rest within limits: time-optimal, jerk-limited, and runs.
+"""Timing of motions: time-optimal from rest to rest within limits, and feed override.
 
-A motion gives the joint path. Its timing says when each point is passed, as quickly as the limits
-of speed, acceleration, jerk and torque allow. A run replays a timed motion with a variable speed.
+A motion gives the joint path. Its timing gives the time at which each point is passed, as early as
+the limits of speed, acceleration, jerk and torque allow. A run executes a timed motion at a speed
+that the user can change at any time (feed override).
 """
 
 from ...base.plugins import Extension

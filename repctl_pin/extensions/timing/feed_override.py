@@ -199,7 +199,7 @@ class Run:
         return q, slope * o
 
     def _hold(self, t: float, override: float) -> None:
-        """Set the override at a time on the motion's clock; it stays constant until changed."""
+        """Set a constant override from the time t, s, on the motion's clock onwards."""
         self._t = t
         self._override = override
         self._rate = 0.0

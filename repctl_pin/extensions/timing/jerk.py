@@ -82,7 +82,7 @@ class _JerkSegment(Segment):
     bend: Array
 
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate s, the length of the joint path, and ṡ, s̈, s⃛ at times (T,) from the start, s.
+        """Evaluate the path length s and ṡ, s̈, s⃛, (T,) each, at times (T,), s, from the start.
 
         After a stage s₀, ``s̈ = x′/2 = (x′₀ + x″ u)/2`` with x = ṡ² is linear in ``u = s − s₀``,
         hence u(t) is a sum of exponentials.
@@ -107,20 +107,21 @@ class _JerkSegment(Segment):
         return found
 
     def between(self) -> Array:
-        """Times between stages at which limits are checked, s after the start: (9 (K − 1),)."""
+        """Return the times (9 (K − 1),), s, between stages at which the limits are checked."""
         return (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN * (1 - 1e-9)).ravel()
 
     def used(self, limits: JointLimits) -> Array:
-        """Largest used fraction of the acceleration and jerk limits per interval: (K - 1,).
+        """Compute the largest ratio of acceleration or jerk to its limit per interval: (K - 1,).
 
-        Above 1, the linear program is solved again with tighter limits there.
+        If a ratio exceeds 1, the linear program is solved again with tighter limits in that
+        interval.
         """
         _, *rates = used_fractions(limits, self.derivatives(self.between()))
         share = np.maximum(*(used for _, _, used in rates))
         return np.asarray(share.max(axis=1).reshape(-1, len(_BETWEEN)).max(axis=1))
 
     def excess(self, limits: JointLimits) -> float:
-        """Factor by which to stretch time so that limits hold between stages; 1 if they do already.
+        """Compute the factor by which to stretch time so that limits hold between stages.
 
         The linear program imposes the limits only at the stages, which are grid points of the path.
         """
@@ -202,12 +203,12 @@ def _converged(
     weights: Array,
     tight: Array,
 ) -> tuple[Array, Array]:
-    """Solve linear programs in turn until no more time is saved: x and x′ (K,) at the stages.
+    """Solve linear programs until the duration stops decreasing: x and x′ (K,) at the stages.
 
-    Each program is linearised at the preceding solution, the first at ``x`` and ``slope``, with
-    x = ṡ². ``ties`` are the two stages with equal speed, or empty. ``weights`` (K - 1,) multiply
-    the times of the intervals; limits are divided by ``tight`` (K - 1,). The fraction of each step
-    that saves most time is used.
+    Each program is linearised at the preceding solution, the first at ``x`` and ``slope``, with x =
+    ṡ². ``ties`` are the two stages with equal speed, or empty. ``weights`` (K - 1,) multiply the
+    times of the intervals; limits are divided by ``tight`` (K - 1,). Of each step between two
+    solutions, the fraction with the shortest duration is used.
     """
     took = np.inf
     for _ in range(_MOST_PROGRAMS):
@@ -241,12 +242,12 @@ def _passed(knots: Array, s: Array, t: Array) -> Array:
 
 
 def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
-    """Adapt the stages ``grid`` (K,) next to rest; up to the first stage, jerk is constant.
+    """Insert or remove stages near the two ends of the path: change the stages ``grid`` (K,).
 
-    Next to rest x″ is not bounded, so stages there must be denser or be left out. The first stage
-    is placed at half of ``a³ / 6J²`` from rest, the distance at which constant jerk J reaches the
-    acceleration limit a. If that is farther than one interval of the grid, up to ten stages are
-    left out; if nearer, stages are inserted.
+    The arm is at rest at both ends, where x″ is not bounded. Up to the first stage, jerk is
+    constant. The first stage is placed at half of ``a³ / 6J²`` from rest, the distance at which
+    constant jerk J reaches the acceleration limit a. If that is farther than one interval of the
+    grid, up to ten stages are left out; if nearer, stages are inserted.
     """
     assert limits.jerk is not None
 
@@ -283,8 +284,9 @@ class _Path:
     most, most_between : (K,), (K - 1,) arrays
         Largest x within the speed limits, at the stages and halfway between them.
     points : tuple
-        For the begin, middle and end of the intervals: fraction of the interval, q′ and q″ (K - 1,
-        n), and the torque coefficients of :func:`torques_along`, or None without torque limits.
+        One tuple each for the beginning, the middle and the end of all intervals: the fraction of
+        the interval (0, ½ or 1), q′ and q″ (K - 1, n), and the torque coefficients of
+        :func:`torques_along`, or None without torque limits.
     """
 
     s: Array
@@ -310,8 +312,8 @@ class _Path:
     def from_rest(self, limits: JointLimits) -> Array:
         """Evaluate x = ṡ² at the stages for constant jerk J/|q′| from rest at either end: (K,).
 
-        The result, ``(9/2 j)^⅔ s^4/3`` with j = J/|q′|, bounds the first guess, which has no limit
-        of jerk. The smaller value from the two ends is used.
+        The result is ``(9/2 j)^⅔ s^4/3`` with j = J/|q′|, the smaller of the values from the two
+        ends. It bounds the first guess, which was computed without a limit of jerk.
         """
         assert limits.jerk is not None
         both = []
@@ -381,7 +383,7 @@ def _solved(
 def _cubic(
     rest: float, sign: float, h: Array, T: float, since: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Evaluate s, ṡ, s̈, s⃛ of an interval of length h and time T that begins or ends at rest.
+    """Evaluate s, ṡ, s̈, s⃛ in an interval of length h and duration T that begins or ends at rest.
 
     ``since`` is the time since rest, or until rest if ``sign`` is -1. At rest, s is ``rest``.
     """
@@ -520,8 +522,8 @@ class _Stages:
     def rows(self, share: float, x: Array, slope: Array, bend: Array | float = 0.0) -> Array:
         """Express a weighted sum of x, x′, x″ inside intervals by x and x′ at their ends: (R, 4).
 
-        x = ṡ² is a parabola between stages. ``share`` is the place in the interval, from 0 to 1; x,
-        slope and bend are the weights of x, x′ and x″, per interval and joint.
+        x = ṡ² is a parabola between stages. ``share`` is the fraction of the interval, from 0 to 1;
+        x, slope and bend are the weights of x, x′ and x″, per interval and joint.
         """
         k = bend / self.h - share * (1 - share) / 2 * self.h * x
         return np.stack(
@@ -530,7 +532,7 @@ class _Stages:
 
 
 def _most_speed(path: _Path, limits: JointLimits, x0: Array, tight: Array) -> Array:
-    """Compute the largest x at the inner stages, in units of x̄ = ``x0``, for one program."""
+    """Compute the upper bounds (K − 2,) of x at the inner stages, in units of x̄ = ``x0``."""
     most = np.minimum(path.most[1:-1], 3 * x0) / x0
     h = np.diff(path.s)
     for end, step in ((0, h[0]), (-1, -h[-1])):

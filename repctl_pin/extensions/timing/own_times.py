@@ -53,7 +53,7 @@ class _OwnTimes(Segment):
     smooth: Any
 
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate s, the length of the joint path, and ṡ, s̈, s⃛ at times (T,) from the start."""
+        """Evaluate the path length s and ṡ, s̈, s⃛, (T,) each, at times (T,), s, from the start."""
         s = np.clip(self.smooth(t), 0.0, self.s[-1])
         return s, self.smooth(t, 1), self.smooth(t, 2), self.smooth(t, 3)
 
@@ -132,7 +132,7 @@ def with_own_times(
 
 
 def _least_smoothing(rates: Array, limits: JointLimits) -> float:
-    """Bound from below the smoothing time, s, needed for the joint speeds at the ends."""
+    """Compute a lower bound of the smoothing time, s, from the joint speeds at both ends."""
     ends = np.abs(rates[[0, -1]])
     r = float((ends / limits.acceleration).max())
     if limits.jerk is not None:
@@ -141,7 +141,7 @@ def _least_smoothing(rates: Array, limits: JointLimits) -> float:
 
 
 def _worst(limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequence[str]) -> str:
-    """Describe, as the end of an error message, which limit is exceeded most, and when.
+    """Describe for an error message which limit is exceeded most, by which joint, and when.
 
     ``moved`` are q, q̇, q̈ and q⃛, each (T, n), at the times t (T,), s; ``joints`` are names.
     """

@@ -78,7 +78,7 @@ class Segment:
     passed: Array
 
     def law(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate s, the length of the joint path, and ṡ, s̈, s⃛ at times (T,) from the start."""
+        """Evaluate the path length s and ṡ, s̈, s⃛, (T,) each, at times (T,), s, from the start."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.s) - 2)
         push = (self.speed[i + 1] ** 2 - self.speed[i] ** 2) / (2 * (self.s[i + 1] - self.s[i]))
         tau = t - self.t[i]
@@ -108,10 +108,10 @@ class Segment:
 
 
 def used_fractions(limits: JointLimits, moved: Sequence[Array]) -> Iterator[tuple[str, int, Array]]:
-    """Yield the used fractions (T, n) of the limits of speed, acceleration and jerk; 1 is all.
+    """Yield the ratios (T, n) of speed, acceleration and jerk to their limits; 1 is at the limit.
 
-    ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). Each item is
-    (name, k, fraction). The fraction grows with the k-th power of the speed along the path, so its
+    ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). Each item is (name
+    of the limit, k, ratio). The ratio grows with the k-th power of the speed along the path, so its
     k-th root is the factor by which time must be stretched.
     """
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
@@ -146,7 +146,7 @@ def most_used(limits: JointLimits, moved: Sequence[Array]) -> float:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Course:
-    """Segments in order as a function of time, each stretched to its duration, with rests between.
+    """Sequence of segments as a function of time, each stretched in time, with rests between.
 
     A segment is a part of the joint path between two stops, with its own timing.
 
@@ -192,7 +192,7 @@ class Course:
         return int(self.segments[0].curve.c.shape[2])
 
     def _parts(self, t: Array) -> Iterator[tuple[NDArray[np.intp], Segment, Array, float]]:
-        """Generate the segments at times (T,), s.
+        """Yield each segment with those of the times (T,), s, that lie within it.
 
         Each item is a segment, the indices of the times within it, these times on the segment's
         clock (possibly beyond its ends), and the factor by which the segment is stretched.
@@ -450,7 +450,11 @@ class _Program:
 
 
 def _program(curve: Any, grid: Array, limits: JointLimits) -> _Program:
-    """Make the linear program of a curve q(s) with stages ``grid`` (K,), scaled and reduced."""
+    """Create the linear program of a curve q(s) with stages ``grid`` (K,).
+
+    x is scaled by its largest value within the limits of speed. Limits that can never be the
+    tightest at their stage are left out.
+    """
     Q, slope, bend = curve(grid), curve(grid, 1), curve(grid, 2)
 
     # scale x by what the limits of speed, and the acceleration from rest at the nearer end, allow
@@ -478,7 +482,9 @@ def _program(curve: Any, grid: Array, limits: JointLimits) -> _Program:
 def _strips(
     limits: JointLimits, Q: Array, slope: Array, bend: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Write the limits of acceleration and torque as strips ``low ≤ along s̈ + across x ≤ high``.
+    """Convert the limits of acceleration and torque to strips ``low ≤ along s̈ + across x ≤ high``.
+
+    A strip is a linear inequality with two sides, in s̈ and x = ṡ².
 
     Q, slope and bend (K, n) are q, q′ and q″ at the stages. Each of the four arrays is (K, n), or
     (K, 2 n) with limits of torque: one strip per joint and stage.
@@ -522,9 +528,11 @@ def _rows(
 
 
 def _without_rests(program: _Program, found: Array) -> Array:
-    """Improve x / scale (K,) by programs weighted by the saved time, until no stage is at rest.
+    """Shorten the duration of the profile x / scale (K,) by further programs with other weights.
 
-    InputError is raised if some stage remains at rest.
+    The first program maximises the sum of x, which may leave the arm at rest at inner stages. The
+    weights of the further ones are the time that a larger x saves at each stage. InputError is
+    raised if an inner stage remains at rest.
     """
     reach = np.gradient(program.grid)
     for _ in range(_MOST_PROGRAMS):
@@ -543,7 +551,7 @@ def _no_speed(limits: JointLimits) -> InputError:
     """Describe why no speed along a joint path is within the limits."""
     why = "the path is too rough"
     if limits.torque is not None:
-        why = "the torque limits do not hold the arm somewhere"
+        why = "the torque limits do not hold the arm at some point of the path"
     return InputError(
         f"no speed along this joint path is within the limits: {why}; use another path, "
         "or higher limits"
@@ -578,10 +586,11 @@ def _sides_that_bound(
 def _inside_strips(
     foot: Array, way: Array, low: Array, high: Array, size: Array
 ) -> tuple[Array, Array]:
-    """Find the interval of τ in which ``low ≤ foot + τ way ≤ high`` for all strips: (K,), (K,).
+    """Find the two ends, (K,) each, of the interval of τ with ``low ≤ foot + τ way ≤ high``.
 
-    The arguments are (K, n). ``size`` is the value of ``way`` for a line that crosses the strip at
-    a right angle. The interval is empty if its first end is above its second.
+    The inequality holds for all n strips. The arguments are (K, n). ``size`` is the value of
+    ``way`` for a line that crosses the strip at a right angle. The interval is empty if its first
+    end is above its second.
     """
     parallel = np.abs(way) < 1e-12 * size
     inside = (foot >= low - _TOUCHING) & (foot <= high + _TOUCHING)

@@ -113,7 +113,7 @@ def timed(
 
 
 def _first_lap(motion: Motion, *, smooth: bool) -> Array:
-    """Return the first cycle of a motion, (steps + 1, n).
+    """Return the configurations (steps + 1, n) of a motion's first cycle, rad or m.
 
     With ``smooth``, a closed cycle ends exactly where it begins, without rounding errors."""
     once = motion.q[: motion.steps + 1]
@@ -376,8 +376,8 @@ def approach(
     rate
         Samples per second, Hz.
     bodies
-        True to check for collisions of the robot with itself or its surroundings on the way. A
-        warning names links without a shape, whose collisions are not detected.
+        True to check for collisions of the robot with itself or its surroundings along the straight
+        path. A warning names links without a shape, whose collisions are not detected.
 
     Returns
     -------

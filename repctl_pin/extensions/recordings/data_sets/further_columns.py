@@ -1,6 +1,6 @@
-"""Columns of a data set that hold joints beside the recorded ones: actions, next observations.
+"""Further columns of joint positions in a data set: those of actions and of next observations.
 
-They get the joints of the same function and level, so that all columns agree.
+Relabelling evaluates the same function at the same level for them, so that all columns agree.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ def further_joints(
     Q, places : (K, n) array, tuple
         The recorded joints, and the index of each in a row of their column.
     action
-        What the actions are: ``joints``, ``hand``, or None if the data set says so itself.
+        Meaning of the actions: ``joints`` for joint positions, ``hand`` for commands of the hand;
+        None to read the meaning from the data set.
 
     Returns
     -------
@@ -69,7 +70,7 @@ def further_joints(
 def require_positions(
     table: DataSet, labels: Sequence[str] | None, places: tuple[int, ...], task: Task
 ) -> None:
-    """Raise InputError if an array of joints has further numbers that depend on the joints."""
+    """Raise InputError if the array of joints also has other numbers that depend on the joints."""
     for at, label in enumerate(labels or ()):
         if at not in places and any(joint in label for joint in task.joint_names):
             raise InputError(
@@ -110,7 +111,7 @@ def _places(
 
 
 def _require_near(table: DataSet, task: Task, name: str, A: Array, Q: Array) -> None:
-    """Raise InputError if actions (K, n) are no positions near the joints (K, n)."""
+    """Raise InputError if actions A (K, n) are not joint positions near the recorded Q (K, n)."""
     away = np.median(np.abs(A - Q), axis=0)
     worst = int(np.argmax(away))
     if away[worst] > _AWAY:

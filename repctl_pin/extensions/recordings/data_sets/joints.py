@@ -15,9 +15,9 @@ from .robomimic import RobomimicData
 def open_data_set(
     path: Path, task: Task, joints: Sequence[str] | None = None
 ) -> tuple[DataSet, Sequence[str] | None]:
-    """Open a data set; return it, and the given names of the numbers in its array of joints.
+    """Open a data set; return it, and the names of the numbers in its array of joints, if given.
 
-    A single name in ``joints`` is, for HDF5, that of the array.
+    ``joints`` are these names; for an HDF5 file, a single name is that of the array of joints.
     """
     if path.is_dir():
         return LeRobotData(path), joints
@@ -31,8 +31,8 @@ def joints_of(
 ) -> tuple[str, tuple[int, ...]]:
     """Find the column of joints of a data set, and the index of each of the task's joints in a row.
 
-    ``given`` are the names of the numbers in that column. By default, LeRobot's names count, and
-    an array of robomimic has the joints in order.
+    ``given`` are the names of the numbers in that column. By default, the names in LeRobot's
+    description are used, and an array of robomimic must have the joints in the order of the task.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """LeRobot's data sets: a folder with ``meta/info.json``, Parquet files, and videos.
 
 Version 2.1 has one Parquet file per demonstration (episode), version 3.0 many demonstrations in one
-file. Both keep statistics of each column, per demonstration or over all; those of a changed column
-are computed again.
+file. Both contain statistics of each column, per demonstration or over all demonstrations. The
+statistics of a changed column are computed again.
 """
 
 from __future__ import annotations
@@ -147,8 +147,8 @@ class LeRobotData(DataSet):
             width = self.widths[name]
             if width and arrow_width(column) != width:
                 raise InputError(
-                    f"{file}: {name!r} has not {width} numbers in each row, as in meta/info.json; "
-                    "export the data set with LeRobot again"
+                    f"{file}: {name!r} does not have {width} numbers in each row, as in "
+                    "meta/info.json; export the data set with LeRobot again"
                 )
             parts.append(arrow_numbers(column, width))
         return np.concatenate(parts)
@@ -189,7 +189,7 @@ class LeRobotData(DataSet):
             write_whole(path / "meta" / "info.json", text)
 
     def _require_known_statistics(self) -> None:
-        """Raise InputError for a file of other statistics than LeRobot's: it would become false."""
+        """Raise InputError for a file of statistics that cannot be computed for the new joints."""
         for file in sorted([*self.file.glob("*stats*"), *self.file.glob("meta/*stats*")]):
             name = file.relative_to(self.file).as_posix()
             if name not in _OF_STATISTICS:
@@ -222,14 +222,14 @@ def _opened(file: Path) -> Any:
 
 
 def _part(new: Mapping[str, NewCells], rows: slice) -> dict[str, NewCells]:
-    """Select some rows of the new numbers, which replace columns."""
+    """Select the given rows of the new columns, by name."""
     return {name: NewCells(c.values[rows], c.at, c.rows[rows]) for name, c in new.items()}
 
 
 def _rewrite(
     file: Path, target: Path, new: Mapping[str, NewCells], removed: Collection[str]
 ) -> None:
-    """Write a Parquet file again with new numbers, in the same groups of rows and compression."""
+    """Write a copy of a Parquet file with new columns, with equal row groups and compression."""
     import pyarrow.parquet
 
     source, tables, start = _opened(file), [], 0
@@ -299,7 +299,7 @@ def _statistic(key: str, X: Array, file: Path) -> Array:
 def _lines(
     file: Path, columns: Mapping[str, Array], episodes: Column, removed: Collection[str]
 ) -> str:
-    """Write the statistics of each demonstration again, one line of JSON for each."""
+    """Recompute the statistics of each demonstration; return them as lines of JSON."""
 
     def line(text: str) -> str:
         try:
@@ -331,7 +331,7 @@ def _require_rows(rows: Column, episode: object, file: Path) -> None:
 def _update_episodes(
     file: Path, columns: Mapping[str, Array], episodes: Column, removed: Collection[str]
 ) -> None:
-    """Write the table of demonstrations again, in which a column has one of their statistics."""
+    """Rewrite the table of demonstrations with new statistics; each column has one statistic."""
     import pyarrow
     import pyarrow.parquet
 

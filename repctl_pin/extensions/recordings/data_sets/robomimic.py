@@ -100,7 +100,7 @@ class RobomimicData(DataSet):
                     del group[name]
 
     def _controller(self) -> str | None:
-        """Find in robosuite's ``env_args`` what the actions command: the hand, or None."""
+        """Read from robosuite's ``env_args`` whether the actions command the hand; None if not."""
         kinds = set(_types(self._arguments.get("controller_configs")))
         arms = {kind for kind in kinds if kind.startswith((*_HAND, "JOINT_"))}
         hand = arms and all(kind.startswith(_HAND) for kind in arms)
