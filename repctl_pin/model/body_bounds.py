@@ -217,18 +217,19 @@ class BodyBounds:
         model = self._model
         movers = [set(model.supports[j]) - {0} for j in self._joint.tolist()]
         far_on_joint = np.linalg.norm(self._centers, axis=1) + self._radii
+        lengths = [float(np.linalg.norm(place.translation)) for place in model.jointPlacements]
+        slides = [name in joints and joints[name].kind == "prismatic" for name in model.names]
         reach = np.zeros((len(self._pairs), model.nq))
         for row, (a, b) in zip(reach, self._pairs.tolist(), strict=True):
             for body, other in ((a, b), (b, a)):
                 far = float(far_on_joint[body])
                 for j in sorted(movers[body] - movers[other], reverse=True):
-                    joint = joints[model.names[j]]
-                    if joint.kind == "prismatic":
+                    if slides[j]:
                         row[j - 1] = 1.0
                         far += strokes[j - 1]
                     else:
                         row[j - 1] = far
-                    far += float(np.linalg.norm(model.jointPlacements[j].translation))
+                    far += lengths[j]
         return reach
 
 

@@ -2,7 +2,8 @@
 
 Importing a mesh reader, reading the meshes and computing their convex hulls takes longer than all
 distance computations of most commands. The folder is ``$XDG_CACHE_HOME/repctl_pin/meshes``, by
-default under ``~/.cache``. It may be deleted at any time.
+default under ``~/.cache``. It may be deleted at any time. Beyond 500 MB, the least recently used
+files are deleted.
 """
 
 from __future__ import annotations
@@ -31,6 +32,9 @@ _COMPLETE = (".stl", ".dae", ".obj", ".ply", ".off", ".glb")
 _LARGEST = 30_000_000
 """Maximum size of a mesh file whose arrays are cached, bytes."""
 
+_LARGEST_CACHE = 500_000_000
+"""Maximum size of all cached files, bytes."""
+
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -49,22 +53,48 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
     Returns
     -------
     dict of (str, array)
-        The arrays by name. A cache that cannot be read or written is not used.
+        The arrays by name. A cache that cannot be read or written is not used. Nothing is cached
+        of a file that changes while it is read.
     """
+    before = _stamp(path)
     kept = _kept(path, variant)
     if kept is None:
         return make()
     with suppress(OSError, ValueError, EOFError, zipfile.BadZipFile, InputError):
         data = io.BytesIO(read_bytes(kept, 10 * _LARGEST))
         with np.load(data, allow_pickle=False) as arrays:
-            return dict(arrays)
+            found = dict(arrays)
+        with suppress(OSError):
+            os.utime(kept)
+        return found
     made = make()
+    if before is None or _stamp(path) != before:
+        return made
     content = io.BytesIO()
     np.savez(content, **made)
     with suppress(OSError, InputError):
         kept.parent.mkdir(parents=True, exist_ok=True)
         write_whole(kept, content.getvalue())
+        _shrink(kept.parent)
     return made
+
+
+def _stamp(path: Path) -> tuple[int, int, int] | None:
+    """Return what differs if a file is replaced or written: its number, time and size."""
+    with suppress(OSError):
+        known = path.stat()
+        return known.st_ino, known.st_mtime_ns, known.st_size
+    return None
+
+
+def _shrink(folder: Path) -> None:
+    """Delete the cached files that were not used for longest, until the others fit the limit."""
+    total = 0
+    files = [(file, file.stat()) for file in folder.glob("*.npz")]
+    for file, known in sorted(files, key=lambda each: -each[1].st_mtime_ns):
+        total += known.st_size
+        if total > _LARGEST_CACHE:
+            file.unlink(missing_ok=True)
 
 
 def _kept(path: Path, variant: str) -> Path | None:

@@ -276,14 +276,30 @@ static int affords(Governor *g, const Plan *plan) {
   return g->left >= 0;
 }
 
-/* Take a plan within the limits, unless a function does not allow it; return OK, or the status of that function. */
-static int plan_take(Governor *g) {
-  const int status = g->allows ? g->allows(g->guard, &g->plan[1 - g->taken]) : OK;
-  if (status != OK) return status;
+/* Tell whether a plan is made in one tick, for the state in which the next one begins, and allowed there: so no tick does
+   both. Ticks of several parts are long enough for both. */
+static int in_two_ticks(const Governor *g) { return g->allows && g->parts == 1; }
+
+/* Follow the plan that was made last. */
+static void follow_plan(const Arm *arm, Governor *g) {
   g->taken = 1 - g->taken;
   g->tick = 0;
-  return OK;
+  if (g->plan[g->taken].lands) copy_goal(arm, &g->heard, &g->landing);
 }
+
+/* Take a plan within the limits, unless a function does not allow it; return OK, or the status of that function. If that
+   is asked in the next tick, the plan is pending. */
+static int plan_take(const Arm *arm, Governor *g) {
+  int status;
+  g->pending = in_two_ticks(g);
+  if (g->pending) return OK;
+  status = g->allows ? g->allows(g->guard, &g->plan[1 - g->taken]) : OK;
+  if (status == OK) follow_plan(arm, g);
+  return status;
+}
+
+/* Tell whether a plan was taken, or is pending. */
+static int planned(const Governor *g) { return g->pending || !g->tick; }
 
 /* Add a stop to a plan, as short as the limits allow; take the plan if it serves. */
 static int try_stop(const Arm *arm, Governor *g, Plan *plan, const Now *now, const Course *course,
@@ -319,7 +335,7 @@ static int try_stop(const Arm *arm, Governor *g, Plan *plan, const Now *now, con
     if (!(before <= 1.0)) return SLOWED;
     if (after <= 1.0) {
       g->longer = 0.98 * g->longer > 1.0 ? 0.98 * g->longer : 1.0;
-      return plan_take(g);
+      return plan_take(arm, g);
     }
     g->longer *= 1.05 * after < 1.6 ? 1.05 * after : 1.6;
     if (g->longer > 4.0) g->longer = 4.0;
@@ -384,7 +400,7 @@ static int try_landing(const Arm *arm, Governor *g, const Now *now, const double
   if (!plan_append_long(arm, g, plan, travel) || !can_leave(arm, plan->q, now)) return 0;
   if (!affords(g, plan)) return 0;
   if (!shares_used(arm, g, plan, 0.0, &before, &after) || !(before <= 1.0) || !(after <= 1.0)) return 0;
-  return plan_take(g) == OK;
+  return plan_take(arm, g) == OK;
 }
 
 /* Tell whether joint speeds are negligible. */
@@ -427,7 +443,7 @@ static int drive(const Arm *arm, Governor *g, const Now *now, const double way[]
   if (cause == SLOWED) {
     for (i = 0; i < RATES; i++) later[i] = (now->later[i] + later[i]) / 2.0;
     try_stride(arm, g, now, later);
-    if (g->tick && rests(g)) slow_down(g, SLOWED);
+    if (!planned(g) && rests(g)) slow_down(g, SLOWED);
     return cause;
   }
   if (cause != OK) {
@@ -479,13 +495,14 @@ static int other_way(const Arm *arm, Governor *g, const Goal *goal, int rests) {
   return 0;
 }
 
-/* Count the plans without progress. */
+/* Count the plans without progress; refused is their number if the pending one is not allowed. */
 static void count_stuck(const Arm *arm, Governor *g, const Now *now, int status) {
-  int slow = status != OK && (status != SLOWED || g->tick); /* g->tick is 0 if a plan was taken */
+  int slow = 1;
   (void)arm;
   for (int i = 0; i < N; i++)
     if (!(fabs(now->qdot[i]) < 0.02 * g->limits.velocity[i])) slow = 0;
-  g->stuck = slow ? g->stuck + 1 : 0;
+  g->refused = slow ? g->stuck + 1 : 0;
+  g->stuck = status != OK && (status != SLOWED || !planned(g)) ? g->refused : 0;
 }
 
 /* Move towards a goal for a stride, or come to rest there. */
@@ -512,7 +529,6 @@ static int to_goal(const Arm *arm, Governor *g, const Now *now, const Goal *goal
   closing_speed(arm, now, x, &speed, &rise);
   fastest_along(arm, g, now, way, &by_speed, &by_room);
   if (!g->by_joints && !g->exhausted && try_landing(arm, g, now, way, x, a, jerk, by_speed, speed, rise)) {
-    copy_goal(arm, goal, &g->landing);
     g->pace = 1.0;
     return SLOWED;
   }
@@ -645,7 +661,7 @@ static int start_at_rest(const Arm *arm, Governor *g, const double q[], double d
   plan_begin(arm, &g->plan[0], &g->line.course, q, still);
   plan_begin(arm, &g->plan[1], &g->line.course, inside, still);
   if (g->recovers) plan_back(arm, g, q, inside, &g->plan[1]);
-  g->idle = g->taken = g->turn = g->heeds_target = g->heeds_leaf = g->holds = g->stuck = g->by_joints = g->exhausted = g->line.begun = 0;
+  g->idle = g->taken = g->turn = g->pending = g->heeds_target = g->heeds_leaf = g->holds = g->stuck = g->by_joints = g->exhausted = g->line.begun = 0;
   for (int i = 0; i < TWISTS; i++) g->heard_twist[i] = 0.0;
   g->tick = 3; /* all differences are 0 */
   g->next = 0;
@@ -664,38 +680,70 @@ SHARED int govern_from(const Arm *arm, Governor *g, const double q[], double dt,
   return g->status;
 }
 
-/* Plan, if it is time to, and move on by one part of a tick. */
-static void advance(const Arm *arm, Governor *g, const Input *input, int accepted) {
-  if (g->recovers) {
-    if (accepted && (input->to_pose || input->to_leaf || input->twist)) {
-      g->recovers = 0;
-      g->taken = 1;
-      g->tick = 0;
-      g->next = (long long)ceil(g->plan[1].time / g->dt) + 3; /* at rest inside: all differences are 0 */
-      g->status = RECOVERING;
-    }
-  } else if (accepted && g->tick >= g->next) {
-    double G[N * N], B[2 * N * RATES];
-    Now now;
-    now.G = G, now.B = B, now.B_ahead = B + N * RATES;
-    g->left = MOST_EVALUATIONS;
-    g->asked = 0;
-    if (!input->to_pose || !g->heeds_target || !equal_goals(arm, &input->goal, &g->heard)) g->stuck = g->by_joints = 0;
-    if (!state_now(arm, g, &now))
-      g->status = SINGULAR;
-    else if (input->to_pose)
-      g->status = to_goal(arm, g, &now, &input->goal);
-    else
-      g->status = follow(arm, g, &now, input);
-    g->idle = g->status == SLOWED && g->tick && rests(g) ? g->idle + 1 : 0;
-    if (g->idle > MOST_IDLE) g->status = SINGULAR;
-    g->next = g->tick + g->ticks;
-    g->heeds_target = input->to_pose;
-    g->heeds_leaf = input->to_leaf;
-    if (input->to_pose) copy_goal(arm, &input->goal, &g->heard);
-    for (int k = 0; k < N - M; k++) g->heard.leaf[k] = input->goal.leaf[k];
-    for (int i = 0; i < TWISTS; i++) g->heard_twist[i] = input->twist ? input->twist[i] : 0.0;
+/* Begin to come back from beyond a joint limit, with the first input. */
+static void recover(Governor *g) {
+  g->recovers = 0;
+  g->taken = 1;
+  g->tick = 0;
+  g->next = (long long)ceil(g->plan[1].time / g->dt) + 3; /* at rest inside: all differences are 0 */
+  g->status = RECOVERING;
+}
+
+/* Tell whether it is time to plan. */
+static int is_due(const Governor *g) { return !g->recovers && g->tick >= g->next; }
+
+/* Plan for the present state. */
+static void make_plan(const Arm *arm, Governor *g, const Input *input) {
+  const int heeded = is_heeded(arm, g, input);
+  double G[N * N], B[2 * N * RATES];
+  int status = SINGULAR;
+  Now now;
+  now.G = G, now.B = B, now.B_ahead = B + N * RATES;
+  g->left = MOST_EVALUATIONS;
+  g->asked = 0;
+  g->paced = g->pace;
+  if (!input->to_pose || !g->heeds_target || !equal_goals(arm, &input->goal, &g->heard)) g->stuck = g->by_joints = 0;
+  g->heeds_target = input->to_pose;
+  g->heeds_leaf = input->to_leaf;
+  if (input->to_pose) copy_goal(arm, &input->goal, &g->heard);
+  for (int k = 0; k < N - M; k++) g->heard.leaf[k] = input->goal.leaf[k];
+  for (int i = 0; i < TWISTS; i++) g->heard_twist[i] = input->twist ? input->twist[i] : 0.0;
+  if (state_now(arm, g, &now))
+    status = input->to_pose ? to_goal(arm, g, &now, &input->goal) : follow(arm, g, &now, input);
+  g->idle = status == SLOWED && !planned(g) && rests(g) ? g->idle + 1 : 0;
+  if (g->idle > MOST_IDLE) status = SINGULAR;
+  g->next = g->tick + g->ticks;
+  g->proposed = status;
+  if (!g->pending) g->status = status;
+  if (g->pending && g->status == OK && !heeded) g->status = SLOWED;
+}
+
+/* Ask whether the pending plan is allowed, and follow it; else be as if it had not been made. After a landing that is
+   not allowed, a stride is planned, but not in this tick. */
+static void settle(const Arm *arm, Governor *g) {
+  const int lands = g->plan[1 - g->taken].lands;
+  int status;
+  g->pending = g->part = g->asked = 0;
+  status = g->allows(g->guard, &g->plan[1 - g->taken]);
+  if (status == OK) {
+    follow_plan(arm, g);
+    g->next = g->ticks;
+    g->status = g->proposed;
+    return;
   }
+  g->pace = g->paced;
+  if (lands) {
+    g->exhausted = 1;
+    g->next = g->tick + 2;
+    return;
+  }
+  slow_down(g, status);
+  g->stuck = g->refused;
+  g->status = status;
+}
+
+/* Move on by one part of a tick. */
+static void advance(const Arm *arm, Governor *g) {
   g->tick++;
   for (int i = 0; i < N; i++) {
     g->history[0][i] = g->history[1][i];
@@ -729,7 +777,7 @@ static void complete(const Arm *arm, Governor *g, const double *leaf, Input *inp
 SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double *twist, const double *leaf,
                   double q_next[]) {
   Input input;
-  int accepted = !(target && twist);
+  int accepted = !(target && twist), moves = target || twist || leaf, settles;
   if (!g->started) return g->status == OK ? BAD_NUMBER : g->status;
   if (target && !usable(arm, target)) accepted = 0;
   for (int f = 0; f < FRAMES && target; f++) accepted &= is_small(target[f].p, 3);
@@ -739,8 +787,15 @@ SHARED int govern(const Arm *arm, Governor *g, const Pose *target, const double 
   input.to_pose = target != NULL;
   input.to_leaf = leaf != NULL;
   for (int f = 0; f < FRAMES && target; f++) input.goal.place[f] = target[f];
+  settles = g->pending;
+  if (settles) settle(arm, g);
   if (accepted) complete(arm, g, leaf, &input);
-  for (g->part = 0; g->part < g->parts; g->part++) advance(arm, g, &input, accepted);
+  if (g->recovers && accepted && moves) recover(g);
+  for (g->part = 0; g->part < g->parts; g->part++) {
+    if (accepted && is_due(g) && !in_two_ticks(g)) make_plan(arm, g, &input);
+    advance(arm, g);
+  }
+  if (accepted && is_due(g) && in_two_ticks(g) && !settles) make_plan(arm, g, &input);
   for (int i = 0; i < N; i++) q_next[i] = g->history[2][i];
   if (!accepted) return BAD_NUMBER;
   if (g->status == OK && !is_heeded(arm, g, &input)) return SLOWED;

@@ -71,10 +71,11 @@ typedef struct {
   Goal landing, heard;
   Pose held[MOST_FRAMES]; /* while levels alone are given */
   double heard_twist[6 * MOST_FRAMES], dt /* of a part of a tick */, stride, leaf[MOST_N], lower[MOST_N], upper[MOST_N], history[3][MOST_N];
-  double pace, longer, reach;
+  double pace, paced /* before the last plan */, longer, reach;
   Line line;
   long long tick, next, ticks;
   int parts, part, asked, idle, recovers, taken, turn, left, outside, heeds_target, heeds_leaf, holds, stuck, by_joints, exhausted;
+  int pending, proposed, refused; /* whether a plan is to be allowed in the next tick; its status; stuck, if it is not */
   int status, cause;
   int started;
   int (*allows)(void *guard, const Plan *plan); /* a status: OK takes a plan */

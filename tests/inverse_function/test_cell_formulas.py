@@ -650,11 +650,26 @@ def test_the_search_for_a_small_margin_ends_at_the_smallest(tmp_path: Path) -> N
             tool = np.stack([np.cos(turns), np.sin(turns)], axis=1) @ [0.5, 0.4]
             return np.linalg.norm(tool - place, axis=1)[:, None]
 
-        visited = margins.searched(candidate, margin_of(distance), starts)
+        visited = margins.searched(candidate, (margin_of(distance), starts))
         assert np.array_equal(visited[:6], starts) and np.abs(visited).max() <= 1
         assert np.allclose(visited[-6:], [nearest] * 6, atol=0.01)
         values = margin_of(distance).least(candidate.at(visited))
         assert values[-6:].max() <= values.min() + 1e-3
+
+
+def test_searches_for_several_quantities_visit_the_poses_of_each(tmp_path: Path) -> None:
+    """They step together, each with its own quantity; final poses are last, in the same order."""
+    chart = wrist(tmp_path)
+    candidate, starts = margins.CandidateFunction.zero(chart), chart.cell.sample(8)
+    tip = margin_of(lambda Q: 4 - Q[:, 2:])
+    quantities = [tip, margins.LeafMargin(chart), margins.limits_of(chart.cell)]
+    alone = [margins.searched(candidate, (each, starts)) for each in quantities]
+    found = margins.searched(candidate, *((each, starts) for each in quantities))
+    ends = np.concatenate([visited[-8:] for visited in alone])
+    assert np.allclose(found[-len(ends) :], ends, atol=1e-9)
+    every = np.concatenate(alone)
+    assert len(found) == len(every)
+    assert np.abs(found[:, None] - every[None]).max(axis=2).min(axis=0).max() < 1e-9
 
 
 def test_the_search_for_a_small_margin_does_not_jump(tmp_path: Path) -> None:
@@ -662,7 +677,7 @@ def test_the_search_for_a_small_margin_does_not_jump(tmp_path: Path) -> None:
     chart = wrist(tmp_path)
     steep = function_of_label(chart, lambda U: 4 * U[:, 0])
     start = np.array([[-0.9, 0.2]])
-    visited = margins.searched(steep, margin_of(lambda Q: 9 - Q[:, 2:]), start)
+    visited = margins.searched(steep, (margin_of(lambda Q: 9 - Q[:, 2:]), start))
     steps = np.diff(steep.at(visited).Q[:, 2])
     assert visited[-1, 0] == 1 and 0.5 < steps.max() < 1
 
@@ -678,7 +693,8 @@ def test_the_slope_of_a_margin_is_that_of_its_smallest_part(tmp_path: Path) -> N
 
     U, margin = 0.9 * chart.cell.sample(16), margin_of(measure)
     at = candidate.at(U)
-    slope, lowest = margin.slope(candidate, at), measure(at.Q).argmin(axis=1)
+    lowest = measure(at.Q).argmin(axis=1)
+    slope = margin.slope(candidate, at, margin.least(at))
     assert {*lowest} == {0, 2}
     for k in range(2):
         step = 1e-6 * np.eye(2)[k]

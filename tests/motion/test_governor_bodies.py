@@ -132,6 +132,23 @@ def test_the_distance_is_kept_while_the_level_moves(task: rp.Task) -> None:
     assert status is rp.Status.OK and np.abs(q - q0).max() < 1e-6
 
 
+@pytest.mark.parametrize(("dt", "later"), [(0.0005, 1), (0.001, 1), (0.002, 0)])
+def test_plans_are_allowed_in_the_next_tick(task: rp.Task, dt: float, later: int) -> None:
+    """No tick of at most 1 ms both plans and measures distances, so the motion is one tick late."""
+    inverse, bodies = control(task, Q0, rp.Polynomial(Q0, 2, 0.5)), rp.Bodies(task)
+    free = rp.Governor(inverse, dt, LIMITS)
+    kept = rp.Governor(inverse, dt, LIMITS, bodies=bodies, body_distance=D)
+    ticks, ways = round(1 / dt), []
+    for governor in (free, kept):
+        governor.start(Q0)
+        ways.append([governor.step(beyond(task, -0.05, -0.1)) for _ in range(ticks)])
+    q, said = (np.array([q for q, _ in way]) for way in ways), [way[-1][1] for way in ways]
+    alone, guarded = q
+    assert said == [rp.Status.OK] * 2
+    assert (guarded[later:] == alone[: ticks - later]).all()
+    assert (guarded[:later] == Q0).all()
+
+
 @pytest.mark.parametrize("dt", [0.001, 0.01])
 def test_an_arm_that_was_stopped_leaves(task: rp.Task, dt: float) -> None:
     inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))

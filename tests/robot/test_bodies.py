@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
 from pathlib import Path
 
 import coal
@@ -17,6 +19,8 @@ import trimesh
 from arms import chain_with_bodies, spatial_urdf
 
 import repctl_pin as rp
+
+mesh_cache = import_module("repctl_pin." + "model.mesh_cache")
 
 
 @pytest.fixture
@@ -446,6 +450,49 @@ def test_hulls_are_read_from_the_cache_and_never_from_a_broken_one(
     assert (tmp_path / "home" / ".cache" / "repctl_pin" / "meshes" / kept.name).exists()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     assert distance("another mesh", radius=0.25) == pytest.approx(first - 0.05, abs=0.01)
+
+
+def test_a_mesh_that_is_replaced_while_it_is_read_is_not_cached(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else its arrays would be taken for those of the old content."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    mesh = tmp_path / "link.stl"
+    mesh.write_text("old")
+
+    def replaced() -> dict[str, np.ndarray]:
+        (tmp_path / "draft").write_text("new")
+        (tmp_path / "draft").replace(mesh)
+        return {"x": np.array([2.0])}
+
+    assert mesh_cache.cached(mesh, "", replaced)["x"] == 2.0
+    mesh.write_text("old")
+    assert mesh_cache.cached(mesh, "", lambda: {"x": np.array([1.0])})["x"] == 1.0
+
+
+def test_the_cache_of_meshes_keeps_the_files_that_were_used_last(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(mesh_cache, "_LARGEST_CACHE", 2500)
+    mesh, read = tmp_path / "link.stl", []
+    mesh.write_text("solid")
+    folder = tmp_path / "cache" / "repctl_pin" / "meshes"
+
+    def use(variant: str) -> None:
+        def make() -> dict[str, np.ndarray]:
+            read.append(variant)
+            return {"x": np.zeros(90)}  # a file of some 1 kB
+
+        mesh_cache.cached(mesh, variant, make)
+        for file in folder.iterdir():  # the clock of files can be coarse
+            then = file.stat().st_mtime_ns - 10**9
+            os.utime(file, ns=(then, then))
+
+    for variant in "abacab":  # c takes the place of b
+        use(variant)
+    assert read == ["a", "b", "c", "b"]
+    assert len(list(folder.iterdir())) == 2
 
 
 def test_a_hull_with_a_corner_of_many_neighbours_is_made_coarser(

@@ -20,7 +20,7 @@ from ....base.arguments import Array, read_only
 from ....native import CHART, PART, filled_struct, point
 from ....solvers import newton_rows
 from ....strategies.strategy import Inverse
-from ..geometry.cell import Cell
+from ..geometry.cell import Cell, unit_speeds
 from ..geometry.kinematics import chain_for_c, placed, run, solved
 from .monomials import Monomials
 
@@ -346,7 +346,8 @@ class Chart:
             ∂F/∂s.
         """
         E = self.cell.twists(at.U, at.R)
-        C = self.cell.speeds(at.U) if C is None else C
+        if C is None:  # E depends on the rotation in axis tasks only
+            C = self.cell.speeds(at.U) if self.cell.task.kind == "axis" else unit_speeds(E)
         dF, B = self.derivative(at, ds, E)
         return dF @ C, desired.batch(at.Q, at.J) @ E @ C, B
 

@@ -412,7 +412,7 @@ def _searched(desired: Inverse, candidate: CandidateFunction, at: Sample, quick:
             (at.leaf, LeafMargin(chart)),
         ):
             starts.append((quantity, _worst(values, U, _SPEED_STARTS)))
-    return np.concatenate([searched(candidate, *each) for each in starts])
+    return searched(candidate, *starts)
 
 
 def _lowest(values: Array, U: Array, count: int) -> Array:

@@ -85,18 +85,19 @@ class Quantity(ABC):
         The points ``at`` are configurations of the function at K poses.
         """
 
-    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
+    def slope(self, candidate: CandidateFunction, at: Points, value: Array) -> Array:
         """Evaluate the gradient (K, k) of the quantity with respect to u, along a function.
 
-        ``at`` are points of the function at K poses with the coordinates u. One-sided differences
-        are used, with steps into the cell. The gradient is 0 where the function does not exist.
+        ``at`` are points of the function at K poses with the coordinates u, and ``value`` (K,) is
+        the quantity there. One-sided differences are used, with steps into the cell. The gradient
+        is 0 where the function does not exist.
         """
         K, k = at.U.shape
         step = np.where(at.U > 0, -_STEP, _STEP)
         U = at.U[:, None] + step[:, :, None] * np.eye(k)
         ends = candidate.at(U.reshape(K * k, k), np.repeat(at.Q, k, axis=0))
         with np.errstate(invalid="ignore"):
-            slope = (self.least(ends).reshape(K, k) - self.least(at)[:, None]) / step
+            slope = (self.least(ends).reshape(K, k) - value[:, None]) / step
         return np.where(np.isfinite(slope), slope, 0.0)
 
 
@@ -143,11 +144,11 @@ class Margin(Quantity):
         """
         return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
 
-    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
+    def slope(self, candidate: CandidateFunction, at: Points, value: Array) -> Array:
         """Evaluate the gradient (K, k) of the smallest margin with respect to u, along a function.
 
-        ``at`` are points of the candidate function at K poses u. A search for small margins
-        descends along it.
+        ``at`` are points of the candidate function at K poses u, where the margin is ``value``
+        (K,). A search for small margins descends along it.
         """
         lowest = self.measure(at.Q).argmin(axis=1)
         return self.slopes(at.Q, candidate.derivative(at))[np.arange(len(lowest)), lowest]
@@ -420,20 +421,43 @@ class CandidateFunction:
         return self.chart.derivative(at, ds)[0][:, :, : self.chart.cell.k]
 
 
-def searched(candidate: CandidateFunction, margin: Quantity, U: Array) -> Array:
-    """Search the cell for poses with smaller margins, by projected gradient descent from U (K, k).
+def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> Array:
+    """Search the cell for poses with smaller margins, by projected gradient descent.
 
     So a candidate function is tested between the sampled poses, too. At the boundary of the cell,
     steps outward are suppressed. Return all poses visited (L, k), also poses at which the function
     does not exist. The final poses of the descents are last.
+
+    Parameters
+    ----------
+    candidate
+        The candidate function.
+    *starts : (quantity, (K, k) array) pairs
+        Quantities to minimise, each with the poses from which its searches start. All searches
+        step together, because Newton's method takes hardly longer for many poses than for a few.
     """
-    here = candidate.at(U)
+    quantities = [quantity for quantity, _ in starts]
+    here = candidate.at(np.concatenate([U for _, U in starts]))
+    which = np.repeat(np.arange(len(starts)), [len(U) for _, U in starts])[here.found]
     here = rows_of(here, here.found)
     tried, visited = here, [here.U]
 
+    def least(which: NDArray[np.intp], at: Points) -> Array:
+        """Evaluate at each point (K,) the quantity with the index which (K,)."""
+        values = np.empty(len(which))
+        for i, quantity in enumerate(quantities):
+            own = which == i
+            if own.any():
+                values[own] = quantity.least(rows_of(at, own))
+        return values
+
     def trial(rows: NDArray[np.intp], length: Array) -> Array:
         part = rows_of(here, rows)
-        slope = margin.slope(candidate, part)  # (L, k)
+        slope = np.empty_like(part.U)  # (L, k)
+        for i, quantity in enumerate(quantities):
+            own = which[rows] == i
+            if own.any():
+                slope[own] = quantity.slope(candidate, rows_of(part, own), value[rows[own]])
         outward = (np.abs(part.U) >= 1) & (slope * part.U < 0)
         slope = np.where(outward, 0.0, slope)
         way = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-12)
@@ -443,13 +467,13 @@ def searched(candidate: CandidateFunction, margin: Quantity, U: Array) -> Array:
         nonlocal tried
         tried = candidate.at(U, here.Q[rows])
         jump = np.abs(tried.Q - here.Q[rows]).max(axis=1)
-        return margin.least(tried), jump < _JUMP
+        return least(which[rows], tried), jump < _JUMP
 
     def accepted(rows: NDArray[np.intp], better: NDArray[np.bool_]) -> None:
         nonlocal here
         here = here.replaced(rows[better], rows_of(tried, better))
         visited.append(tried.U[better | ~tried.found])
 
-    U = here.U.copy()
-    descend_in_box(U, margin.least(here), trial, evaluate, _LENGTHS, accepted=accepted)
+    U, value = here.U.copy(), least(which, here)
+    descend_in_box(U, value, trial, evaluate, _LENGTHS, accepted=accepted)
     return np.concatenate([*visited, U])

@@ -142,7 +142,7 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
             return np.asarray(way * Q[:, joint : joint + 1], float)
 
         margin = Margin("joint", value, 0.0, 0.0, 0, _STARTS, 0)
-        found = candidate.at(searched(candidate, margin, U[np.argsort(way * q)[:_STARTS]]))
+        found = candidate.at(searched(candidate, (margin, U[np.argsort(way * q)[:_STARTS]])))
         inside = found.Q[_inside(cell, found), joint]
         ends.append(way * min((way * q).min(), (way * inside).min(initial=np.inf)))
     widths = 2 * np.quantile(np.abs(q - sum(ends) / 2), [*_SHARES, share])

@@ -546,9 +546,7 @@ class Cell:
         C is (K, k + l, k + l).
         """
         _, R = self.placements(U)
-        E = self.twists(U, R)
-        s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
-        return (V / np.sqrt(s)[:, None, :]) @ np.swapaxes(V, 1, 2)
+        return unit_speeds(self.twists(U, R))
 
     def errors(self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike) -> Array:
         """Evaluate the task errors (K, m) from placements to goals, see :meth:`Task.error`.
@@ -769,3 +767,9 @@ class Cell:
             turn = np.eye(3) if self.task.kind == "pose" else self.placement.rotation[:, :2]
             T[:, 3:, 3:] = left_jacobian(Y[:, 3:] @ turn.T) @ turn
         return T
+
+
+def unit_speeds(E: Array) -> Array:
+    """Evaluate ``(EᵀE)^(−1/2)`` (K, k, k) of matrices E (K, m, k), see :meth:`Cell.speeds`."""
+    s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
+    return (V / np.sqrt(s)[:, None, :]) @ np.swapaxes(V, 1, 2)
