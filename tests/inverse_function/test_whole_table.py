@@ -335,6 +335,21 @@ def test_the_whole_table_of_a_panda_holds_at_random_poses(panda_pose: rp.Task) -
 
 
 @pytest.mark.slow
+def test_a_function_that_keeps_away_from_the_column_has_a_larger_table() -> None:
+    """55: with minimum joint speed alone, tiago's lift went down to where column and arm collide,
+    and the sector was cut to 62 % of the largest rectangle."""
+    place = rp.best_cell(rp.Robot.load("tiago").task(None, "pose"), orientation="down")
+    assert place.table is not None
+    found = place.table.design
+    assert place.table.area > 0.75 * place.table.rectangle > 0.04
+    assert found.requested_body_distance == 0.001 and found.extra_speed < 0.05
+    rng = np.random.default_rng(2)
+    U = rng.uniform(-1, 1, (3000, found.cell.k))
+    U = np.where(rng.random(U.shape) < 0.3, np.sign(U), U)  # many at the edges
+    assert rp.Bodies(found.task).distances(found.function.batch(U)).min() > 0
+
+
+@pytest.mark.slow
 def test_a_round_table_is_preferred_to_one_beside_the_base() -> None:
     """55: of two floods of ur10 with equal rectangles, the upper arm meets the base's connector in
     one at two thirds of the angles. That one gave 34 % of the rectangle, and 116°."""
