@@ -14,10 +14,9 @@ from commands import refused, told
 from numpy.typing import NDArray
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.chart.monomials import Monomials
-from repctl_pin.extensions.cells.evaluate import margins
-from repctl_pin.extensions.cells.fit import cell_fit, trimming
-from repctl_pin.extensions.cells.table import approach, flood, whole_table, windows
+from repctl_pin.extensions.cells.fit import trimming
+from repctl_pin.extensions.cells.table import approach, whole_table, windows
+from repctl_pin.redundancy import leaf_margin
 
 FEW = rp.FitOptions(samples=128, held_out=256)
 
@@ -41,7 +40,7 @@ def largest_by_hand(mask: NDArray[np.bool_]) -> int:
 def test_the_largest_rectangle_is_that_of_all_rectangles() -> None:
     rng = np.random.default_rng(0)
     masks = rng.random((20, 6, 7)) < 0.8
-    found = flood.rectangles(masks)
+    found = whole_table.rectangles(masks)
     for mask, area, first, last in zip(masks, *found, strict=True):
         assert area == largest_by_hand(mask)
         assert mask[first[0] : last[0] + 1, first[1] : last[1] + 1].all()
@@ -60,7 +59,7 @@ def test_a_flood_with_locked_joints_contains_no_jump() -> None:
     start = np.array([[15, 25]]), np.array([[np.pi / 2]])
     largest = []
     for locked in (True, False):
-        (found,) = flood.flooded(table, *start, np.array([[locked]]))
+        (found,) = whole_table.flooded(table, *start, np.array([[locked]]))
         steps = np.concatenate([np.diff(found[..., 0], axis=k).ravel() for k in (0, 1)])
         largest.append(np.nanmax(np.abs(steps)))
         assert np.isfinite(found[..., 0]).mean() > 0.9
@@ -524,11 +523,10 @@ def test_a_chart_of_two_coordinates_is_as_good_at_the_edges_as_inside(
     (Chebyshev); a fit to nodes of density 2 |u| and of constant density misses by 2.6 times that.
     """
     task = rp.Robot.load("planar4r").task("tool", "xy")
-    nodes = cell_fit._dense_at_edges(rp.Cell(task, task.placement(task.reference), 0.2), 256)
-    polynomials = Monomials(2, degree)
-    coefficients = polynomials.fit(nodes, 1 / (pole - nodes[:, :1]))
-    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 201)] * 2), axis=-1).reshape(-1, 2)
-    error = polynomials.values(grid) @ coefficients - 1 / (pole - grid[:, :1])
+    nodes = rp.Cell(task, task.placement(task.reference), 0.2)._dense_at_edges(256, 7)
+    u, grid = nodes[:, 0], np.linspace(-1, 1, 2001)
+    fitted = np.polynomial.Polynomial.fit(u, 1 / (pole - u), degree, domain=(-1, 1))
+    error = fitted(grid) - 1 / (pole - grid)
     best = (pole - np.sqrt(pole**2 - 1)) ** degree / (pole**2 - 1)
     assert best <= np.abs(error).max() < 2 * best
 
@@ -556,5 +554,6 @@ def test_a_whole_table_is_proved(name: str, kind: str, leaf: float) -> None:
     turning = [one.joint for one in chart.cell.removed]  # the angle and spin end at their limits
     others = np.delete(F.cell.limit_margin(Q), turning, axis=1)
     assert others.min() >= proof.limit_margin
-    points = chart.solve(chart.cell._split(U)[0])
-    assert points.found.all() and margins.leaf_margins(chart, points).min() >= proof.leaf_margin
+    V, J = found.inverse.potentials.gradients(Q), task.jacobians(Q)[:, : task.m]
+    N = np.linalg.svd(J)[2][:, task.m :].swapaxes(1, 2)
+    assert leaf_margin(N, V).min() >= proof.leaf_margin

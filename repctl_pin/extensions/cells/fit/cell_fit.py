@@ -418,7 +418,7 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, qui
     for d in range(max(terms.degree, 3), steepest + 1):
         count = _power_of_two(3 * _terms(cell, d))
         count = max(count, _DENSE) if steep and not quick else count
-        U = _dense_at_edges(cell, count)
+        U = cell._dense_at_edges(count, 7)
         points = CandidateFunction(chart, terms, descent.a).at(U)
         good = points.found
         N = null_bases(points.J[good], points.n_ref[good])[0]
@@ -430,19 +430,6 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, qui
         if close and (follows or not steep):
             break
     return _with_simple_fibres(*best)
-
-
-def _dense_at_edges(cell: Cell, count: int) -> Array:
-    """Sample 2 ``count`` coordinates u (K, k) of a cell, and its corners, densely near its edges.
-
-    In two coordinates, u has the density of Chebyshev nodes, 1 / √(1 − u²), with which the error
-    of a polynomial at the edges is about as small as inside. In more coordinates, too few nodes
-    would be left inside; half of them have the density 2 |u| there, the others a constant one.
-    """
-    if cell.k == 2:
-        return np.sin(np.pi / 2 * np.concatenate([cell.sample(2 * count, 7), cell.corners()]))
-    U = np.concatenate([cell.sample(count, 7), cell.corners()])
-    return np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])
 
 
 def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
