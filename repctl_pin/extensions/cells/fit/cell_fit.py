@@ -418,8 +418,7 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, qui
     for d in range(max(terms.degree, 3), steepest + 1):
         count = _power_of_two(3 * _terms(cell, d))
         count = max(count, _DENSE) if steep and not quick else count
-        U = np.concatenate([cell.sample(count, 7), cell.corners()])
-        U = np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])  # denser near the edges
+        U = cell._dense_at_edges(count, 7)
         points = CandidateFunction(chart, terms, descent.a).at(U)
         good = points.found
         N = null_bases(points.J[good], points.n_ref[good])[0]

@@ -577,6 +577,20 @@ class Cell:
         random = np.random.default_rng(seed)
         return 2 * scrambled_points(self.k, power, random)[:count] - 1
 
+    def _dense_at_edges(self, count: int, seed: int) -> Array:
+        """Sample 2 ``count`` coordinates u of the cell, and its corners, densely at its edges.
+
+        In two coordinates, u has the density of Chebyshev nodes, 1 / √(1 − u²), with which a
+        polynomial that is fitted there is about as good at the edges as inside. In more
+        coordinates, too few of them would lie inside; half of them then have the density 2 |u|,
+        the others a constant one.
+        """
+        if self.k == 2:
+            U = np.concatenate([self.sample(2 * count, seed), self.corners()])
+            return np.asarray(np.sin(np.pi / 2 * U))
+        U = np.concatenate([self.sample(count, seed), self.corners()])
+        return np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])
+
     def corners(self) -> Array:
         """Return the coordinates (K, k) of the corners of the box, and its face centres.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from contextlib import suppress
+from dataclasses import replace
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -51,6 +52,9 @@ per joint, of joints that do not move the task."""
 _CLEAR, _TIGHT, _MUCH = 0.005, 0.001, 0.85
 """Body distance that a whole table keeps, m; that which it keeps if the larger one leaves less than
 this share of the area, as where two links are always near each other."""
+
+_AWAY = 2.0
+"""Body distance that is requested of a fit, relative to that which its sector keeps."""
 
 _NEAREST = 0.06
 """Smallest radius of a node, m."""
@@ -181,10 +185,15 @@ class WholeTable(NamedTuple):
         design = self.design
         if self.area > _MUCH * self.affordable:
             return f"joint speed meets its limits in at most {self.affordable:.2g} m²"
-        if design.body_distance < 2 * design.requested_body_distance:
+        if _at_bodies(design):
             links = " and ".join(design.evaluation.nearest_bodies)
             return f"{links} come to {1e3 * design.body_distance:.1f} mm at some angle"
         return "elsewhere joints exceed a limit of position or speed, or bodies come too near"
+
+
+def _at_bodies(design: CellDesign) -> bool:
+    """Test whether bodies end the sector of a design."""
+    return bool(design.body_distance < 2 * design.requested_body_distance)
 
 
 def area_of(cell: Cell) -> float:
@@ -290,6 +299,8 @@ def whole_table(
         if ranked[0].rating < _MUCH * others[0].rating:
             ranked, limits = others, closer
     design = _designed(fit, ranked, limits, report)
+    if area_of(design.cell) < _MUCH * rectangle * SPACING**2 and _at_bodies(design):
+        design = _farther_from_bodies(fit, ranked[0], limits, report, design)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
     return WholeTable(
@@ -507,6 +518,27 @@ def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Repo
         f"no function covers a sector of {name} at this orientation{_failed(ranked, limits)}",
         remedy="turn the tool, or give the size of a box",
     )
+
+
+def _farther_from_bodies(
+    fit: CellFit, place: _Place, limits: Required, report: Report, design: CellDesign
+) -> CellDesign:
+    """Design a function that itself keeps away from bodies; return it if it is worth more.
+
+    The first ``design`` has minimum joint speed only, and bodies end its sector.
+    """
+    away = replace(fit, body_distance=_AWAY * limits.distance)
+    with suppress(InputError):
+        other = _designed(away, [place._replace(design=None)], limits, report)
+        return max(design, other, key=_worth)
+    return design
+
+
+def _worth(design: CellDesign) -> float:
+    """Rate a design by the area of its sector and its range of angle and spin, m²."""
+    cell = design.cell
+    turns = [cell.widths[one.coordinate] / np.pi for one in design.function.chart.cell.removed]
+    return area_of(cell) * (0.5 + 0.5 * float(min(turns, default=1.0)))
 
 
 def _failed(ranked: list[_Place], limits: Required) -> str:
