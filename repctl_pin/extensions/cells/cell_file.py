@@ -354,7 +354,13 @@ def _cell(content: _CellFile, task: Task) -> Cell:
         turns = widths[positions:] if task.m > positions else 0.0
         return Cell(task, pin.SE3(at), widths[:positions], turns)
     w = np.pad(widths, (0, 6 - task.m))
-    names: dict[str, Any] = {"radius": w[0], "angle": w[1], "height": w[2], "half_angle": w[3:5], "spin": w[5]}
+    names: dict[str, Any] = {
+        "radius": w[0],
+        "angle": w[1],
+        "height": w[2],
+        "half_angle": w[3:5],
+        "spin": w[5],
+    }
     sector = Sector(task, pin.SE3(at), **names, axis=data.axis)
     if not isinstance(data.profile, msgspec.UnsetType):
         sector = sector._profiled_by(np.array(data.profile))
