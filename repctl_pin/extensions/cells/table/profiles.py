@@ -51,13 +51,12 @@ class Between(NamedTuple):
 
     def inside(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
         """Return a mask (I, J) of the nodes between the polynomials."""
-        rows, columns = shape
         mask = np.zeros(shape, bool)
         if self.area:
             j = np.arange(self.first, self.last + 1)
             z = np.linspace(-1, 1, len(j))
             low, high = (np.polynomial.polynomial.polyval(z, c) for c in (self.low, self.high))
-            i = np.arange(rows)[:, None]
+            i = np.arange(shape[0])[:, None]
             mask[:, j] = (i >= low - 1e-6) & (i <= high + 1e-6)
         return mask
 

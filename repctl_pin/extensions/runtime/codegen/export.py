@@ -34,8 +34,8 @@ from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, target
 _SIGNED = "written by repctl_pin"
 
 _LOW = 0.03
-"""Half of the height of the example loop in a sector whose range of radius depends on the height, at
-most, m."""
+"""Largest half-height of the example loop in a sector whose range of radius depends on the height,
+m."""
 
 
 def export_c(
