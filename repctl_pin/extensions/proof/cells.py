@@ -378,7 +378,7 @@ def require_straight(cell: Cell) -> None:
     if isinstance(cell, Sector) and cell.profile.degree:
         raise InputError(
             "a sector whose range of radius depends on the height has no proof yet",
-            remedy="design a sector with one range of radius",
+            remedy="design a sector with one range of radius, such as best_cell(…).table.straight",
         )
 
 

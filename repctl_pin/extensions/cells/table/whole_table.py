@@ -134,7 +134,10 @@ class WholeTable(NamedTuple):
     Attributes
     ----------
     design : CellDesign
-        The function over the sector.
+        The function over the sector, whose range of radius may depend on the height.
+    straight : CellDesign
+        The function over the largest sector with one range of radius; ``design`` itself if that is
+        the larger one.
     locked : LockedJoints or None
         Arm with locked joints that covers the largest share of the sector. Arms within the limits
         of joint speed come first; among equals, the arm with the lowest joint speed is chosen.
@@ -153,6 +156,7 @@ class WholeTable(NamedTuple):
     """
 
     design: CellDesign
+    straight: CellDesign
     locked: LockedJoints | None
     larger: LockedJoints | None
     reach: float
@@ -174,6 +178,11 @@ class WholeTable(NamedTuple):
             f"+{100 * max(design.extra_speed, 0.0):.1f} % joint speed on average, "
             f"+{100 * max(design.extra_speed_worst, 0.0):.0f} % at the worst pose"
         )
+        if design is not self.straight:
+            text += (
+                f"; its range of radius depends on the height, and one range for all heights would "
+                f"cover {area_of(self.straight.cell):.2g} m²"
+            )
         if share < _MUCH:
             text += f"; it is not larger because {self._obstruction()}"
         if design.requested_body_distance == _TIGHT:
@@ -298,14 +307,15 @@ def whole_table(
         others = _ranked(fit, ranked, closer, report)
         if ranked[0].rating < _MUCH * others[0].rating:
             ranked, limits = others, closer
-    design = _designed(fit, ranked, limits, report)
+    straight = _designed(fit, ranked, limits, report)
     report("a range of radius for each height", 0.85)
     shaped = _shaped_places(table, tested, openings, widest, limits, line, symmetries)
-    design = _larger_design(fit, shaped, limits, design)
+    design = _larger_design(fit, shaped, limits, straight)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
     return WholeTable(
         design,
+        straight,
         _best_locked(table, locked, design, limits),
         _larger(table, locked, design, limits),
         reach,
