@@ -86,7 +86,7 @@ def test_coordinates_are_continuous_over_the_edge_of_the_height() -> None:
     beyond = np.abs(U[:, 2]) > 1
     with pytest.raises(rp.InputError, match=r"height is \+0\.1\d* m from the middle"):
         sector.inside(back[beyond][:1], off[:1])
-    with pytest.raises(rp.InputError, match=r"radius is \+0\.0\d* m .* goes to ±0\.0155"):
+    with pytest.raises(rp.InputError, match=r"radius is \+0\.0\d* m .* goes to ±0\.005"):
         sector.coordinates_of(sector.at([1.2, 0, 1, 0, 0, 0]))
 
 
@@ -94,7 +94,7 @@ def test_coordinates_are_continuous_over_the_edge_of_the_height() -> None:
     ("change", "says"),
     [
         ({"radius": ([0.4, 0.2], [0.5])}, "the largest radius is not above the smallest"),
-        ({"radius": ([-0.1, 0.2], [0.5])}, r"of -0\.3 m at some height reaches the axis"),
+        ({"radius": ([0.3, 0, -0.4], [0.6])}, r"of -0\.1 m at some height reaches the axis"),
         ({"radius": ([0.4, 0.1], [0.6]), "height": 0.0}, "requires a height above 0; give height="),
         ({"radius": ([0.4, np.nan], [0.6])}, "must be one number, m, or two lists of at most 9"),
         ({"radius": ([0.4], [0.5], [0.6])}, "must be one number, m, or two lists of at most 9"),
@@ -167,7 +167,7 @@ def test_polynomials_fill_a_region_that_they_bound() -> None:
     exact = float(np.trapezoid(high - low, j))
     assert exact - 2 * 40 < best.area < exact
     inside = best.inside(mask.shape)
-    assert mask[inside].all() and inside.sum() > 0.95 * mask.sum()
+    assert mask[inside].all() and inside.sum() > 0.9 * mask.sum()
     assert best.middle == (30, 20)
 
 
