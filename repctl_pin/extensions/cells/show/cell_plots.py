@@ -38,7 +38,8 @@ def _slice_of_cell(
     x, y = cell._values(cell.spread(U))[:, cell.moved[[i, j]]].T.reshape(2, len(u), len(u))
     centre = cell.centre[cell.moved]
     low, high = ends
-    ax.set_facecolor("#dddddd")
+    around = [np.concatenate([e[0], e[:, -1], e[-1, ::-1], e[::-1, 0]]) for e in (x, y)]
+    ax.fill(*around, color="#dddddd", lw=0)
     ax.pcolormesh(x, y, values, cmap=colours, shading="gouraud", vmin=low, vmax=high)
     ax.plot(centre[i], centre[j], "+", color=VERMILLION, ms=10, mew=2)
     ax.locator_params(nbins=4)
