@@ -27,12 +27,26 @@ WIDTHS: dict[str, dict[str, Any]] = {
     "axis": {"height": 0.08, "half_angle": 0.2, "angle": 1.0},
     "position": {"height": 0.08, "angle": 1.0},
     "xy": {},
+    "a radius by height": {
+        "radius": ([0.4, 0.03, 0.04], [0.55, -0.02, -0.05, 0.01, -0.01]),
+        "height": 0.1,
+        "half_angle": (0.1, 0.2),
+        "angle": 0.5,
+        "spin": "all",
+    },
+    "an axis task by height": {
+        "radius": ([0.4, 0.0, 0.04], [0.5, -0.02]),
+        "height": 0.08,
+        "half_angle": 0.2,
+        "angle": 1.0,
+    },
     "another axis": {"height": 0.05, "angle": 0.5, "axis": [[0, 0.05, 0], [0.1, 0.2, 2.0]]},
 }
 
 
 def kind_of(name: str) -> str:
-    return name if name in ("axis", "position", "xy") else "pose"
+    kind = name.removeprefix("an ").split()[0]
+    return kind if kind in ("axis", "position", "xy") else "pose"
 
 
 def sector_of(name: str = "one orientation", **change: Any) -> rp.Sector:

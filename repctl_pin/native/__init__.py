@@ -133,10 +133,10 @@ TORQUE_CALL = _struct(pointers="arm q qdot inertia bias target twist leaf gains 
 """The struct TorqueCall of governor_calls.c: the arguments of the torque law of one thread."""
 
 CHART = _struct(
-    ints="sector k removed terms both",
+    ints="sector k removed bent terms both",
     doubles="radius height spin",
     pointers="moved coordinate joint parent factor row column "
-    "p R sign origin basis turn center bounds scale lower upper weights",
+    "p R sign origin basis turn profile center bounds scale lower upper weights",
 )
 """The struct Chart of chart.h: a cell, and the chart of its function."""
 

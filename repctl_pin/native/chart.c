@@ -44,10 +44,26 @@ static void tilts_and_spin(const Chart *chart, const double R[9], double c, doub
   e[2] = atan2(T[3] * T[8] - T[5] * T[6] - T[2] * along, T[0] * T[8] - T[2] * T[6] + T[5] * along);
 }
 
+/* Bend and stretch of a sector's radius at a height above its middle, and their derivatives, as in Profile.at. */
+static void sides_at(const Chart *chart, double height, double side[2], double slope[2]) {
+  const double most = chart->bent ? chart->bounds[2] : 0.0;
+  const double x = height > most ? most : height < -most ? -most : height;
+  for (int i = 0; i < 2; i++) {
+    const double *c = chart->profile + i * (chart->bent + 1);
+    side[i] = c[chart->bent];
+    slope[i] = 0.0;
+    for (int k = chart->bent - 1; k >= 0; k--) {
+      slope[i] = slope[i] * x + side[i];
+      side[i] = side[i] * x + c[k];
+    }
+    if (!(fabs(height) <= most)) slope[i] = 0.0;
+  }
+}
+
 /* y (M) of a placement. */
 SHARED void cell_coordinates(const Arm *arm, const Chart *chart, const Pose *x, double y[]) {
   const double whole = 6.283185307179586;
-  double d[3], at[3], all[6], radius;
+  double d[3], at[3], all[6], radius, side[2], slope[2];
   if (!chart->sector) {
     task_error(arm, chart->p, chart->R, x, y);
     return;
@@ -55,9 +71,10 @@ SHARED void cell_coordinates(const Arm *arm, const Chart *chart, const Pose *x, 
   for (int i = 0; i < 3; i++) d[i] = x->p[i] - chart->origin[i];
   turned(chart->basis, d, at);
   radius = sqrt(at[0] * at[0] + at[1] * at[1]);
-  all[0] = radius - chart->radius;
   all[1] = atan2(at[1], at[0]);
   all[2] = at[2] - chart->height;
+  sides_at(chart, all[2], side, slope);
+  all[0] = (radius - chart->radius - side[0]) / side[1];
   if (M > 3) {
     tilts_and_spin(chart, x->R, radius > 0.0 ? at[0] / radius : 1.0, radius > 0.0 ? at[1] / radius : 0.0, all + 3);
     all[5] -= whole * rint((all[5] - chart->spin) / whole);
@@ -160,9 +177,13 @@ static void box_rates(const Arm *arm, const Chart *chart, const double R[9], con
 }
 
 static void sector_rates(const Arm *arm, const Chart *chart, const double R[9], const double y[], double d[]) {
-  const double *B = chart->basis, c = cos(y[1]), s = sin(y[1]), radius = chart->radius + y[0];
-  double all[6] = {0.0}, A[2][3], g[3] = {0.0}, v[3], round_about;
+  const double *B = chart->basis, c = cos(y[1]), s = sin(y[1]);
+  double all[6] = {0.0}, A[2][3], g[3] = {0.0}, v[3], round_about, side[2], slope[2], radius;
+  sides_at(chart, M > 2 ? y[2] : 0.0, side, slope);
+  radius = chart->radius + side[0] + side[1] * y[0];
   for (int i = 0; i < M; i++) all[i] = d[i];
+  all[0] /= side[1];
+  all[2] -= (slope[0] + slope[1] * y[0]) * all[0];
   round_about = all[1];
   if (M > 3) { /* A: the frame's own angular velocity per tilt */
     const double t[3] = {y[3], y[4], 0.0};
@@ -200,7 +221,10 @@ SHARED void cell_place(const Arm *arm, const Chart *chart, const double y[6], Po
     for (int i = 0; i < M && i < 3; i++) x->p[arm->kind == POSITION ? arm->rows[i] : i] += y[i];
     box_vector(arm, chart, y, w);
   } else {
-    const double radius = chart->radius + y[0], at[3] = {radius * cos(y[1]), radius * sin(y[1]), chart->height + y[2]};
+    double side[2], slope[2], radius, at[3];
+    sides_at(chart, y[2], side, slope);
+    radius = chart->radius + side[0] + side[1] * y[0];
+    at[0] = radius * cos(y[1]), at[1] = radius * sin(y[1]), at[2] = chart->height + y[2];
     turned_back(B, at, x->p);
     for (int i = 0; i < 3; i++) x->p[i] += chart->origin[i];
     w[0] = y[3], w[1] = y[4], w[2] = 0.0;
@@ -217,8 +241,8 @@ SHARED void cell_place(const Arm *arm, const Chart *chart, const double y[6], Po
 
 /* The twist of the frame per unit of coordinate b, at coordinates y. */
 SHARED void cell_twist(const Arm *arm, const Chart *chart, const double y[6], int b, double twist[6]) {
-  const double *B = chart->basis, c = cos(y[1]), s = sin(y[1]), radius = chart->radius + y[0];
-  double unit[6] = {0.0}, w[3], axis[3];
+  const double *B = chart->basis, c = cos(y[1]), s = sin(y[1]);
+  double unit[6] = {0.0}, w[3], axis[3], side[2], slope[2];
   for (int i = 0; i < 6; i++) twist[i] = 0.0;
   unit[b] = 1.0;
   if (!chart->sector) {
@@ -228,11 +252,13 @@ SHARED void cell_twist(const Arm *arm, const Chart *chart, const double y[6], in
     angular(w, axis, twist + 3);
     return;
   }
+  sides_at(chart, y[2], side, slope);
   for (int i = 0; i < 3; i++) {
-    if (b == 0) twist[i] = c * B[i] + s * B[3 + i];
+    const double radial = c * B[i] + s * B[3 + i], radius = chart->radius + side[0] + side[1] * y[0];
+    if (b == 0) twist[i] = side[1] * radial;
     if (b == 1) twist[i] = radius * (c * B[3 + i] - s * B[i]);
     if (b == 1) twist[3 + i] = B[6 + i];
-    if (b == 2) twist[i] = B[6 + i];
+    if (b == 2) twist[i] = B[6 + i] + (slope[0] + slope[1] * y[0]) * radial;
   }
   if (b > 2) {
     const double t[3] = {y[3], y[4], 0.0};

@@ -3,7 +3,8 @@
    y (M) are the coordinates of a placement relative to the middle of the cell, m and rad. Those among them that the
    cell moves, divided by their half-widths, are u (k). In a box, y is the task error from the middle. In a sector, y
    are the radius, angle and height around an axis, two tilts and the spin of the tool; the orientation turns with the
-   angle. q_ref and n_ref are polynomials of u. F is linear in a coordinate that a symmetry of the arm removes from u:
+   angle. There y[0] is the radius less the middle's and the bend at this height, divided by the stretch at this
+   height. q_ref and n_ref are polynomials of u. F is linear in a coordinate that a symmetry of the arm removes from u:
    it is added, with a sign, to q_ref of one joint. */
 
 #ifndef REPCTL_CHART_H
@@ -39,7 +40,7 @@ typedef double Several, Pair;
 #define WIDE (EVEN(N) + EVEN((N - M) * N))   /* q_ref, and n_ref^T by rows */
 
 typedef struct Chart {
-  int sector, k, removed;
+  int sector, k, removed, bent;            /* bent: degree of a sector's profile */
   int terms, both;                         /* monomials, a multiple of 4; n_ref has coefficients of the first ones */
   double radius, height, spin;             /* a sector's middle */
   const int *moved, *coordinate, *joint;   /* k: u among the y; removed: y, and the joint that it moves */
@@ -48,6 +49,7 @@ typedef struct Chart {
   const double *p, *R;                     /* middle */
   const double *sign;                      /* removed */
   const double *origin, *basis, *turn;     /* a sector's axis; outward, around and along it, by rows; basis times R */
+  const double *profile;                   /* bent + 1 each: bend and stretch of a sector's radius, by height */
   const double *center, *bounds, *scale;   /* M: |y - center| <= bounds in the cell; k: u = (y - center) scale */
   const double *lower, *upper;             /* M: bounds without tolerance, for the nearest placement in the cell */
   const double *weights;                   /* rows of WIDE for the first monomials, then of Q_WIDE */

@@ -46,6 +46,50 @@ def test_the_largest_rectangle_is_that_of_all_rectangles() -> None:
         assert mask[first[0] : last[0] + 1, first[1] : last[1] + 1].all()
 
 
+def test_polynomials_fill_a_region_that_they_bound() -> None:
+    """Closed form: a region between two quadratics is found to within a spacing at either side."""
+    i, j = np.arange(60)[:, None], np.arange(41)
+    z = j / 20 - 1
+    low, high = 10 + 8 * z**2, 50 - 15 * z**2 + 3 * z
+    mask = (i >= low) & (i <= high)
+    ends = whole_table.runs(mask, np.array([20, 15]), np.array([30, 25]))
+    assert np.array_equal(ends, np.column_stack([np.ceil(low), np.floor(high)]))
+    best = whole_table.largest_between(ends)
+    assert (best.first, best.last) == (0, 40)
+    exact = float(np.trapezoid(high - low, j))
+    assert exact - 2 * 40 < best.area < exact
+    inside = best.inside(mask.shape)
+    assert mask[inside].all() and inside.sum() > 0.9 * mask.sum()
+    assert best.middle == (30, 20)
+
+
+def test_all_nodes_between_the_polynomials_are_in_the_mask() -> None:
+    """Law, at random masks with holes; and the area is at most that of the runs."""
+    rng = np.random.default_rng(3)
+    some = 0
+    for _ in range(20):
+        mask = rng.random((30, 20)) < 0.985
+        mask[:5] = mask[:, :2] = False
+        first, last = np.array([12, 9]), np.array([14, 11])
+        mask[12:15, 9:12] = True
+        ends = whole_table.runs(mask, first, last)
+        best = whole_table.largest_between(ends)
+        inside = best.inside(mask.shape)
+        assert mask[inside].all()
+        some += best.area > 0
+        there = ends[ends[:, 0] >= 0]
+        assert best.area <= (there[:, 1] - there[:, 0]).sum()
+    assert some > 10
+
+
+def test_a_mask_of_few_heights_has_no_polynomials() -> None:
+    mask = np.zeros((10, 10), bool)
+    mask[2:8, 4:6] = True
+    ends = whole_table.runs(mask, np.array([2, 4]), np.array([7, 5]))
+    assert whole_table.largest_between(ends).area == 0
+    assert not whole_table.Between.none().inside(mask.shape).any()
+
+
 def test_a_flood_with_locked_joints_contains_no_jump() -> None:
     """A joint that winds once around a hole: floods from both sides meet at a jump."""
 
@@ -234,7 +278,7 @@ def test_a_table_says_what_ends_it(panda_pose: rp.Task) -> None:
     def note(share: float, affordable: float, distance: float) -> str:
         asked = replace(design, requested_body_distance=distance)
         made = whole_table.WholeTable(
-            asked, None, None, 1.0, area / share, area / affordable, [], None
+            asked, asked, None, None, 1.0, area / share, area / affordable, [], None
         )
         return str(made)
 

@@ -193,7 +193,7 @@ def run(options: Options) -> int:
     try:
         whole = asked.place.table if asked.place is not None else None
         design = (
-            whole.design
+            (whole.straight if options.prove else whole.design)
             if whole
             else rp.nearest_inverse_function(
                 rp.Pseudoinverse(cell.task),
@@ -226,6 +226,9 @@ def run(options: Options) -> int:
         notes.insert(0, f"--shrink: {sizes}")
     if asked.placed:
         notes = [*asked.placed, *notes]
+        if whole and design.cell is not whole.design.cell:
+            size = f"{design.cell.size()}; only that of one range of radius can be proved"
+            notes.insert(0, f"--prove: the function is the one for {size}")
     elif options.start is None:
         notes.append(f"the start is {asked.start_is}")
 

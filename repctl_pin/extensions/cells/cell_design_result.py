@@ -331,7 +331,8 @@ def _cell_parts(cell: Cell) -> tuple[Any, ...]:
     if not isinstance(cell, Sector):
         return "box", *box
     used = [(one.coordinate, one.joint, one.sign) for one in cell.removed]
-    return "sector", *box, rounded(cell.axis), cell.free, used, cell.spin_middle
+    profile = [np.array(cell.profile)] if cell.profile.degree else []
+    return "sector", *box, rounded(cell.axis), cell.free, used, cell.spin_middle, *profile
 
 
 def _unmet(found: float, asked: float) -> str:

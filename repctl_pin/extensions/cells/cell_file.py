@@ -11,6 +11,7 @@ import warnings
 from functools import lru_cache
 from math import comb
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -98,13 +99,16 @@ class _SectorFile(Part):
     ``free`` are the coordinates whose range ends only at the joint limits. ``symmetric`` are the
     coordinates that the polynomials leave out, because a single joint turns the whole arm or the
     tool along them. ``spin_middle`` is the middle of the spin, rad; only a sector with tilts and
-    with the spin in ``free`` has it.
+    with the spin in ``free`` has it. ``profile`` has the coefficients of bend and stretch of the
+    radius in powers of the height above the middle, m; only a sector whose range of radius depends
+    on the height has it.
     """
 
     axis: Rows
     free: list[int]
     symmetric: list[int]
     spin_middle: float | msgspec.UnsetType = msgspec.UNSET
+    profile: Rows | msgspec.UnsetType = msgspec.UNSET
 
 
 class _BodiesFile(Part):
@@ -325,6 +329,7 @@ def _sector_file(cell: Cell) -> _SectorFile | msgspec.UnsetType:
         list(cell.free),
         symmetric,
         cell.spin_middle if cell.tilted and SPIN in cell.free else msgspec.UNSET,
+        np.array(cell.profile).tolist() if cell.profile.degree else msgspec.UNSET,
     )
 
 
@@ -349,8 +354,16 @@ def _cell(content: _CellFile, task: Task) -> Cell:
         turns = widths[positions:] if task.m > positions else 0.0
         return Cell(task, pin.SE3(at), widths[:positions], turns)
     w = np.pad(widths, (0, 6 - task.m))
-    names = {"radius": w[0], "angle": w[1], "height": w[2], "half_angle": w[3:5], "spin": w[5]}
+    names: dict[str, Any] = {
+        "radius": w[0],
+        "angle": w[1],
+        "height": w[2],
+        "half_angle": w[3:5],
+        "spin": w[5],
+    }
     sector = Sector(task, pin.SE3(at), **names, axis=data.axis)
+    if not isinstance(data.profile, msgspec.UnsetType):
+        sector = sector._profiled_by(np.array(data.profile))
     used = [one for one in sector.symmetries if one.coordinate in data.symmetric]
     if [one.coordinate for one in used] != data.symmetric or not {*data.free} <= {*data.symmetric}:
         raise InputError(

@@ -671,7 +671,8 @@ def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
     m, (rho, z) = cell.task.m, cell.middle
     angle, back = _about_axis(xp, cell, X)
     radius, _, height = _unstack(back(X[3] - _like(xp, cell.axis[0][:, None], X[3])))
-    y = [radius - rho, angle, height - z][:m]
+    bend, stretch, *_ = _profiled(xp, cell, height - z)
+    y = [(radius - rho - bend) / stretch, angle, height - z][:m]
     if m <= 3:
         return y
     t = _tilt(xp, _unstack(_from_middle(xp, cell, back(X[2]))))
@@ -679,6 +680,26 @@ def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
     spin = xp.atan2(b, a)
     spin = spin - 2 * np.pi * xp.round((spin - cell.spin_middle) / (2 * np.pi))
     return [*y, *t, spin][:m]
+
+
+def _profiled(xp: Namespace, cell: Sector, eta: Numbers) -> list[Any]:
+    """Evaluate bend and stretch of a sector, and their derivatives, at heights η (K,), m.
+
+    Heights are above the middle. Both are constant above and below the sector.
+    """
+    if not cell.profile.degree:
+        return [0.0, 1.0, 0.0, 0.0]
+    half = float(cell.widths[HEIGHT]) * (1 + EDGE)
+    x, within = xp.clip(eta, -half, half), xp.abs(eta) <= half
+    values, slopes = [], []
+    for c in cell.profile:
+        value, slope = xp.zeros_like(x) + float(c[-1]), xp.zeros_like(x)
+        for each in c[-2::-1].tolist():
+            slope = slope * x + value
+            value = value * x + each
+        values.append(value)
+        slopes.append(xp.where(within, slope, xp.zeros_like(x)))
+    return [*values, *slopes]
 
 
 def _rates(
@@ -693,7 +714,10 @@ def _rates(
         given = dict(zip(kind.rows.tolist(), xdot, strict=True))
         none = xp.zeros_like(xdot[0])
         v = list(_unstack(back(xp.stack([given.get(i, none) for i in range(3)]))))
-        v = [v[RADIUS], v[ANGLE] / (y[RADIUS] + cell.middle[0]), v[HEIGHT]][:m]
+        bend, stretch, *slopes = _profiled(xp, cell, y[HEIGHT] if m > HEIGHT else none)
+        radius = cell.middle[0] + bend + stretch * y[RADIUS]
+        radial = v[RADIUS] - (slopes[0] + slopes[1] * y[RADIUS]) * v[HEIGHT]
+        v = [radial / stretch, v[ANGLE] / radius, v[HEIGHT]][:m]
     if not kind.turns:
         return v
     if not kind.tool_axes:

@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import factorial
 
 from ...base.arguments import Array, read_only
+from ...base.errors import InputError
 from ...native import CELL, MARGINS, filled_struct, required_library
 from ..cells.chart.chart import Chart
 from ..cells.chart.monomials import Monomials
@@ -105,6 +106,7 @@ class CellProof:
     """
 
     def __init__(self, chart: Chart, slack: tuple[float, float] = SLACKS[0]) -> None:
+        require_straight(chart.cell)
         self.use(required_library("a proof"))
         cell = chart.cell
         self.chart, self.cell, self.task = chart, cell, cell.task
@@ -372,6 +374,15 @@ class _Polynomials:
         monomials = self.chart.monomials
         orders = Monomials(monomials.k, ORDER).exponents.sum(axis=1)
         return np.asarray(monomials.starts[np.maximum(monomials.degree - orders + 1, 0)])
+
+
+def require_straight(cell: Cell) -> None:
+    """Raise an InputError for a sector whose range of radius depends on the height."""
+    if isinstance(cell, Sector) and cell.profile.degree:
+        raise InputError(
+            "a sector whose range of radius depends on the height has no proof yet",
+            remedy="design a sector with one range of radius, such as best_cell(…).table.straight",
+        )
 
 
 def _pose_tables(cell: Cell) -> dict[str, Array]:

@@ -342,7 +342,7 @@ class Cell:
                 f"width 0; only {', '.join(self.names)} may change, so widen the cell"
             )
         i = int(np.argmax(np.abs(U[at]) - self._bounds))
-        name, unit, width = self.names[i], self.units[i], self._active_widths[i]
+        name, unit, width = self.names[i], self.units[i], self._widths_at(U[at])[i]
         raise InputError(
             f"{which} lies outside the cell: {name} is {U[at, i] * width:+.3g} {unit} "
             f"from the middle, and the cell goes to ±{width:.3g}"
@@ -710,6 +710,14 @@ class Cell:
     def _active_widths(self) -> Array:
         """Half-widths (k,) of the coordinates u, m or rad, each equal to a change of u by 1."""
         return self.widths[self._active]
+
+    def _widths_at(self, u: Array) -> Array:
+        """Return the half-widths (k,) at the coordinates u (k,), m and rad; alike in a box."""
+        return self._active_widths
+
+    def _values(self, Y: Array) -> Array:
+        """Return the values (K, m) of all task coordinates at offsets Y (K, m), m and rad."""
+        return np.asarray(self.centre + Y)
 
     @property
     def _offset(self) -> Array:

@@ -18,7 +18,7 @@ from ....base.arguments import Array, freeze, positive, read_only, vector
 from ....base.errors import InputError
 from ....model.chain_formulas import Placement, axis_turns
 from ....model.task import Task
-from .cell import Cell
+from .cell import EDGE, Cell
 from .cell_arguments import (
     VERTICAL,
     Angle,
@@ -31,6 +31,7 @@ from .cell_arguments import (
     no_spin,
 )
 from .kinematics import exp3, left_jacobian
+from .profile import STRAIGHT, Profile, as_profile
 from .symmetry import NEAR, Symmetry, axis_symmetry, difference, difference_words, tool_symmetry
 
 RADIUS, ANGLE, HEIGHT, SPIN = 0, 1, 2, 5
@@ -60,14 +61,22 @@ class Sector(Cell):
     through the frame's origin, ``F(x R_z(ψ)) = F(x) ± ψ e_j`` is exact. A function is then designed
     for φ = 0 or ψ = 0 only. A sector can also be used for an arm without symmetries.
 
+    The smallest and the largest radius may depend on the height: see the argument ``radius``. The
+    coordinate u of the radius is −1 on the inner and 1 on the outer side at every height, so the
+    coordinates u still form a box.
+
     Parameters
     ----------
     task
         The task. A task in two coordinates requires an axis normal to its plane.
     placement
         Middle of the sector, away from the axis, as in :class:`Cell`.
-    radius, height : float
-        Half-widths, m.
+    radius : float or (list, list)
+        Half-width, m; or the smallest and the largest radius, m, as coefficients of polynomials in
+        the height above the placement divided by ``height``, the constant first. The placement is
+        then moved along its radius to the middle between them.
+    height : float
+        Half-width, m.
     angle : float or "all"
         Half-width of φ, rad. With ``"all"``, the design finds the largest range of φ that the joint
         limits allow, and its middle.
@@ -104,13 +113,15 @@ class Sector(Cell):
     spin_middle: float
     """Middle of ψ, rad. A design moves it, and not the placement, where the tool tilts: the axes of
     the tilts would turn with the placement."""
+    profile: Profile
+    """Bend and stretch of the range of radius over the height; without effect in most sectors."""
 
     def __init__(
         self,
         task: Task,
         placement: Placement,
         *,
-        radius: float,
+        radius: float | Sequence[ArrayLike],
         height: float = 0.0,
         angle: Angle = "all",
         half_angle: ArrayLike = 0.0,
@@ -119,7 +130,13 @@ class Sector(Cell):
     ) -> None:
         unit = Cell(task, placement, 1.0)  # checks the task and the placement
         line = as_axis(task, axis)
-        radius, height = as_half_width(radius, "radius", "m"), as_height(task, height)
+        height = as_height(task, height)
+        shape = as_profile(radius, height)
+        if shape is None:
+            radius, profile = as_half_width(radius, "radius", "m"), STRAIGHT
+        else:
+            profile, rho, radius = shape
+            freeze(unit, placement=_at_radius(unit.placement, line, rho))
         turns = as_tilts(task, half_angle)
         named = {ANGLE: ("angle", angle), SPIN: ("spin", spin)}
         round_about, about_tool = (as_turn(width, name) for name, width in named.values())
@@ -145,6 +162,7 @@ class Sector(Cell):
             symmetries=tuple(one for one in found if every[one.coordinate]),
             removed=(),
             spin_middle=0.0,
+            profile=profile,
         )
         self._require_apart()
 
@@ -167,6 +185,14 @@ class Sector(Cell):
                 argument="radius",
                 remedy=f"keep it below {away:.3g}",
             )
+        if self.profile.degree:
+            least, _ = self.profile.lowest(away, radius, self.widths[HEIGHT])
+            if least < _NEAR:
+                raise InputError(
+                    f"of {least:.3g} m at some height reaches the axis",
+                    argument="radius",
+                    remedy="keep the smallest radius above 0 at every height",
+                )
         if not np.delete(self.widths, [one.coordinate for one in self.symmetries]).any():
             raise InputError("a sector needs a radius, height or half_angle above 0")
 
@@ -187,8 +213,9 @@ class Sector(Cell):
             "origin": self.axis[0],
             "basis": basis,
             "turn": basis @ self.placement.rotation,
+            "profile": np.concatenate(self.profile),
         }
-        scalars |= {"sector": 1, "removed": len(self.removed)}
+        scalars |= {"sector": 1, "removed": len(self.removed), "bent": self.profile.degree}
         scalars |= {"radius": radius, "height": height, "spin": self.spin_middle}
         return ints, reals, scalars
 
@@ -232,7 +259,9 @@ class Sector(Cell):
         y = _all_six(Y)
         outward, _, a = self.directions
         round_about = exp3(y[:, ANGLE, None] * a)
-        radius, height = rho + y[:, RADIUS, None], z + y[:, HEIGHT, None]
+        bend, stretch, *_ = self._profiled(y[:, HEIGHT])
+        radius = (rho + bend + stretch * y[:, RADIUS])[:, None]
+        height = z + y[:, HEIGHT, None]
         p = np.einsum("Kab,Kb->Ka", round_about, radius * outward + height * a)
         R = round_about @ self.placement.rotation
         if self.task.kind.turns:
@@ -249,8 +278,9 @@ class Sector(Cell):
         rho, z = self.middle
         x, y, height = ((p - self.axis[0]) @ self.directions.T).T
         Y = np.zeros((len(p), 6))
-        Y[:, RADIUS], Y[:, ANGLE] = np.hypot(x, y) - rho, np.arctan2(y, x)
-        Y[:, HEIGHT] = height - z
+        Y[:, HEIGHT], Y[:, ANGLE] = height - z, np.arctan2(y, x)
+        bend, stretch, *_ = self._profiled(Y[:, HEIGHT])
+        Y[:, RADIUS] = (np.hypot(x, y) - rho - bend) / stretch
         if self.task.kind.turns:
             back = exp3(-Y[:, ANGLE, None] * self.axis[1])
             turned = self.placement.rotation.T @ back @ R
@@ -271,10 +301,12 @@ class Sector(Cell):
         T = np.zeros((len(y), 6, 6))
         outward, around, a = self.directions
         round_about = exp3(y[:, ANGLE, None] * a)
-        radius = self.middle[0] + y[:, RADIUS, None]
-        T[:, :3, RADIUS] = round_about @ outward
-        T[:, :3, ANGLE] = radius * (round_about @ around)
-        T[:, 3:, ANGLE] = T[:, :3, HEIGHT] = a
+        bend, stretch, *slopes = (each[:, None] for each in self._profiled(y[:, HEIGHT]))
+        radial, y_rho = round_about @ outward, y[:, RADIUS, None]
+        T[:, :3, RADIUS] = stretch * radial
+        T[:, :3, ANGLE] = (self.middle[0] + bend + stretch * y_rho) * (round_about @ around)
+        T[:, :3, HEIGHT] = a + (slopes[0] + slopes[1] * y_rho) * radial
+        T[:, 3:, ANGLE] = a
         if self.task.kind.turns:
             R, t = round_about @ self.placement.rotation, _tilt_vectors(y)
             T[:, 3:, 3:5] = R @ left_jacobian(t)[:, :, :2]
@@ -288,6 +320,36 @@ class Sector(Cell):
         if self.spin_middle and self._active[SPIN]:
             offset[SPIN] = self.spin_middle
         return offset
+
+    def _profiled(self, eta: Array) -> tuple[Array, Array, Array, Array]:
+        """Evaluate bend, stretch and their derivatives at heights η (K,) above the middle, m."""
+        half = self.widths[HEIGHT] * (1 + EDGE) if self.task.m > 2 else 0.0
+        return self.profile.at(eta, half)
+
+    def radii(self, z: ArrayLike) -> Array:
+        """Return the smallest and the largest radius (…, 2), m, at heights z (…), m.
+
+        Heights are those along the sector's axis, from its point :attr:`axis`.
+        """
+        rho, middle = self.middle
+        bend, stretch, *_ = self._profiled(np.asarray(z, float) - middle)
+        ends = self.widths[RADIUS] * np.array([-1.0, 1.0])
+        return np.asarray(rho + bend[..., None] + stretch[..., None] * ends)
+
+    def _values(self, Y: Array) -> Array:
+        """Return the values (K, m) of all task coordinates at offsets Y (K, m), m and rad."""
+        values = super()._values(Y)
+        bend, stretch, *_ = self._profiled(_all_six(Y)[:, HEIGHT])
+        values[:, RADIUS] = self.middle[0] + bend + stretch * Y[:, RADIUS]
+        return values
+
+    def _widths_at(self, u: Array) -> Array:
+        """Return the half-widths (k,) of the coordinates at u (k,): the radius' is stretched."""
+        widths = super()._widths_at(u).copy()
+        if RADIUS in self.moved:
+            _, stretch, *_ = self._profiled(_all_six(self.spread(u[None]))[:, HEIGHT])
+            widths[0] *= stretch[0]
+        return widths
 
     # ---- other sectors
     # --------------------------------------------------------------------------------
@@ -317,7 +379,33 @@ class Sector(Cell):
         """
         factors = np.full(len(self.widths), positive(factor, "the factor"))
         factors[[one.coordinate for one in self.symmetries]] = 1.0
-        return self._changed(widths=self.widths * factors)
+        sector = self._changed(widths=self.widths * factors)
+        sector._require_open()
+        return sector
+
+    def _profiled_by(self, coefficients: Array) -> Sector:
+        """Return the sector with a profile, given its coefficients (2, D + 1), as in a file."""
+        good = coefficients.ndim == 2 and len(coefficients) == 2 and self.widths[HEIGHT:3].any()
+        if not (good and coefficients[0, 0] == 0 and coefficients[1, 0] == 1):
+            raise InputError(
+                "the profile of the sector must be two rows of coefficients that begin with 0 and "
+                "1, for a height above 0; design the cell again"
+            )
+        sector = self._changed(profile=Profile(*coefficients))
+        sector._require_open()
+        return sector
+
+    def _require_open(self) -> None:
+        """Raise an InputError if the smallest and the largest radius meet at some height."""
+        if not self.profile.degree:
+            return
+        w = self.widths
+        least, gap = self.profile.lowest(self.middle[0], w[RADIUS], w[HEIGHT])
+        if least < _NEAR or gap <= 0:
+            raise InputError(
+                f"a range of radius that depends on the height ends within ±{w[HEIGHT]:.3g} m; "
+                "scale it by at most 1"
+            )
 
     def _part(self, low: Array, high: Array) -> Sector:
         """Return the sector between two corners, low and high (k,), in coordinates u from −1 to 1.
@@ -326,7 +414,11 @@ class Sector(Cell):
         """
         middles, widths = self._middles_and_widths(low, high)
         p, R = self._placed(middles[None])
-        return self._changed(placement=pin.SE3(R[0].copy(), p[0]), widths=widths)
+        eta = float(middles[HEIGHT]) if self.task.m > 2 else 0.0
+        profile, factor = self.profile.moved(float(middles[RADIUS]), eta)
+        widths[RADIUS] *= factor
+        placement = pin.SE3(R[0].copy(), p[0])
+        return self._changed(placement=placement, widths=widths, profile=profile)
 
     @property
     def _movable(self) -> Sequence[int]:
@@ -372,7 +464,7 @@ class Sector(Cell):
 
     def size(self) -> str:
         """Format the half-widths: ``radius ±0.17 m, height ±0.2 m, angle ±2.9 rad``."""
-        w, parts = self.widths, [f"radius ±{self.widths[RADIUS]:.3g} m"]
+        w, parts = self.widths, [self._radius_words()]
         if self.task.m > 2:
             parts.append(f"height ±{w[HEIGHT]:.3g} m")
         parts.append(f"angle {self._range(ANGLE)}")
@@ -385,6 +477,15 @@ class Sector(Cell):
         if not w[3:].any() and self.task.m > 3:
             parts.append("one orientation, which turns with the angle")
         return ", ".join(parts)
+
+    def _radius_words(self) -> str:
+        """Format the half-width of the radius; if it depends on the height, the range by height."""
+        if not self.profile.degree:
+            return f"radius ±{self.widths[RADIUS]:.3g} m"
+        z, half = self.middle[1], self.widths[HEIGHT]
+        ranges = self.radii(z + half * np.array([-1.0, 0.0, 1.0]))
+        words = [f"{low:.3g} to {high:.3g}" for low, high in ranges]
+        return f"radius {', '.join(words)} m at the lowest, middle and highest height"
 
     def _range(self, i: int) -> str:
         """Format the range of the coordinate with index ``i``, such as ``±0.3 rad``."""
@@ -438,3 +539,15 @@ def _all_six(Y: Array) -> Array:
 def _tilt_vectors(y: Array) -> Array:
     """Return the rotation vectors (K, 3), rad, of the two tilts in the coordinates y (K, 6)."""
     return y[:, 3:5] @ np.eye(2, 3)
+
+
+def _at_radius(placement: pin.SE3, line: Array, rho: float) -> pin.SE3:
+    """Move a placement to a radius, m, from the axis ``line`` (2, 3), at its angle and height."""
+    origin, a = line
+    away = placement.translation - origin
+    outward = away - (away @ a) * a
+    length = float(np.linalg.norm(outward))
+    if length < _NEAR:
+        return placement
+    p = placement.translation + (rho / length - 1.0) * outward
+    return pin.SE3(placement.rotation, p)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -35,8 +35,9 @@ _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 _OF_THE_TOUR = "One sample path; the values above are for the whole cell."
 _STILL = "The arm at the start of the sample path, in grey, and at its end, in colour."
 
-_ARC = 49
-"""Number of points along each arc of a sector."""
+_ARC, _SIDE = 49, 17
+"""Numbers of points along each arc of a sector, and along each side of its last face, which is bent
+if the range of the radius depends on the height."""
 
 
 def _box_of(cell: Cell) -> Array:
@@ -62,7 +63,8 @@ def _edges(sector: Sector) -> Array:
     arc, corners = ([*there, *there[::-1]], [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
     traced = [(*corner, angle) for corner in corners for angle in arc]
     traced += [(*corners[0], angle) for angle in there]
-    traced += [(*corner, 1.0) for corner in corners]
+    for first, last in pairwise(corners):
+        traced += [(*point, 1.0) for point in np.linspace(first, last, _SIDE)]
     Y = np.zeros((len(traced), 6))
     Y[:, [RADIUS, HEIGHT, ANGLE]] = traced
     return sector.placements(Y[:, sector.moved])[0]

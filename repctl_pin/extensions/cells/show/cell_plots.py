@@ -32,12 +32,15 @@ def _slice_of_cell(
     values = scale * getattr(cut, what)
     values = np.ma.array(values, mask=~np.isfinite(values))
     cell = design.function.chart.cell
-    centre, widths = cell.centre[cell.moved], cell.widths[cell.moved]
     (i, j), u = cut.axes, cut.u
+    U = np.zeros((len(u) ** 2, cell.k))
+    U[:, j], U[:, i] = (grid.ravel() for grid in np.meshgrid(u, u, indexing="ij"))
+    x, y = cell._values(cell.spread(U))[:, cell.moved[[i, j]]].T.reshape(2, len(u), len(u))
+    centre = cell.centre[cell.moved]
     low, high = ends
-    ax.set_facecolor("#dddddd")
-    ax.pcolormesh(centre[i] + widths[i] * u, centre[j] + widths[j] * u, values,
-                  cmap=colours, shading="gouraud", vmin=low, vmax=high)  # fmt: skip
+    around = [np.concatenate([e[0], e[:, -1], e[-1, ::-1], e[::-1, 0]]) for e in (x, y)]
+    ax.fill(*around, color="#dddddd", lw=0)
+    ax.pcolormesh(x, y, values, cmap=colours, shading="gouraud", vmin=low, vmax=high)
     ax.plot(centre[i], centre[j], "+", color=VERMILLION, ms=10, mew=2)
     ax.locator_params(nbins=4)
     ax.set_xlabel(f"{cell.names[i]} ({cell.units[i]})")

@@ -1,13 +1,15 @@
 """Whole table: the largest sector around an arm that one function covers at one orientation.
 
 Floods over a grid of radius and height show what the arm reaches from one configuration without a
-change of branch (of the inverse kinematics). Functions are designed for sectors, which are the
-largest rectangles in the best floods.
+change of branch (of the inverse kinematics). Functions are designed for sectors: the largest
+rectangles in the best floods, and the largest parts of them whose range of radius depends on the
+height.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
@@ -36,6 +38,7 @@ from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from ..place.posture_search import given
 from .flood import SPACING, Rectangles, Table, flooded, rectangles
+from .profiles import Between, largest_between, runs
 from .windows import shut, windows
 
 _DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
@@ -66,6 +69,10 @@ joints that are compared; and the difference of shares below which these are equ
 _DEAREST, _SHARES = 6.0, 5
 """Largest extra joint speed at a node, relative to the maximum mean, from which on nodes are left
 out; and number of such maxima that are tried down to the mean itself."""
+
+_SPARE = 0.85
+"""Share of the largest extra joint speed up to which nodes belong to a sector whose range of radius
+depends on the height: its function costs more than the minimum at some nodes."""
 
 _BETTER = 0.2
 """Advantage in rating, relative, below which a place is not compared with the best one."""
@@ -131,7 +138,10 @@ class WholeTable(NamedTuple):
     Attributes
     ----------
     design : CellDesign
-        The function over the sector.
+        The function over the sector, whose range of radius may depend on the height.
+    straight : CellDesign
+        The function over the largest sector with one range of radius; ``design`` itself if that is
+        the larger one.
     locked : LockedJoints or None
         Arm with locked joints that covers the largest share of the sector. Arms within the limits
         of joint speed come first; among equals, the arm with the lowest joint speed is chosen.
@@ -150,6 +160,7 @@ class WholeTable(NamedTuple):
     """
 
     design: CellDesign
+    straight: CellDesign
     locked: LockedJoints | None
     larger: LockedJoints | None
     reach: float
@@ -171,6 +182,11 @@ class WholeTable(NamedTuple):
             f"+{100 * max(design.extra_speed, 0.0):.1f} % joint speed on average, "
             f"+{100 * max(design.extra_speed_worst, 0.0):.0f} % at the worst pose"
         )
+        if design is not self.straight:
+            text += (
+                f"; its range of radius depends on the height, and one range for all heights would "
+                f"cover {area_of(self.straight.cell):.2g} m²"
+            )
         if share < _MUCH:
             text += f"; it is not larger because {self._obstruction()}"
         if design.requested_body_distance == _TIGHT:
@@ -198,7 +214,9 @@ def _at_bodies(design: CellDesign) -> bool:
 
 def area_of(cell: Cell) -> float:
     """Compute the area of a sector's range of radius and height, m²."""
-    return float(4 * cell.widths[RADIUS] * cell.widths[HEIGHT])
+    w = cell.widths
+    stretch = cell.profile.mean_stretch(w[HEIGHT]) if isinstance(cell, Sector) else 1.0
+    return float(4 * w[RADIUS] * w[HEIGHT] * stretch)
 
 
 class _Floods(NamedTuple):
@@ -298,13 +316,17 @@ def whole_table(
         others = _ranked(fit, ranked, closer, report)
         if ranked[0].rating < _MUCH * others[0].rating:
             ranked, limits = others, closer
-    design = _designed(fit, ranked, limits, report)
-    if area_of(design.cell) < _MUCH * rectangle * SPACING**2 and _at_bodies(design):
-        design = _farther_from_bodies(fit, ranked[0], limits, report, design)
+    straight = _designed(fit, ranked, limits, report)
+    if area_of(straight.cell) < _MUCH * rectangle * SPACING**2 and _at_bodies(straight):
+        straight = _farther_from_bodies(fit, ranked[0], limits, report, straight)
+    report("a range of radius for each height", 0.85)
+    shaped = _shaped_places(table, tested, openings, widest, limits, line, symmetries)
+    design = _larger_design(fit, shaped, limits, straight)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
     return WholeTable(
         design,
+        straight,
         _best_locked(table, locked, design, limits),
         _larger(table, locked, design, limits),
         reach,
@@ -412,15 +434,114 @@ def _sectors(
     order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
     places = []
     for k in order:
-        window, at = None, 0.0
-        if openings.half[k] < np.pi:
-            at = float(openings.middle[k])
-            outward = pin.exp3(at * table.up) @ table.outward
-            window = Window(outward, float(openings.half[k]))
-        q, turns = _central(table.task, symmetries, postures[k], window and at)
-        cell = _sector(table, line, symmetries, found.first[k], found.last[k], turns)
-        places.append(_Place(cell, q, float(rating[k]), window))
+
+        def sector(turns: tuple[float, float], k: int = k) -> Cell:
+            return _sector(table, line, symmetries, found.first[k], found.last[k], turns)
+
+        places.append(_place(table, openings, k, symmetries, postures[k], float(rating[k]), sector))
     return places
+
+
+def _place(
+    table: Table,
+    openings: _Openings,
+    k: int,
+    symmetries: tuple[Symmetry, ...],
+    q: Array,
+    most: float,
+    sector: Callable[[tuple[float, float]], Cell],
+) -> _Place:
+    """Make the place of a sector in the opening k from a configuration q (n,) in its middle.
+
+    ``most`` is the upper bound of its rating. ``sector`` makes the sector, given the angles by
+    which its middle is turned about the arm's axis and the tool's, rad.
+    """
+    window, at = None, 0.0
+    if openings.half[k] < np.pi:
+        at = float(openings.middle[k])
+        outward = pin.exp3(at * table.up) @ table.outward
+        window = Window(outward, float(openings.half[k]))
+    q, turns = _central(table.task, symmetries, q, window and at)
+    return _Place(sector(turns), q, most, window)
+
+
+def _shaped_places(
+    table: Table,
+    floods: _Floods,
+    openings: _Openings,
+    cell: Cell,
+    limits: Required,
+    line: Array,
+    symmetries: tuple[Symmetry, ...],
+) -> list[_Place]:
+    """Choose the best sectors whose range of radius depends on the height, the best first.
+
+    They lie in nodes at which joint speed can meet the limits, as in :func:`_affordable`.
+    """
+    own, usual = _speeds(floods, openings, cell)
+    every = [_between(mask, own[k], usual[k], limits) for k, mask in enumerate(openings.mask)]
+    rating = np.zeros(len(every))
+    postures = np.zeros((len(every), table.task.n))
+    for k, found in enumerate(every):
+        if found.area:
+            Q, inside = floods.Q[openings.flood[k]], found.inside(table.shape)
+            share = _turn_share(table.task, symmetries, Q[inside], openings.half[k] / np.pi)
+            rating[k] = found.area * SPACING**2 * (0.5 + 0.5 * share)
+            postures[k] = Q[found.middle]
+    order = np.argsort(-rating, kind="stable")[: int((rating > 0).sum())]
+    order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
+    places = []
+    for k in order:
+
+        def sector(turns: tuple[float, float], found: Between = every[k]) -> Cell:
+            first, last = (np.array([0, j]) for j in (found.first, found.last))
+            return _sector(table, line, symmetries, first, last, turns, found)
+
+        most = float(rating[k])
+        places.append(_place(table, openings, int(k), symmetries, postures[k], most, sector))
+    return places
+
+
+def _between(mask: NDArray[np.bool_], own: Array, usual: Array, limits: Required) -> Between:
+    """Find the largest range of radius by height in one opening (I, J) that meets the limits.
+
+    ``own`` and ``usual`` (I, J) are the squared joint speeds of a function and of J⁺. The dearest
+    nodes are left out until the mean over the range meets its limit.
+    """
+    best = Between.none()
+    with np.errstate(invalid="ignore"):
+        extra = np.where(mask, np.sqrt(own / usual) - 1, np.nan)
+        for most in [np.inf, *limits.mean * np.geomspace(_DEAREST, 1, _SHARES)]:
+            good = extra < min(most, _SPARE * limits.worst)
+            (first,), (last,) = rectangles(good[None])[1:]
+            found = largest_between(runs(good, first, last))
+            inside = found.inside(mask.shape)
+            if found.area and np.sqrt(own[inside].sum() / usual[inside].sum()) < 1 + limits.mean:
+                best = max(best, found, key=lambda one: one.area)
+                break
+    return best
+
+
+def _larger_design(
+    fit: CellFit, places: list[_Place], limits: Required, design: CellDesign
+) -> CellDesign:
+    """Return the design of the first place that has a function, if it is larger than a design.
+
+    It must be larger in area, and also if the range around the arm counts. Else the given design
+    is returned.
+    """
+    worth = _rating(design.cell, design, Required())
+    for place in places:
+        if place.most <= worth:
+            break
+        with suppress(InputError):
+            q = given(place.cell, place.posture)
+            found = trimmed(fit, place.cell, q, limits._replace(window=place.window))
+            if found is not None:
+                better = _rating(found.cell, found, Required()) > worth
+                larger = area_of(found.cell) > area_of(design.cell)
+                return found if better and larger else design
+    return design
 
 
 def _central(
@@ -451,9 +572,7 @@ def _affordable(floods: _Floods, openings: _Openings, cell: Cell, limits: Requir
     alone. Nodes with the highest joint speed are left out until the mean over the rectangle meets
     its limit.
     """
-    own, usual = np.full((2, *floods.reached.shape), np.nan)
-    own[floods.reached], usual[floods.reached] = _least_speeds(cell, floods.Q[floods.reached])
-    own, usual = own[openings.flood], usual[openings.flood]
+    own, usual = _speeds(floods, openings, cell)
     with np.errstate(invalid="ignore"):
         extra = np.where(openings.mask, np.sqrt(own / usual) - 1, np.nan)
         best = rectangles(extra < limits.worst)
@@ -465,6 +584,13 @@ def _affordable(floods: _Floods, openings: _Openings, cell: Cell, limits: Requir
             for kept, new in zip(best, tried, strict=True):
                 kept[better] = new[better]
     return best
+
+
+def _speeds(floods: _Floods, openings: _Openings, cell: Cell) -> tuple[Array, Array]:
+    """Evaluate the squared joint speeds of a function and of J⁺ in K openings: (K, I, J) each."""
+    own, usual = np.full((2, *floods.reached.shape), np.nan)
+    own[floods.reached], usual[floods.reached] = _least_speeds(cell, floods.Q[floods.reached])
+    return own[openings.flood], usual[openings.flood]
 
 
 def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
@@ -590,11 +716,19 @@ def _turns(
     for k, flood in enumerate(openings.flood):
         (i, j), (i_end, j_end) = found.first[k], found.last[k] + 1
         Q = floods.Q[flood, i:i_end, j:j_end].reshape(-1, task.n)
-        for one in symmetries:
-            q = Q[:, one.joint]
-            left = task.upper[one.joint] - task.lower[one.joint] - np.ptp(q)
-            share[k] = min(share[k], max(0.0, float(np.nan_to_num(left)) / (2 * np.pi)))
+        share[k] = _turn_share(task, symmetries, Q, share[k])
     return 0.5 + 0.5 * share
+
+
+def _turn_share(task: Task, symmetries: tuple[Symmetry, ...], Q: Array, share: float) -> float:
+    """Return the share of a full turn that is left around the arm at Q (K, n), at most ``share``.
+
+    It is the range of the joint that turns the arm or the tool less its variation over Q.
+    """
+    for one in symmetries:
+        left = task.upper[one.joint] - task.lower[one.joint] - np.ptp(Q[:, one.joint])
+        share = min(share, max(0.0, float(np.nan_to_num(left)) / (2 * np.pi)))
+    return share
 
 
 def _symmetries(task: Task) -> tuple[Array, tuple[Symmetry, ...]]:
@@ -865,11 +999,13 @@ def _sector(
     first: NDArray[np.intp],
     last: NDArray[np.intp],
     turns: tuple[float, float] = (0.0, 0.0),
+    found: Between | None = None,
 ) -> Cell:
     """Make the sector between two nodes; its symmetric coordinates get the range ``"all"``.
 
     ``line`` (2, 3) is its axis, and ``first`` and ``last`` are the nodes. Its middle is turned by
-    two angles about the arm's axis and the tool's approach axis, rad.
+    two angles about the arm's axis and the tool's approach axis, rad. With ``found``, its range of
+    radius depends on the height.
     """
     low = np.array([table.radii[first[0]], table.heights[first[1]]])
     high = np.array([table.radii[last[0]], table.heights[last[1]]])
@@ -881,7 +1017,7 @@ def _sector(
     sector = Sector(
         table.task,
         pin.SE3(R, p),
-        radius=float(half[0]),
+        radius=float(half[0]) if found is None else found.sides(table.radii[0], SPACING),
         height=float(half[1]),
         angle="all",
         spin=spin,
@@ -939,9 +1075,9 @@ def _best_locked(
     """
     cell = design.function.chart.cell
     assert isinstance(cell, Sector), "a table is a sector"
-    rho, z = cell.middle
-    inside = np.abs(table.radii - rho)[:, None] <= cell.widths[RADIUS] + 1e-9
-    inside = inside & (np.abs(table.heights - z)[None] <= cell.widths[HEIGHT] + 1e-9)
+    low, high = cell.radii(table.heights).T
+    inside = (table.radii[:, None] >= low - 1e-9) & (table.radii[:, None] <= high + 1e-9)
+    inside &= np.abs(table.heights - cell.middle[1]) <= cell.widths[HEIGHT] + 1e-9
     share = (locked.reached & inside).sum(axis=(1, 2)) / max(inside.sum(), 1)
     if not share.any():
         return None

@@ -33,6 +33,10 @@ from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, target
 
 _SIGNED = "written by repctl_pin"
 
+_LOW = 0.03
+"""Largest half-height of the example loop in a sector whose range of radius depends on the height,
+m."""
+
 
 def export_c(
     control: RepeatableInverse | InverseFunction,
@@ -214,6 +218,10 @@ def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
         radius, angle, *height = region.widths
         along = np.stack([outward, up if height else around])
         chord = (region.middle[0] - radius) * np.sin(min(angle, np.pi / 2))
+        if region.profile.degree:  # a rectangle that is inside at all its heights
+            height = [min(height[0], _LOW)]
+            z = region.middle[1] + np.linspace(-height[0], height[0], 9)
+            radius = float(np.abs(region.radii(z) - region.middle[0]).min())
         most = np.array([radius, height[0] if height else chord])
     elif isinstance(region, Cell):
         most = region.half_width

@@ -23,6 +23,7 @@ from ....strategies.repeatable import Bounded, RepeatableInverse
 from ...cells.chart.chart import CellPotentials
 from ...cells.function import InverseFunction
 from ...cells.geometry.cell import Cell
+from ...cells.geometry.sector import Sector
 from .governor import governor_source, torque_code
 from .text import comment, constants, filled, pasted
 
@@ -228,7 +229,10 @@ def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
     if not isinstance(inverse.potentials, CellPotentials):
         return False
     own = inverse.potentials.chart.cell.whole
-    return repr(own) == repr(cell) and np.array_equal(own.widths, cell.widths)
+    same = repr(own) == repr(cell) and np.array_equal(own.widths, cell.widths)
+    if not (isinstance(own, Sector) and isinstance(cell, Sector)):
+        return same
+    return same and all(map(np.array_equal, own.profile, cell.profile))
 
 
 def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) -> str:

@@ -1,0 +1,173 @@
+r"""Profile of a sector: its smallest and largest radius as polynomials of the height.
+
+At a height η above the sector's middle, m, the radius is ``ρ = ρ_0 + b(η) + s(η) y``. ρ_0 is the
+radius of the middle and y the radial coordinate of the sector, from −w to w, m. The bend b and the
+stretch s are polynomials with b(0) = 0 and s(0) = 1. With b = 0 and s = 1, the sector has one range
+of radius at all heights. A straight line in the coordinates stays in the sector, whatever its
+profile.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.polynomial import Polynomial
+from numpy.typing import ArrayLike
+
+from ....base.arguments import Array
+from ....base.errors import InputError
+
+_MOST_DEGREE = 8
+"""Maximum degree of the two polynomials."""
+
+
+class Profile(NamedTuple):
+    """Bend and stretch of a sector.
+
+    Attributes
+    ----------
+    bend, stretch : (D + 1,) arrays
+        Coefficients of b, m, and of s, in powers of the height η above the middle, m, from η⁰ on.
+    """
+
+    bend: Array
+    stretch: Array
+
+    @property
+    def degree(self) -> int:
+        """Degree D of the polynomials; 0 for a sector with one range of radius."""
+        return len(self.bend) - 1
+
+    def at(self, eta: Array, half: float) -> tuple[Array, Array, Array, Array]:
+        """Evaluate b, s and their derivatives by η at heights η (K,): four arrays (K,).
+
+        Above and below the sector, whose half-width of the height is ``half``, m, both are
+        constant. So they are continuous, and the stretch is positive everywhere.
+        """
+        inside = np.clip(eta, -half, half)
+        b, s = (_value(each, inside) for each in self)
+        within = np.abs(eta) <= half
+        db, ds = (_value(_derivative(each), inside) * within for each in self)
+        return b, s, db, ds
+
+    def moved(self, y: float, eta: float) -> tuple[Profile, float]:
+        """Return the profile relative to another middle, at the coordinates y and η of this one, m.
+
+        Return also the factor by which half-widths of the radius grow.
+        """
+        if not self.degree:
+            return self, 1.0
+        bend, stretch = (_moved(each, eta) for each in self)
+        factor = float(stretch[0])
+        bend = bend + y * stretch
+        bend[0] = 0.0
+        stretch = stretch / factor
+        stretch[0] = 1.0
+        return Profile(bend, stretch), factor
+
+    def sides(self, rho: float, radius: float) -> list[Polynomial]:
+        """Return the smallest and the largest radius, m, as polynomials of η.
+
+        ``rho`` is the radius of the middle, ``radius`` the half-width there, m.
+        """
+        b, s = (Polynomial(each) for each in self)
+        return [rho + b - radius * s, rho + b + radius * s]
+
+    def lowest(self, rho: float, radius: float, half: float) -> tuple[float, float]:
+        """Return the smallest radius, and the smallest difference of both radii, m.
+
+        They are those at all heights of a sector whose half-width of the height is ``half``.
+        """
+        low, high = self.sides(rho, radius)
+        return _minimum(low, half), _minimum(high - low, half)
+
+    def mean_stretch(self, half: float) -> float:
+        """Evaluate the mean of s over the heights from −half to half, m."""
+        if not half:
+            return 1.0
+        whole = Polynomial(self.stretch).integ()
+        return float((whole(half) - whole(-half)) / (2 * half))
+
+
+STRAIGHT = Profile(np.zeros(1), np.ones(1))
+"""Profile of a sector with one range of radius."""
+
+
+def as_profile(radius: Any, height: float) -> tuple[Profile, float, float] | None:
+    """Convert the two sides of a sector to a profile; None if ``radius`` is not made of lists.
+
+    ``radius`` are two lists of coefficients: the smallest and the largest radius, m, in powers of
+    the height above the middle divided by its half-width ``height``, m. Return also the radius of
+    the middle and the half-width there, m. An InputError is raised if the sides meet.
+    """
+    if not (np.iterable(radius) and any(np.iterable(side) for side in radius)):
+        return None
+    low, high = _side_pair(radius)
+    if max(len(low), len(high)) > 1 and not height > 0:
+        raise InputError(
+            "that depends on the height requires a height above 0",
+            argument="radius",
+            remedy="give height=, or one number",
+        )
+    size = max(len(low), len(high))
+    low, high = (np.pad(side, (0, size - len(side))) for side in (low, high))
+    scale = height ** -np.arange(size, dtype=float) if size > 1 else np.ones(1)
+    middle, half = (high + low) / 2 * scale, (high - low) / 2 * scale
+    rho, width = float(middle[0]), float(half[0])
+    gap = _minimum(Polynomial(high - low), 1.0)
+    if not gap > 0:
+        raise InputError(
+            ": the largest radius is not above the smallest at every height",
+            argument="radius",
+            remedy="give (smallest, largest) with a positive difference at every height",
+        )
+    middle[0] = 0.0
+    profile = Profile(middle, half / width)
+    return (profile if size > 1 else STRAIGHT), rho, width
+
+
+def _side_pair(radius: Any) -> tuple[Array, Array]:
+    """Check the two sides of a sector, lists of at most 9 coefficients each, and return them."""
+    try:
+        low, high = (np.asarray(side, float) for side in radius)
+    except (TypeError, ValueError):
+        low = high = np.zeros(0)
+    good = all(
+        side.ndim == 1 and 0 < len(side) <= _MOST_DEGREE + 1 and np.isfinite(side).all()
+        for side in (low, high)
+    )
+    if not good:
+        raise InputError(
+            "must be one number, m, or two lists of at most "
+            f"{_MOST_DEGREE + 1} coefficients, of the smallest and of the largest radius, m",
+            argument="radius",
+        )
+    return low, high
+
+
+def _value(coefficients: Array, x: Array) -> Array:
+    """Evaluate a polynomial at x (K,) by Horner's rule, in the order of chart.c."""
+    value = np.zeros_like(x)
+    for c in coefficients[::-1]:
+        value = value * x + c
+    return value
+
+
+def _derivative(coefficients: Array) -> Array:
+    """Return the coefficients of the derivative of a polynomial, (0,) of a constant."""
+    return coefficients[1:] * np.arange(1, len(coefficients))
+
+
+def _moved(coefficients: ArrayLike, x: float) -> Array:
+    """Return the coefficients of the polynomial p(x + ·), as many as those of p."""
+    c = np.asarray(coefficients, float)
+    moved = Polynomial(c)(Polynomial([x, 1.0])).coef
+    return np.pad(moved, (0, len(c) - len(moved)))
+
+
+def _minimum(p: Polynomial, half: float) -> float:
+    """Find the minimum of a polynomial from −half to half."""
+    roots = p.deriv().roots() if p.degree() > 1 else np.zeros(0)
+    real = np.real(roots[np.abs(np.imag(roots)) < 1e-9])
+    return float(p(np.concatenate([np.clip(real, -half, half), [-half, half]])).min())

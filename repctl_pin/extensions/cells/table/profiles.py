@@ -1,0 +1,153 @@
+"""Largest sectors in a flood whose range of radius depends on the height.
+
+The smallest and the largest radius are polynomials of the height. All nodes between them belong to
+the flood: at each height, its nodes from one end to the other are a run, and the polynomials lie
+inside the runs. A linear program finds the two polynomials with the largest area between them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from ....base.arguments import Array
+
+_DEGREE = 4
+"""Degree of the polynomials."""
+
+_NARROW = 2.0
+"""Smallest difference of the two radii, in units of the spacing of the nodes."""
+
+_SHORT = 3
+"""Smallest number of spacings from the lowest to the highest height."""
+
+_STRIDE = 2
+"""Step of the lowest and the highest height that are tried, in nodes."""
+
+
+class Between(NamedTuple):
+    """Nodes between two polynomials of the height; radii are in units of the spacing.
+
+    Attributes
+    ----------
+    area : float
+        Area between the polynomials, in units of the spacing squared; 0 if there are none.
+    first, last : int
+        Indices of the lowest and the highest height.
+    low, high : (D + 1,) arrays
+        Coefficients of the smallest and the largest radius, relative to that of the first node, in
+        powers of the height, from −1 at the lowest to 1 at the highest.
+    """
+
+    area: float
+    first: int
+    last: int
+    low: Array
+    high: Array
+
+    def inside(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
+        """Return a mask (I, J) of the nodes between the polynomials."""
+        mask = np.zeros(shape, bool)
+        if self.area:
+            j = np.arange(self.first, self.last + 1)
+            z = np.linspace(-1, 1, len(j))
+            low, high = (np.polynomial.polynomial.polyval(z, c) for c in (self.low, self.high))
+            i = np.arange(shape[0])[:, None]
+            mask[:, j] = (i >= low - 1e-6) & (i <= high + 1e-6)
+        return mask
+
+    @property
+    def middle(self) -> tuple[int, int]:
+        """Node (i, j) nearest to the middle of both radii at the middle height."""
+        return round((self.low[0] + self.high[0]) / 2), (self.first + self.last) // 2
+
+    def sides(self, start: float, spacing: float) -> tuple[Array, Array]:
+        """Return the coefficients of both radii, m, from the radius of the first node, m."""
+        least = np.eye(1, len(self.low))[0] * start
+        return least + spacing * self.low, least + spacing * self.high
+
+    @classmethod
+    def none(cls) -> Between:
+        """Return the result where no two polynomials fit."""
+        return cls(0.0, 0, 0, np.zeros(1), np.zeros(1))
+
+
+def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
+    """Follow the runs of a mask (I, J) up and down from the middle of a rectangle: (J, 2).
+
+    ``first`` and ``last`` are opposite corners of the rectangle. At each height the run is taken
+    that overlaps most with the one before. The rows are the first and the last node of the run; −1
+    where there is none.
+    """
+    middle = int(first[1] + last[1]) // 2
+    found = np.full((mask.shape[1], 2), -1)
+    for way in (1, -1):
+        run, j = (int(first[0]), int(last[0])), middle
+        while 0 <= j < mask.shape[1]:
+            there = _overlapping(mask[:, j], *run)
+            if there is None:
+                break
+            run = found[j] = there
+            j += way
+    return found
+
+
+def _overlapping(column: NDArray[np.bool_], low: int, high: int) -> tuple[int, int] | None:
+    """Find the run of a column (I,) that overlaps most with the nodes from ``low`` to ``high``."""
+    edges = np.flatnonzero(np.diff(np.pad(column, 1).astype(int)))
+    starts, ends = edges[::2], edges[1::2] - 1
+    overlap = np.minimum(ends, high) - np.maximum(starts, low)
+    if not len(overlap) or overlap.max() < 0:
+        return None
+    best = int(np.argmax(overlap))
+    return int(starts[best]), int(ends[best])
+
+
+def largest_between(ends: Array) -> Between:
+    """Find the two polynomials with the largest area inside runs (J, 2), at any heights.
+
+    The area of the runs is an upper bound. Ranges of the height are tried in the order of this
+    bound, until it falls below the best area.
+    """
+    there = np.flatnonzero(ends[:, 0] >= 0)
+    if len(there) <= _SHORT:
+        return Between.none()
+    length = (ends[:, 1] - ends[:, 0]).astype(float)
+    total = np.concatenate([[0.0], np.cumsum((length[1:] + length[:-1]) / 2)])
+    low, high = int(there[0]), int(there[-1])
+    pairs = [
+        (float(total[j] - total[i]), i, j)
+        for i in range(low, high - _SHORT + 1, _STRIDE)
+        for j in range(high, i + _SHORT - 1, -_STRIDE)
+    ]
+    best = Between.none()
+    for bound, i, j in sorted(pairs, reverse=True):
+        if bound <= best.area:
+            break
+        found = _between(ends[i : j + 1].astype(float), i, j)
+        best = max(best, found, key=lambda one: one.area)
+    return best
+
+
+def _between(ends: Array, first: int, last: int) -> Between:
+    """Solve the linear program for runs (L, 2) at all heights from the first to the last one."""
+    V = chebyshev.chebvander(np.linspace(-1, 1, len(ends)), _DEGREE)
+    weights = np.ones(len(ends))
+    weights[[0, -1]] = 0.5
+    none, most = np.zeros_like(V), weights @ V
+    found = linprog(
+        np.concatenate([most, -most]),
+        np.block([[-V, none], [none, V], [V, -V]]),
+        np.concatenate([-ends[:, 0], ends[:, 1], np.full(len(ends), -_NARROW)]),
+        bounds=(None, None),
+        method="highs",
+    )
+    if found.status:
+        return Between.none()
+    low, high = (chebyshev.cheb2poly(c) for c in np.split(found.x, 2))
+    low, high = (np.pad(c, (0, _DEGREE + 1 - len(c))) for c in (low, high))
+    return Between(-float(found.fun), first, last, low, high)
