@@ -586,7 +586,7 @@ def test_a_whole_table_is_proved(name: str, kind: str, leaf: float) -> None:
     task = rp.Robot.load(name).task(None, kind)
     place = rp.best_cell(task, orientation="down")
     assert place.table is not None
-    found, F = place.table.design, place.table.design.function
+    found, F = place.table.straight, place.table.straight.function
     proof = rp.prove(found, seconds=30)
     assert proof, proof.reason
     assert proof.leaf_margin > leaf and proof.limit_margin > 0.1
