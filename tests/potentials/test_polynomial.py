@@ -86,3 +86,9 @@ def test_bad_input_gets_one_clear_line(make, message: str) -> None:
     with pytest.raises(rp.InputError, match=message) as error:
         make()
     assert "\n" not in str(error.value)
+
+
+def test_too_many_potentials_are_counted_in_the_refusal() -> None:
+    """C(7 + 9, 9) − 1: the constant is no potential."""
+    with pytest.raises(rp.InputError, match="degree 9 in 7 joints makes 11439 potentials"):
+        rp.Polynomial(np.zeros(7), 9)

@@ -226,9 +226,12 @@ def run(options: Options) -> int:
         notes.insert(0, f"--shrink: {sizes}")
     if asked.placed:
         notes = [*asked.placed, *notes]
-        if whole and design.cell is not whole.design.cell:
-            size = f"{design.cell.size()}; only that of one range of radius can be proved"
-            notes.insert(0, f"--prove: the function is the one for {size}")
+        if whole and options.prove and whole.straight is not whole.design:
+            notes.insert(
+                0,
+                f"--prove: this function is for {design.cell.size()}, with one range of radius; a "
+                "range that depends on the height cannot be proved",
+            )
     elif options.start is None:
         notes.append(f"the start is {asked.start_is}")
 

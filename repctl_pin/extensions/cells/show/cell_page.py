@@ -65,6 +65,10 @@ def _edges(sector: Sector) -> Array:
     traced += [(*corners[0], angle) for angle in there]
     for first, last in pairwise(corners):
         traced += [(*point, 1.0) for point in np.linspace(first, last, _SIDE)]
+    if sector.profile.degree:  # the bent sides at half the height, too
+        traced += [(-1, height, 1.0) for height in np.linspace(-1, 0, _SIDE)]
+        traced += [(-1, 0, angle) for angle in there[::-1]]
+        traced += [(1, 0, angle) for angle in there]
     Y = np.zeros((len(traced), 6))
     Y[:, [RADIUS, HEIGHT, ANGLE]] = traced
     return sector.placements(Y[:, sector.moved])[0]
