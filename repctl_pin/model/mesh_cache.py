@@ -2,8 +2,8 @@
 
 Importing a mesh reader, reading the meshes and computing their convex hulls takes longer than all
 distance computations of most commands. The folder is ``$XDG_CACHE_HOME/repctl_pin/meshes``, by
-default under ``~/.cache``. It may be deleted at any time. Beyond 500 MB, the least recently used
-files are deleted.
+default under ``~/.cache``. It may be deleted at any time. Beyond 500 MB, the files that were used
+longest ago are deleted.
 """
 
 from __future__ import annotations
