@@ -275,13 +275,20 @@ export class Own {
     this.lead.qs = this.laws.map((law) => law.start);
     this.drawArms();
     const { frames } = this.chain;
-    const text = frames.length > 1 ? "The hands stay" : "The hand stays";
+    const rest = frames.length > 1 ? "The hands stay" : "The hand stays";
     const where = frames[0].base ? "at its place on the workpiece" : "at rest";
-    this.write(
-      [[`${text} ${where} while the arm moves: this is what redundancy is.`]],
-      [["Let go, and both arms follow the path from here, the repeatable one on the leaf chosen."]],
-      `${this.part} moved`,
-    );
+    const text = `${rest} ${where} while the arm moves: this is what redundancy is.`;
+    // words that stay are not written again: a page lays out what was written
+    if (byId("verdict").textContent !== text)
+      this.write(
+        [[text]],
+        [
+          [
+            "Let go, and both arms follow the path from here, the repeatable one on the leaf chosen.",
+          ],
+        ],
+        `${this.part} moved`,
+      );
     this.player.show();
   }
 
@@ -632,9 +639,11 @@ export class Own {
   drawArms() {
     const { lead } = this;
     this.arms.forEach((arm, k) => {
-      drawnAt(this.chain, arm, lead.ghost || lead.qs.at(-1), arm.run, 0);
+      // a ghost that stays is drawn once
+      if (!lead.ghostDrawn) drawnAt(this.chain, arm, lead.ghost || lead.qs.at(-1), arm.run, 0);
       drawnAt(this.chain, arm, lead.qs[k], arm.run, 1);
     });
+    lead.ghostDrawn = Boolean(lead.ghost);
   }
 
   // Close the loop: straight home, or along the way it came where that is blocked.

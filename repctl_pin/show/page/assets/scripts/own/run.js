@@ -252,25 +252,49 @@ function quaternion(R) {
 // How far each body of this part of an arm, or of all its parts, is at q from where it is at the
 // start, m.
 export function bodiesOff(chain, arm, q, part) {
-  const rides = ridesOf(chain, arm);
-  const [from, to] = [chain.start, q].map((one) => {
-    chain.place(one, chain.all);
-    return chain.places.map(({ R, p }) => {
-      const M = new MeshCat.THREE.Matrix4();
-      return M.makeRotationFromQuaternion(quaternion(R)).setPosition(...p);
-    });
+  const bodies = cornersAtStart(chain, arm);
+  chain.place(q, chain.all);
+  return bodies.map(({ name, joint, local, start }) => {
+    if (!name || (part && name !== part)) return 0;
+    const at = pointsOn(chain.places[joint], local);
+    let most = 0;
+    for (let i = 0; i < at.length; i += 3)
+      most = Math.max(
+        most,
+        Math.hypot(at[i] - start[i], at[i + 1] - start[i + 1], at[i + 2] - start[i + 2]),
+      );
+    return most;
   });
-  return arm.moving.map((place, k) => {
+}
+
+// The corners of each body of an arm: its part, the joint that it rides on, and where they are, in
+// that joint and at the start of the study.
+function cornersAtStart(chain, arm) {
+  if (arm.cornersAtStart) return arm.cornersAtStart;
+  const rides = ridesOf(chain, arm);
+  chain.place(chain.start, chain.all);
+  arm.cornersAtStart = arm.moving.map((place, k) => {
     const ride = rides[arm.rows.indexOf(place)];
     const [, name] = chain.links[place.shape] || [];
-    if (!ride || !name || (part && name !== part)) return 0;
-    const off = arm.corners[k].map((corner) => {
-      const at = corner.clone().applyQuaternion(ride.turn);
-      at.add({ x: ride.point[0], y: ride.point[1], z: ride.point[2] });
-      return at.clone().applyMatrix4(from[ride.joint]).distanceTo(at.applyMatrix4(to[ride.joint]));
+    if (!ride || !name) return {};
+    const { joint, point, turn } = ride;
+    const local = arm.corners[k].flatMap((corner) => {
+      const { x, y, z } = corner.clone().applyQuaternion(turn);
+      return [x + point[0], y + point[1], z + point[2]];
     });
-    return Math.max(0, ...off);
+    return { name, joint, local, start: pointsOn(chain.places[joint], local) };
   });
+  return arm.cornersAtStart;
+}
+
+// Points, three numbers each, carried by a joint.
+function pointsOn({ R, p }, points) {
+  const at = new Float64Array(points.length);
+  for (let i = 0; i < at.length; i += 3)
+    for (let c = 0; c < 3; c++)
+      at[i + c] =
+        p[c] + R[3 * c] * points[i] + R[3 * c + 1] * points[i + 1] + R[3 * c + 2] * points[i + 2];
+  return at;
 }
 
 // How far each end of another branch is at q from where it is at the start, m.
