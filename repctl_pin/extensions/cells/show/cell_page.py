@@ -63,8 +63,9 @@ def _edges(sector: Sector) -> Array:
     arc, corners = ([*there, *there[::-1]], [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
     traced = [(*corner, angle) for corner in corners for angle in arc]
     traced += [(*corners[0], angle) for angle in there]
+    points = _SIDE if sector.profile.degree else 2
     for first, last in pairwise(corners):
-        traced += [(*point, 1.0) for point in np.linspace(first, last, _SIDE)]
+        traced += [(*point, 1.0) for point in np.linspace(first, last, points)]
     if sector.profile.degree:  # the bent sides at half the height, too
         traced += [(-1, height, 1.0) for height in np.linspace(-1, 0, _SIDE)]
         traced += [(-1, 0, angle) for angle in there[::-1]]
