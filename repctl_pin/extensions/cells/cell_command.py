@@ -381,11 +381,15 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     )
     cell = place.cell
     if place.table is not None:
-        note = str(place.table)
-        if place.table.locked is not None:
-            note += f"; {place.table.locked}"
-        if place.table.larger is not None:
-            one, area = place.table.larger, place.table.area
+        table = place.table
+        if options.prove and table.straight is not table.design:
+            # the locked joints were compared with the sector that cannot be proved
+            table = table._replace(design=table.straight, locked=None, larger=None)
+        note = str(table)
+        if table.locked is not None:
+            note += f"; {table.locked}"
+        if table.larger is not None:
+            one, area = table.larger, table.area
             note += f"; a larger sector, {one.area:.2f} m² in place of {area:.2f}, has {one}"
         notes = (note, *_approach_note(place))
         return _Asked(cell, place.posture, "searched for the sector", False, notes, place)
