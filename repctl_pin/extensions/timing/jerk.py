@@ -207,8 +207,8 @@ def _converged(
 
     Each program is linearised at the preceding solution, the first at ``x`` and ``slope``, with x =
     ṡ². ``ties`` are the two stages with equal speed, or empty. ``weights`` (K - 1,) multiply the
-    times of the intervals; limits are divided by ``tight`` (K - 1,). Of each step between two
-    solutions, the fraction with the shortest duration is used.
+    times of the intervals; limits are divided by ``tight`` (K - 1,). The step to a new solution is
+    taken only in part: by the fraction that gives the shortest duration.
     """
     took = np.inf
     for _ in range(_MOST_PROGRAMS):
