@@ -272,7 +272,7 @@ def test_poses_with_a_leaf_margin_below_a_twentieth_are_not_covered(
     every = margin(np.concatenate([U, cell.corners()])[:, 0]) > 0.05
     stops = {stop.cause: stop for stop in j.failures}
     assert sum(stop.share for stop in stops.values()) == pytest.approx(1 - every.mean())
-    assert margin(stops["fold"].u[0]) <= 0.05 and "folds back" in str(stops["fold"])
+    assert margin(stops["fold"].u[0]) <= 0.05 and "the function folds" in str(stops["fold"])
     if covered.any():
         assert 0.9 < j.leaf_margin <= 1  # of V, which is not turned as n_ref is
 

@@ -1074,7 +1074,7 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(tmp_path: Path
     first = ["the middle posture", "the reference", "degree 1", "the last chart"]
     assert len(words) == len(told) and [w for w in words if w in first][:4] == first
     most = np.roots([2 * 0.72**2, 2 * 0.72 * 1.9, 1.9**2 - 2.7**2]).max()
-    tried = [float(w.split()[-2]) for w in words if w.startswith("what would fit")]
+    tried = [float(w.split()[-2]) for w in words if w.startswith("scale that fits")]
     bisected = [50, 75, 87.5, 93.75, 96.875]  # the last one fits
     assert np.allclose(tried, bisected, rtol=0, atol=0.5) and 0.96875 < most < 0.985
     assert caught.value.fits == 0.96875

@@ -22,8 +22,8 @@ from ...cli.terminal import in_percent, page_lines, progress, report
 from ...show.text.lines import Span, fitted, noted, wrapped
 
 HELP = (
-    "find one function for a whole cell, a box of poses or a sector around the base: each pose "
-    "gives one configuration, always the same"
+    "find one function for a whole cell, a box of poses or a sector around the base: it gives "
+    "one configuration per pose"
 )
 EXAMPLE = """examples:
   repctl cell panda --down
@@ -407,7 +407,7 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
 
 
 def _approach_note(place: rp.BestCell) -> list[str]:
-    """Write a note that names the tool's approach axis; the list is empty if none was needed.
+    """Write the note on the tool's approach axis: one text, or an empty list if none is needed.
 
     The approach axis is the axis of the tool's frame that points at the work."""
     if place.approach is None:

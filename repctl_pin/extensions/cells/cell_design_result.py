@@ -226,7 +226,7 @@ class CellDesign:
             f"{_unmet(j.limit_margin, self.requested_limit_margin)}"
         )
         if left_out := self.function.chart.cell.excepted:
-            margin += f"\nwithout {', '.join(left_out)}, whose limits end the range"
+            margin += f"\nwithout {', '.join(left_out)}, whose limits bound the range"
         # bodies and singularities
         bodies = _NO_BODIES
         if np.isnan(j.body_distance):

@@ -292,10 +292,10 @@ class InverseFunction:
         return ToolFunction(self, placement)
 
     def leaves(self, target: Placement) -> Array:
-        """Find the interval (r, 2) of each level component c_j at a pose, with the others at 0.
+        """Find the range (r, 2) of each component c_j of the level at a pose, with the others at 0.
 
-        The level c of the leaf is the position along the self-motion, such as that of the elbow. An
-        interval ends at a joint limit, at ±π, or where the leaf margin, the distance from an
+        The level c of the leaf is the position along the self-motion, such as that of the elbow. A
+        range ends at a joint limit, at ±π, or where the leaf margin, the distance from an
         algorithmic singularity, falls to 0.1.
         """
         task, r = self.task, self.task.r

@@ -1,7 +1,7 @@
 """Inverse kinematic function of another tool on the same body: ``F'(x) = F(x T⁻¹)``.
 
-F gives one configuration for each pose of the frame; T is the placement of the tool in the frame.
-So a change of the tool needs no new design.
+F gives one configuration for each pose of the frame; T is the placement of the tool in the frame. A
+change of the tool thus needs no new design.
 """
 
 from __future__ import annotations

@@ -771,7 +771,7 @@ def _about_axis(
 
 
 def _from_middle(xp: Namespace, cell: Cell, v: Numbers) -> Numbers:
-    """Convert vectors (3, K), given in base axes, to the axes of the tool in the middle of a cell.
+    """Convert vectors (3, K) to the axes of the tool in the middle of a cell.
 
     In a sector they are given in the directions radial, tangential, and along the axis.
     """
@@ -799,7 +799,7 @@ def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
 def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
     """Remove full turns from q − q_ref (n, K), at the joints of the cell's symmetries.
 
-    Such a joint, for example the first one, turns all poses of the cell around one axis.
+    Such a joint alone moves the frame along one coordinate of the cell.
     """
     turning = np.zeros((cell.task.n, 1))
     turning[[one.joint for one in cell.removed]] = 2 * np.pi

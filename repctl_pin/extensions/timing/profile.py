@@ -452,8 +452,8 @@ class _Program:
 def _program(curve: Any, grid: Array, limits: JointLimits) -> _Program:
     """Create the linear program of a curve q(s) with stages ``grid`` (K,).
 
-    x is scaled by its largest value within the limits of speed. Limits that can never be the
-    tightest at their stage are left out.
+    x is scaled by a bound from the limits of speed, and of acceleration from rest at the nearer
+    end. Limits that can never be the tightest at their stage are left out.
     """
     Q, slope, bend = curve(grid), curve(grid, 1), curve(grid, 2)
 

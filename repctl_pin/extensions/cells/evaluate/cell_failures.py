@@ -144,7 +144,7 @@ def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None
             f"(σ_min(J) / σ_max(J) = {ratio:.1g}), around which the function folds"
         )
         return _reason("singularity", share, cell, u, what)
-    what = f"at {cell.where(U[0])} the function folds back: its leaf margin goes through 0"
+    what = f"at {cell.where(U[0])} the function folds: its leaf turns back, leaf margin 0"
     return _reason("fold", share, cell, U[0], what)
 
 

@@ -322,9 +322,9 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
 def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) -> Array:
     """Search for the poses at which each pair of bodies is nearest: (L, k).
 
-    Only pairs that may come nearer than ``distance``, m, are looked at, each by itself. Otherwise a
-    pair whose distance does not change, such as two links of a wrist, would hide all others from
-    the search. Poses are tried at random, closer and closer to the best ones. At all poses that are
+    Each pair that may come nearer than ``distance``, m, has a search of its own. In a common
+    search, a pair whose distance does not change, such as two links of a wrist, would hide all
+    others. Poses are tried at random, closer and closer to the best ones. At all poses that are
     returned, the function exists inside the joint limits.
     """
     cell = candidate.chart.cell
@@ -361,8 +361,8 @@ def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) ->
 def with_edges(cell: Cell, count: int, seed: int, rng: np.random.Generator) -> Array:
     """Sample poses of a cell, many of them at its edges, where bodies are nearest: (K, k).
 
-    The first ``count`` are Sobol points, of whose coordinates a third is moved to the nearer end;
-    the others are the corners.
+    The first ``count`` are Sobol points; a third of their coordinates are moved to the nearer end
+    of the range. The others are the corners.
     """
     U = cell.sample(count, seed)
     U = np.where(rng.random(U.shape) < _EDGES, np.sign(U), U)
@@ -424,9 +424,9 @@ class CandidateFunction:
 def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> Array:
     """Search the cell for poses with smaller margins, by projected gradient descent.
 
-    So a candidate function is tested between the sampled poses, too. At the boundary of the cell,
-    steps outward are suppressed. Return all poses visited (L, k), also poses at which the function
-    does not exist. The final poses of the descents are last.
+    The search tests a candidate function between the sampled poses, too. At the boundary of the
+    cell, steps outward are suppressed. Return all poses visited (L, k), also poses at which the
+    function does not exist. The final poses of the descents are last.
 
     Parameters
     ----------

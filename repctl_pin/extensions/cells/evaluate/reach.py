@@ -90,8 +90,8 @@ def reached(
 def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) -> list[int]:
     """Select rows (K, ·) that differ from each other by more than a distance; return their indices.
 
-    So only one of several similar results is used. Earlier rows are preferred, and at most
-    ``count`` are selected. ``norm`` is the order of the norm of differences.
+    They leave one of several similar results. Earlier rows are preferred, and at most ``count`` are
+    selected. ``norm`` is the order of the norm of differences.
     """
     kept: list[int] = []
     for k, row in enumerate(rows):

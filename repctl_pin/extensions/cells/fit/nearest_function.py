@@ -172,7 +172,7 @@ def nearest_inverse_function(
     held_out = _HELD_OUT if options.held_out is None else options.held_out
     require_choice(incomplete, ("refuse", "shrink", "keep"), "way to treat an incomplete cell")
     progress = flag_or_function(
-        progress, "progress", "a function of what is being done and the share that is done", 2
+        progress, "progress", "a function of the step (text) and the fraction done", 2
     )
     cell = _reduced(cell, desired, body_distance)
     fit = CellFit(
@@ -312,7 +312,7 @@ def _largest(fit: CellFit, cell: Cell, q: Array, *, quick: bool) -> tuple[float,
     low, high = 0.0, 1.0
     for _ in range(5):
         factor = (low + high) / 2
-        fit.report(f"what would fit: {100 * factor:.0f} %", 0.9)
+        fit.report(f"scale that fits: {100 * factor:.0f} %", 0.9)
         ends = rays(fit.desired, cell.scaled(factor), q, U)
         low, high = (
             (factor, high) if (ends.reached == 1).all() and ends.least.min() > 0 else (low, factor)

@@ -1,7 +1,8 @@
 """Penalty method for margins: the weight of the penalties is raised until the margins are met.
 
 A margin is a distance from joint limits, between bodies, or σ_min of J, at the configurations of a
-candidate function. It must be met at every pose of the cell at which the arm can meet it.
+candidate function. The required margin must be met at every pose of the cell at which the arm can
+meet it.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ _GRID = 0.05
 def padded(a: Array, terms: Monomials) -> Array:
     """Extend polynomial coefficients a (M, …) with zeros to the monomials of a higher degree.
 
-    So a fit can begin at the result of a fit of lower degree.
+    A fit then begins at the result of a fit of lower degree.
     """
     return np.pad(a, ((0, terms.size - len(a)), *[(0, 0)] * (a.ndim - 1)))
 
@@ -221,7 +222,8 @@ class PenaltyMethod:
     def _short(self, terms: Monomials, a: Array) -> bool:
         """Test whether any margin is too small at some pose, for the coefficients a (N, r).
 
-        No margin is skipped, so that each adds its worst poses to the penalised poses.
+        All margins are tested, even after one is too small, because each test adds its worst poses
+        to the penalised poses.
         """
         candidate = CandidateFunction(self.chart, terms, a)
         short = [watch.short(candidate) for watch in self.constraints]  # without short-circuit
@@ -231,7 +233,7 @@ class PenaltyMethod:
 def _without(U: Array, known: Array) -> Array:
     """Return the distinct rows of U (L, k) that are not rows of ``known`` (K, k).
 
-    So no pose is checked twice.
+    The check of further poses then repeats none.
     """
     once, first = np.unique(np.concatenate([known, U]), axis=0, return_index=True)
     return once[first >= len(known)]

@@ -1,8 +1,8 @@
 """Trimming of a cell: sides are moved inward until one function covers what is left.
 
-So a box or sector in which the function fails at one corner becomes smaller on one side, not on
-all. The range ``"all"`` of a sector's angle or spin ends only at the limits of the joint that alone
-moves the frame along it. A ray is a motion along a straight line from the middle of the cell.
+A box or sector in which the function fails at one corner thus becomes smaller on one side only. The
+range ``"all"`` of a sector's angle or spin ends only at the limits of the joint that alone moves
+the frame along it. A ray is a motion along a straight line from the middle of the cell.
 """
 
 from __future__ import annotations
@@ -132,9 +132,10 @@ def _between(
 def covered_share(
     fit: CellFit, cell: Cell, q: Array, limits: Required, known: CellDesign | None = None
 ) -> tuple[float, CellDesign | None]:
-    """Estimate by a quick design the share of a cell left after a cut; return share and design.
+    """Estimate by a quick design the fraction of a cell's volume that one function covers.
 
-    ``known`` is such a design, if there is one.
+    Sides are cut where the design fails. ``known`` is a quick design, if there is one already.
+    Return the fraction and the design, which is None if it failed.
     """
     found = known or fit.design(cell, q, quick=True)
     low, high = cut_sides(*_failing(fit, cell, q, found, limits))

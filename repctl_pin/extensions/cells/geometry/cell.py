@@ -212,7 +212,7 @@ class Cell:
 
     @property
     def _movable(self) -> Sequence[int]:
-        """Indices, among the m task coordinates, of those whose middle may move in a part.
+        """Indices of the task coordinates, 0 to m − 1, that may have another middle in a part.
 
         A part is the cell between two corners, see :meth:`_part`.
         """

@@ -1,6 +1,7 @@
-"""Batched kinematics, rotations, linear systems and null-space bases, and records of many rows.
+"""Kinematics, rotations, linear systems and null-space bases of many configurations at once.
 
-A singular matrix does not affect the results of the other rows.
+Arrays have one row per configuration, and records are named tuples of such arrays. A singular
+matrix does not affect the results of the other rows.
 """
 
 from __future__ import annotations

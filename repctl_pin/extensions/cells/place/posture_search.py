@@ -287,7 +287,7 @@ def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
 
 
 def _spread(Q: Array, count: int) -> Array:
-    """Return at most ``count`` rows of Q (K, n), each as far as possible from the earlier ones.
+    """Select at most ``count`` rows of Q (K, n), each as far as possible from those before it.
 
     These few represent all configurations, which would take too long to evaluate. Rows closer than
     0.05 rad or m to a selected row are left out.
@@ -359,7 +359,7 @@ def _reached(problem: Problem, cell: Cell) -> tuple[float, int]:
     """Evaluate how well a cell is reached from the start of a problem; return share and faults.
 
     The share is the fraction of the corners that J⁺ reaches, or −1 if the middle is not reached.
-    Faults are counted, 0 to 2: a violated limit is one, a collision another.
+    The number of faults is 0, 1 or 2: a violated limit counts as one, a collision as another.
     """
     desired = Pseudoinverse(problem.task)
     try:

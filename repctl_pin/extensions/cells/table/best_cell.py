@@ -337,10 +337,10 @@ def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: R
     """Find middles for a box that the arm reaches inside its limits, the best first.
 
     Random configurations are turned to the orientation of the box without moving the frame's
-    origin. With ``at`` (3,), m, they also move toward that position, each by a different share of
-    the way. Without ``at``, middles from floods around the arm are also tried, except for tasks of
-    few coordinates. Middles beside the best ones follow. An InputError is raised if no middle is
-    reached.
+    origin. With ``at`` (3,), m, they also move toward that position, each by a different fraction
+    of the distance. Without ``at``, middles from floods around the arm are also tried, except for
+    tasks of few coordinates. Middles beside the best ones follow. An InputError is raised if no
+    middle is reached.
     """
     p, Q = drawn(box, _DRAWN, rng)
     if at is not None:
@@ -442,12 +442,13 @@ def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
 def _best_of(
     fit: CellFit, box: Cell, places: Grown, size: int, *, search: bool
 ) -> tuple[tuple[Cell, Candidate] | None, str]:
-    """Choose the best of some places for a box of ``size`` tenths of the requested size, or None.
+    """Choose the best of some places for a box of ``size`` tenths of the requested size.
 
     Quick designs show at which place and configuration the function has the best margins and the
     lowest joint speed. With ``search``, other configurations are searched for at the first place. A
-    design of full accuracy confirms that one function covers the box. Return also the reason why
-    the first such design failed; empty if none did.
+    design of full accuracy confirms that one function covers the box. Return the place, or None if
+    no such design covers the box; and the reason why the first such design failed, empty if none
+    did.
     """
     desired, reason = fit.desired, ""
     cells = [_box_at(box, p, size / STEPS) for p in places.p]
@@ -484,9 +485,10 @@ def _largest_steps(desired: Inverse, box: Cell, found: Grown, k: int) -> int:
 
 
 def _worth(design: object) -> float:
-    """Rate a design by its joint speed and its margins, up to useful values; 0 if it fails.
+    """Rate a design by joint speed, body distance and limit margin; higher is better.
 
-    A design fails if it does not cover the box, or if bodies collide.
+    Distances and margins above a useful value do not raise the rating. It is 0 if the design does
+    not cover the box, or bodies collide.
     """
     if not isinstance(design, CellDesign) or not design.evaluation.everywhere:
         return 0.0
@@ -526,13 +528,13 @@ def _obstruction(cell: Cell, q: Array) -> str:
     if ends.reached[worst] < 1:
         share = 100 * ends.reached[worst]
         return (
-            f"on the straight way to the corner {where}, the arm is at the end of its reach or at "
+            f"on the straight line to the corner {where}, the arm is at the end of its reach or at "
             f"a singularity after {share:.0f} %"
         )
     if ends.least[worst] <= 0:
         margins = task.limit_margin(ends.Q[worst])
         joint = task.joint_names[int(np.argmin(margins))]
-        return f"on the way to the corner {where}, {joint!r} leaves its limits"
+        return f"on the straight line to the corner {where}, {joint!r} leaves its limits"
     bodies = bodies_of(task)
     Q = np.array([q, *ends.Q])
     k = int(np.argmin(bodies.distances(Q)))

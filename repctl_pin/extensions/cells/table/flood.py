@@ -1,4 +1,4 @@
-"""Floods: which nodes of a table an arm reaches from one configuration without changing branch.
+"""Floods: the nodes of a table that an arm reaches from one configuration without changing branch.
 
 A branch is one of the separate solutions of inverse kinematics. A table is a grid of radius and
 height around the axis of the joint that turns the whole arm. A flood begins at one node with one
@@ -117,7 +117,7 @@ class Table(NamedTuple):
         return Q, good
 
     def _push(self, Q: Array, held: NDArray[np.bool_]) -> Array:
-        """Compute the motion (K, n) of the joints that are not locked away from their limits."""
+        """Compute a motion (K, n) of the joints that are not locked, away from the joint limits."""
         task = self.task
         inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
         low = np.maximum(0.0, task.lower + inner - Q)
@@ -125,7 +125,7 @@ class Table(NamedTuple):
         return np.asarray(_PUSH * (low - high) * (self.counted & ~held))
 
     def _sound(self, Q: Array, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Test which configurations Q (K, n) are inside the limits and regular: (K,)."""
+        """Test which configurations Q (K, n) are inside the limits and not singular: (K,)."""
         sound = self.margins(Q) > 1
         J = placed(self.task, Q[sound])[2] * ~held[sound, None, :]
         squares = np.linalg.eigvalsh(J @ np.swapaxes(J, 1, 2))
@@ -147,11 +147,12 @@ def _newton_step(J: Array, e: Array, push: Array) -> Array:
 
 
 def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bool_]) -> Array:
-    """Flood a table from S seeds: configurations (S, I, J, n), NaN where not reached.
+    """Compute S floods of a table: configurations (S, I, J, n), NaN at nodes that are not reached.
 
-    ``nodes`` (S, 2) and Q (S, n) are the nodes and configurations of the seeds; ``held`` (S, n) is
-    True for joints that are locked. With locked joints, a node joins a flood only if the step from
-    each of its neighbours is short: such an arm cannot avoid a jump by its self-motion.
+    Flood i begins at the node ``nodes[i]`` with the configuration ``Q[i]``, (S, 2) and (S, n);
+    ``held`` (S, n) is True for joints that are locked. With locked joints, a node joins a flood
+    only if the step from each of its neighbours is short: such an arm cannot avoid a jump by its
+    self-motion.
     """
     found = np.full((len(Q), *table.shape, table.task.n), np.nan)
     seed = np.arange(len(Q))
@@ -174,7 +175,7 @@ def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bo
 
 
 def _near_neighbours(found: Array, nodes: NDArray[np.intp], Q: Array) -> NDArray[np.bool_]:
-    """Test at which nodes (K, 3) of floods Q (K, n) is one short step from all neighbours: (K,)."""
+    """Test which Q (K, n) at nodes (K, 3) differ by a short step from all neighbours: (K,)."""
     near = np.ones(len(nodes), bool)
     for way in _WAYS:
         beside = nodes + (0, *way)
@@ -188,7 +189,8 @@ def _near_neighbours(found: Array, nodes: NDArray[np.intp], Q: Array) -> NDArray
 def _neighbours(found: Array, front: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
     """List the nodes (L, 3) beside a front (K, 3) that floods have not reached, each once.
 
-    Nodes are rows of flood, radius and height. Return also one row of the front beside each: (L,).
+    Nodes are rows of flood, radius and height. Return also the row of the front to which each is
+    adjacent: (L,).
     """
     beside = np.concatenate([front + (0, *way) for way in _WAYS])
     parent = np.tile(np.arange(len(front)), len(_WAYS))

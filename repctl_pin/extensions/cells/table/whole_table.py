@@ -1,9 +1,10 @@
 """Whole table: the largest sector around an arm that one function covers at one orientation.
 
-Floods over a grid of radius and height show what the arm reaches from one configuration without a
-change of branch (of the inverse kinematics). Functions are designed for sectors: the largest
-rectangles in the best floods, and the largest parts of them whose range of radius depends on the
-height.
+A table is a grid of radius and height around the arm. A flood is the set of its nodes that the arm
+reaches from one configuration without a change of branch (of the inverse kinematics). Functions are
+designed for sectors: the largest rectangles in the best floods, and the largest parts of the floods
+whose range of radius depends on the height. A window is a range of the angle around the arm in
+which bodies keep a distance.
 """
 
 from __future__ import annotations
@@ -204,7 +205,7 @@ class WholeTable(NamedTuple):
         if _at_bodies(design):
             links = " and ".join(design.evaluation.nearest_bodies)
             return f"{links} come to {1e3 * design.body_distance:.1f} mm at some angle"
-        return "elsewhere joints exceed a limit of position or speed, or bodies come too near"
+        return "outside it, joints exceed a limit of position or speed, or bodies come too near"
 
 
 def _at_bodies(design: CellDesign) -> bool:
@@ -371,7 +372,7 @@ def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array
 def _at_side(
     table: Table, symmetries: tuple[Symmetry, ...], nodes: NDArray[np.intp], Q: Array, angle: float
 ) -> tuple[Array, Array]:
-    """Turn nodes (K, 2) and configurations Q (K, n) about the arm's axis, and the tool back.
+    """Turn nodes (K, 2) and configurations Q (K, n) about the arm's axis; the tool does not turn.
 
     So the tool keeps its orientation. Return positions (K, 3), m, and configurations (K, n), whose
     joints may be beyond their limits.
@@ -384,9 +385,9 @@ def _at_side(
 
 
 def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float, z: float) -> Array:
-    """Evaluate the share of a window that each of S floods reaches, per middle: (S, I, J).
+    """Evaluate the fraction of a box's nodes that each of S floods reaches, per middle: (S, I, J).
 
-    The window around a middle has the radii and heights of a box of half-widths x (along the
+    These nodes have the radii and heights of a box around the middle, with half-widths x (along the
     radius), y and z, m.
     """
     S, rows, columns = reached.shape
@@ -799,7 +800,7 @@ def _grid(
     rho: Array,
     z: Array,
 ) -> Table:
-    """Make the nodes that cover radii rho and heights z (K,), m, within ``heights``.
+    """Create the table whose nodes cover the radii rho and heights z (K,), m, within ``heights``.
 
     ``line`` (2, 3) is the axis of the radii: a point, m, and a direction.
     """
@@ -864,7 +865,7 @@ def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Flood
 
 
 class _Openings(NamedTuple):
-    """K windows of the angle around the arm, of all floods, with nodes free at all their angles.
+    """K windows of all floods, with the nodes that are free of collisions at all their angles.
 
     Attributes
     ----------
@@ -896,7 +897,7 @@ def _best_clear(
 ) -> tuple[float, _Openings]:
     """Choose the body distance to keep, m; return it with the windows that keep it.
 
-    ``bound`` (S,) is what each flood would be worth without bodies.
+    ``bound`` (S,) is the rating of each flood without regard to bodies, see :func:`_values`.
     """
     wide = _opened(table, floods, bound, _CLEAR, symmetries)
     rating = _values(table, floods, wide, symmetries).max()
@@ -912,8 +913,8 @@ def _opened(
 ) -> _Openings:
     """Find the best windows of floods at a body distance, m.
 
-    The test of bodies is slow. So a flood is left out if it can neither be better than others nor
-    have a larger rectangle.
+    The test of bodies is slow, so it leaves out floods that can neither have a better rating than
+    others nor a larger rectangle. ``bound`` (S,) is the rating of each flood without bodies.
     """
     parts: list[list[Any]] = []
     clear: list[NDArray[np.bool_]] = []
@@ -1027,7 +1028,11 @@ def _sector(
 
 
 def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
-    """Add floods from the middle of a design's sector, with joints locked as there, or at 0."""
+    """Add floods with locked joints that begin in the middle of a design's sector.
+
+    The joints are locked at their values in the middle of the sector, or at 0. Return the new
+    floods, followed by ``locked``.
+    """
     cell, task = design.cell, table.task
     assert isinstance(cell, Sector), "a table is a sector"
     sets = list(combinations(np.flatnonzero(table.counted), task.r))[:_SETS]
@@ -1046,7 +1051,7 @@ def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
 
 
 def _angles(table: Table, cell: Sector) -> tuple[float, float]:
-    """Return the first and the last angle of a sector, rad, from that of a table."""
+    """Return the first and the last angle of a sector, rad, relative to the angle of a table."""
     p = cell.placement.translation - table.origin
     middle = np.arctan2(np.cross(table.up, table.outward) @ p, table.outward @ p)
     return float(middle - cell.widths[ANGLE]), float(middle + cell.widths[ANGLE])

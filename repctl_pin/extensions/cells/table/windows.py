@@ -1,8 +1,8 @@
-"""Angles around an arm at which its bodies are apart, and the sectors that keep to such angles.
+"""Windows: ranges of the angle around an arm in which its bodies keep a distance.
 
 Where a part of the base is not round, or the arm stands beside a wall, bodies collide at some
-angles alone. A window is a range of the angle. At each window, a flood has nodes that are free of
-collisions at every angle of it: a wide window has fewer nodes, a narrow one more.
+angles alone. A window is a range of the angle. Each window has those nodes of a flood that are free
+of collisions at all its angles: a wide window has fewer such nodes, a narrow window more.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Shut(NamedTuple):
     out: NDArray[np.bool_]
 
     def at(self, angle: float) -> NDArray[np.bool_]:
-        """Return the nodes (I, J) that cannot be used at the tested angle nearest to one, rad."""
+        """Return the nodes (I, J) that cannot be used at the tested angle nearest to ``angle``."""
         k = round(angle / STEP) % _ANGLES
         return np.asarray(self.near[k] | self.out[k])
 
@@ -67,7 +67,7 @@ class Windows(NamedTuple):
 
 
 def shut(table: Table, flood: Array, distance: float) -> Shut:
-    """Test at all angles where bodies are nearer than a distance, m, in a flood (I, J, n).
+    """Find the nodes and angles of a flood (I, J, n) at which bodies are nearer than a distance, m.
 
     Pairs of bodies that the joint that turns the arm does not move relative to each other are
     tested once per node. The others are tested at each angle, at one node per block of nodes.
@@ -91,9 +91,10 @@ def shut(table: Table, flood: Array, distance: float) -> Shut:
 
 
 def windows(there: Shut) -> Windows:
-    """List the windows of a flood whose nodes differ; of windows with equal nodes, the widest.
+    """List the windows of a flood that have different nodes; of equal ones, the widest.
 
-    A whole turn ends where the joint does. All angles of a narrower window are inside the limits.
+    In the window of a whole turn, angles beyond the limits of the joint that turns the arm are left
+    out. All angles of a narrower window are inside these limits.
     """
     rows = [np.arange(_ANGLES)]
     masks = [~(there.near & ~there.out).any(axis=0) & ~there.out.all(axis=0)]
