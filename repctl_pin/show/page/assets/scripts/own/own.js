@@ -280,15 +280,7 @@ export class Own {
     const text = `${rest} ${where} while the arm moves: this is what redundancy is.`;
     // words that stay are not written again: a page lays out what was written
     if (byId("verdict").textContent !== text)
-      this.write(
-        [[text]],
-        [
-          [
-            "Let go, and both arms follow the path from here, the repeatable one on the leaf chosen.",
-          ],
-        ],
-        `${this.part} moved`,
-      );
+      this.write([[text]], [[LET_GO]], `${this.part} moved`);
     this.player.show();
   }
 
@@ -1021,6 +1013,8 @@ const LEAD_WORDS = {
     "The dotted line closes the loop. You are more than 1.1 cm from the start: there, closing is " +
     "not proved.",
 };
+const LET_GO =
+  "Let go, and both arms follow the path from here, the repeatable one on the leaf chosen.";
 const LOOP_WORDS = {
   verdict:
     "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m from its start " +
