@@ -204,7 +204,7 @@ class ClosingRadius:
         where = "path at each moment" if self.around == "path" else self.around
         if self.leaf:
             paths = f"{paths} of hand and elbow"
-            where = f"{where} and {_below(self.leaf)} of its levels"
+            where = f"{where} and {below(self.leaf)} of its levels"
         said = f"{paths} within {self.size} of the {where} close"
         if self.around == "start" or self.path_proved:
             return said
@@ -213,9 +213,9 @@ class ClosingRadius:
     @property
     def size(self) -> str:
         """The radius with two digits, rounded down: ``6.4 cm and 11°``."""
-        size = _length_words(self.metres)
+        size = length_below(self.metres)
         if self.radians:
-            size += f" and {_below(np.degrees(self.radians), 2)}°"
+            size += f" and {below(np.degrees(self.radians), 2)}°"
         return size
 
 
@@ -400,7 +400,7 @@ class Proof:
 
     @staticmethod
     def _above(value: float) -> str:
-        return f"> {_below(value)}"
+        return f"> {below(value)}"
 
 
 def own_proof(proof: Proof | None, subject: Callable[[], str], theorem: int = 0) -> Proof | None:
@@ -462,7 +462,7 @@ def _pieces(part: Any) -> Iterator[str]:
         yield f'"{printable(part)}' if isinstance(part, str) else repr(part)
 
 
-def _below(value: float, digits: int = 3) -> str:
+def below(value: float, digits: int = 3) -> str:
     """Format a lower bound with ``digits`` digits, rounded down so that it stays a bound."""
     if not np.isfinite(value) or value == 0:
         return f"{value:g}"
@@ -470,12 +470,12 @@ def _below(value: float, digits: int = 3) -> str:
     return f"{np.floor(value / step) * step:.{digits}g}"
 
 
-def _length_words(value: float) -> str:
+def length_below(value: float) -> str:
     """Format a length, m, with two digits, rounded down, in m, cm or mm, such as ``6.4 cm``."""
     for unit, size in (("m", 1.0), ("cm", 1e-2)):
         if value >= size:
-            return f"{_below(value / size, 2)} {unit}"
-    return f"{_below(value / 1e-3, 2)} mm"
+            return f"{below(value / size, 2)} {unit}"
+    return f"{below(value / 1e-3, 2)} mm"
 
 
 def proved_words(proof: Proof | None) -> str:
@@ -484,7 +484,7 @@ def proved_words(proof: Proof | None) -> str:
     The leaf margin is the distance from an algorithmic singularity. A search gives the smallest
     value among its samples; a smaller value may exist.
     """
-    return f"proved > {_below(proof.leaf_margin)}" if proof else "found, not proved"
+    return f"proved > {below(proof.leaf_margin)}" if proof else "found, not proved"
 
 
 def _asked(value: float | None) -> str:

@@ -147,3 +147,24 @@ def test_a_proof_is_refused_in_one_line() -> None:
     with pytest.raises(rp.InputError, match="has no proof yet; design a sector with one") as error:
         rp.prove(found("an axis task by height"))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("radius", "reason"),
+    [
+        (([-0.3], [-0.1]), "at some height reaches the axis"),
+        (([0.2, -0.4], [0.7]), "at some height reaches the axis"),
+        (([0.2], [0.4, -0.2 + 1e-8]), "largest radius is not above the smallest"),
+        (([-1e308], [1e308]), "too large"),
+        (([10**400], [1.0]), "at most 9 coefficients"),
+    ],
+)
+def test_sides_that_bound_no_sector_are_refused(radius: object, reason: str) -> None:
+    with pytest.raises(rp.InputError, match=reason):
+        sector_of(SHAPED, radius=radius)
+
+
+@pytest.mark.parametrize("coefficients", [[[0, np.nan], [1, 0]], [[0] * 12, [1] + [0] * 11]])
+def test_a_profile_of_a_file_is_checked(coefficients: list[list[float]]) -> None:
+    with pytest.raises(rp.InputError, match="profile of the sector"):
+        sector_of(SHAPED)._profiled_by(np.array(coefficients, float))

@@ -229,8 +229,8 @@ def run(options: Options) -> int:
         if whole and options.prove and whole.straight is not whole.design:
             notes.insert(
                 0,
-                f"--prove: this function is for {design.cell.size()}, with one range of radius; a "
-                "range that depends on the height cannot be proved",
+                "--prove: this function is for the largest sector with one range of radius; one of "
+                f"{whole.area:.2g} m², whose range depends on the height, cannot be proved",
             )
     elif options.start is None:
         notes.append(f"the start is {asked.start_is}")

@@ -18,8 +18,11 @@ from numpy.typing import ArrayLike
 from ....base.arguments import Array
 from ....base.errors import InputError
 
-_MOST_DEGREE = 8
+MOST_DEGREE = 8
 """Maximum degree of the two polynomials."""
+
+NARROWEST = 1e-6
+"""Smallest difference of the two radii at any height, m."""
 
 
 class Profile(NamedTuple):
@@ -99,7 +102,8 @@ def as_profile(radius: Any, height: float) -> tuple[Profile, float, float] | Non
 
     ``radius`` are two lists of coefficients: the smallest and the largest radius, m, in powers of
     the height above the middle divided by its half-width ``height``, m. Return also the radius of
-    the middle and the half-width there, m. An InputError is raised if the sides meet.
+    the middle and the half-width there, m. An InputError is raised if the sides meet, or if the
+    smallest radius is not above 0.
     """
     if not (np.iterable(radius) and any(np.iterable(side) for side in radius)):
         return None
@@ -112,11 +116,23 @@ def as_profile(radius: Any, height: float) -> tuple[Profile, float, float] | Non
         )
     size = max(len(low), len(high))
     low, high = (np.pad(side, (0, size - len(side))) for side in (low, high))
-    scale = height ** -np.arange(size, dtype=float) if size > 1 else np.ones(1)
-    middle, half = (high + low) / 2 * scale, (high - low) / 2 * scale
+    with np.errstate(over="ignore", invalid="ignore"):
+        scale = height ** -np.arange(size, dtype=float) if size > 1 else np.ones(1)
+        middle, half = (high + low) / 2 * scale, (high - low) / 2 * scale
     rho, width = float(middle[0]), float(half[0])
-    gap = _minimum(Polynomial(high - low), 1.0)
-    if not gap > 0:
+    if not (np.isfinite(middle).all() and np.isfinite(half).all()):
+        raise InputError(
+            ": its coefficients are too large for this height",
+            argument="radius",
+            remedy="give radii in m and a larger height",
+        )
+    if not (least := _minimum(Polynomial(low), 1.0)) > 0:
+        raise InputError(
+            f"of {least:.3g} m at some height reaches the axis",
+            argument="radius",
+            remedy="keep the smallest radius above 0 at every height",
+        )
+    if not _minimum(Polynomial(high - low), 1.0) > NARROWEST:
         raise InputError(
             ": the largest radius is not above the smallest at every height",
             argument="radius",
@@ -131,16 +147,16 @@ def _side_pair(radius: Any) -> tuple[Array, Array]:
     """Check the two sides of a sector, lists of at most 9 coefficients each, and return them."""
     try:
         low, high = (np.asarray(side, float) for side in radius)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         low = high = np.zeros(0)
     good = all(
-        side.ndim == 1 and 0 < len(side) <= _MOST_DEGREE + 1 and np.isfinite(side).all()
+        side.ndim == 1 and 0 < len(side) <= MOST_DEGREE + 1 and np.isfinite(side).all()
         for side in (low, high)
     )
     if not good:
         raise InputError(
             "must be one number, m, or two lists of at most "
-            f"{_MOST_DEGREE + 1} coefficients, of the smallest and of the largest radius, m",
+            f"{MOST_DEGREE + 1} coefficients, of the smallest and of the largest radius, m",
             argument="radius",
         )
     return low, high

@@ -31,7 +31,7 @@ from .cell_arguments import (
     no_spin,
 )
 from .kinematics import exp3, left_jacobian
-from .profile import STRAIGHT, Profile, as_profile
+from .profile import MOST_DEGREE, NARROWEST, STRAIGHT, Profile, as_profile
 from .symmetry import NEAR, Symmetry, axis_symmetry, difference, difference_words, tool_symmetry
 
 RADIUS, ANGLE, HEIGHT, SPIN = 0, 1, 2, 5
@@ -386,7 +386,13 @@ class Sector(Cell):
     def _profiled_by(self, coefficients: Array) -> Sector:
         """Return the sector with a profile, given its coefficients (2, D + 1), as in a file."""
         good = coefficients.ndim == 2 and len(coefficients) == 2 and self.widths[HEIGHT:3].any()
-        if not (good and coefficients[0, 0] == 0 and coefficients[1, 0] == 1):
+        good = good and coefficients.shape[1] <= MOST_DEGREE + 1
+        if not (
+            good
+            and np.isfinite(coefficients).all()
+            and coefficients[0, 0] == 0
+            and coefficients[1, 0] == 1
+        ):
             raise InputError(
                 "the profile of the sector must be two rows of coefficients that begin with 0 and "
                 "1, for a height above 0; design the cell again"
@@ -401,7 +407,7 @@ class Sector(Cell):
             return
         w = self.widths
         least, gap = self.profile.lowest(self.middle[0], w[RADIUS], w[HEIGHT])
-        if least < _NEAR or gap <= 0:
+        if not (least >= _NEAR and gap > NARROWEST):
             raise InputError(
                 f"a range of radius that depends on the height ends within ±{w[HEIGHT]:.3g} m; "
                 "scale it by at most 1"

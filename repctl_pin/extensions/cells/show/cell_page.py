@@ -12,6 +12,7 @@ from itertools import pairwise, product
 import numpy as np
 
 from ....base.arguments import Array, ratio_in_percent
+from ....base.certificate import below, length_below
 from ....model.bodies import bodies_of
 from ....motion import Motion, elbow
 from ....motion.joint_motion import TOO_FAST
@@ -22,7 +23,6 @@ from ....show.palette import BLUE, VERMILLION
 from ....show.report import framed, picture, versions
 from ....show.text.headline import NEAR, Headline
 from ....show.text.lines import Span, capital
-from ....show.text.numbers import metres
 from ....show.text.parts import redundant_part
 from ....strategies import Pseudoinverse
 from ..cell_design_result import CellDesign
@@ -267,8 +267,8 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
         return Span(f"Joint limits exceeded {by}.", "bad")
     asked = design.requested_limit_margin
     short = f" (requested {asked:g})" if least < asked else ""
-    kept = f"kept by {least:.2g} {unit} or more{short}"
-    kept = kept if np.isfinite(least) else "kept"
+    finite = np.isfinite(least)
+    kept = f"kept by {below(least, 2)} {unit} or more{short}" if finite else "kept"
     ends = _turned_to_the_end(design)
     use = "use their whole ranges" if len(ends) > 1 else "uses its whole range"
     but = f"; {' and '.join(ends)} {use}" if ends else ""
@@ -306,8 +306,8 @@ def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
     if least < 0:
         return [Span(f"{named} collide.", "bad"), *more]
     if least < NEAR:
-        return [Span(f"{named} come as near as {metres(least)}.", "near"), *more]
-    return [Span(f"Links are at least {metres(least)} apart at the tested poses."), *more]
+        return [Span(f"{named} come as near as {length_below(least)}.", "near"), *more]
+    return [Span(f"Links are at least {length_below(least)} apart at the tested poses."), *more]
 
 
 def _unbroken(span: Span) -> Span:

@@ -22,8 +22,9 @@ _DEGREE = 4
 _NARROW = 2.0
 """Smallest difference of the two radii, in units of the spacing of the nodes."""
 
-_SHORT = 3
-"""Smallest number of spacings from the lowest to the highest height."""
+_SHORT = 2 * _DEGREE
+"""Smallest number of spacings from the lowest to the highest height. With fewer, nothing would bind
+the polynomials between the nodes."""
 
 _STRIDE = 2
 """Step of the lowest and the highest height that are tried, in nodes."""

@@ -177,8 +177,9 @@ class WholeTable(NamedTuple):
 
     def __str__(self) -> str:
         design, share = self.design, self.area / self.rectangle
+        kind = " (one range of radius)" if design is self.straight else ""
         text = (
-            f"the largest sector that was found: {self.area:.2g} m² of radius and height, "
+            f"the largest sector that was found{kind}: {self.area:.2g} m² of radius and height, "
             f"{100 * share:.0f} % of the largest rectangle found in its reach; "
             f"+{100 * max(design.extra_speed, 0.0):.1f} % joint speed on average, "
             f"+{100 * max(design.extra_speed_worst, 0.0):.0f} % at the worst pose"
