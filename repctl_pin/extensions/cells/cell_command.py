@@ -218,22 +218,7 @@ def run(options: Options) -> int:
         made = [*pictures, rp.save(design, staged / "cell.json")]
     files = [folder / file.name for file in made]
 
-    # notes: what --shrink left, and how the place and the start were chosen
-    kept = cell.widths > 0
-    kept[list(cell.free)] = False
-    if options.shrink and (design.cell.widths[kept] < cell.widths[kept]).any():
-        sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
-        notes.insert(0, f"--shrink: {sizes}")
-    if asked.placed:
-        notes = [*asked.placed, *notes]
-        if whole and options.prove and whole.straight is not whole.design:
-            notes.insert(
-                0,
-                "--prove: this function is for the largest sector with one range of radius; one of "
-                f"{whole.area:.2g} m², whose range depends on the height, cannot be proved",
-            )
-    elif options.start is None:
-        notes.append(f"the start is {asked.start_is}")
+    notes = _with_choices(notes, options, asked, design)
 
     def text() -> list[Span]:
         from .show.cell_page import cell_headline
@@ -341,6 +326,29 @@ def _asked(options: Options, report: Report) -> _Asked:
     cell = cell_of(problem)
     posture = rp.solve_ik(problem.task, problem.start, cell.placement)
     return _Asked(cell, posture, problem.start_is, False)
+
+
+def _with_choices(
+    notes: list[str], options: Options, asked: _Asked, design: rp.CellDesign
+) -> list[str]:
+    """Add notes on the choices of the command: the size, the place and the start of the cell."""
+    cell = asked.cell
+    kept = cell.widths > 0
+    kept[list(cell.free)] = False
+    whole = asked.place.table if asked.place is not None else None
+    before = list(asked.placed)
+    if options.shrink and (design.cell.widths[kept] < cell.widths[kept]).any():
+        sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
+        before.append(f"--shrink: {sizes}")
+    if whole and options.prove and whole.straight is not whole.design:
+        before.insert(
+            0,
+            "--prove: this function is for the largest sector with one range of radius; one of "
+            f"{whole.area:.2g} m², whose range depends on the height, cannot be proved",
+        )
+    if not asked.placed and options.start is None:
+        notes = [*notes, f"the start is {asked.start_is}"]
+    return [*before, *notes]
 
 
 def _placed(options: Options, at: Any, report: Report) -> _Asked:

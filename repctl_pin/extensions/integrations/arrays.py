@@ -706,18 +706,12 @@ def _rates(
     xp: Namespace, cell: Cell, X: list[Numbers], y: list[Numbers], xdot: list[Numbers]
 ) -> list[Numbers]:
     """Compute the rates of the offsets y of :func:`_measured` at the task velocity ẋ."""
-    kind, m, sector = cell.task.kind, cell.task.m, isinstance(cell, Sector)
+    kind, sector = cell.task.kind, isinstance(cell, Sector)
     back: Callable[[Numbers], Numbers] = _same
     v, omega = xdot[:3], xdot[3:]
-    if isinstance(cell, Sector):  # in the directions radial, tangential, and along the axis
+    if isinstance(cell, Sector):
         _, back = _about_axis(xp, cell, X)
-        given = dict(zip(kind.rows.tolist(), xdot, strict=True))
-        none = xp.zeros_like(xdot[0])
-        v = list(_unstack(back(xp.stack([given.get(i, none) for i in range(3)]))))
-        bend, stretch, *slopes = _profiled(xp, cell, y[HEIGHT] if m > HEIGHT else none)
-        radius = cell.middle[0] + bend + stretch * y[RADIUS]
-        radial = v[RADIUS] - (slopes[0] + slopes[1] * y[RADIUS]) * v[HEIGHT]
-        v = [radial / stretch, v[ANGLE] / radius, v[HEIGHT]][:m]
+        v = _sector_rates(xp, cell, y, xdot, back)
     if not kind.turns:
         return v
     if not kind.tool_axes:
@@ -729,15 +723,40 @@ def _rates(
     a, b, _ = _tilted_back(xp, t, _from_middle(xp, cell, back(X[0])))
     w = [a * omega[0] - b * omega[1], b * omega[0] + a * omega[1], *omega[2:]]
     if sector:
+        none = xp.zeros_like(v[ANGLE])
         about = xp.stack([none, none, v[ANGLE]])
         around = _tilted_back(xp, t, _from_middle(xp, cell, about))
         w = [one - other for one, other in zip(w, around, strict=False)]
-    # ω = J_r(t) dt + dψ e_z
+    return [*v, *_tilt_rates(xp, t, w)]
+
+
+def _sector_rates(
+    xp: Namespace,
+    cell: Sector,
+    y: list[Numbers],
+    xdot: list[Numbers],
+    back: Callable[[Numbers], Numbers],
+) -> list[Numbers]:
+    """Compute the rates of radius, angle and height of a sector at the task velocity ẋ.
+
+    ``back`` converts vectors to the directions radial, tangential, and along the axis.
+    """
+    given = dict(zip(cell.task.kind.rows.tolist(), xdot, strict=True))
+    none = xp.zeros_like(xdot[0])
+    v = list(_unstack(back(xp.stack([given.get(i, none) for i in range(3)]))))
+    bend, stretch, *slopes = _profiled(xp, cell, y[HEIGHT] if cell.task.m > HEIGHT else none)
+    radius = cell.middle[0] + bend + stretch * y[RADIUS]
+    radial = v[RADIUS] - (slopes[0] + slopes[1] * y[RADIUS]) * v[HEIGHT]
+    return [radial / stretch, v[ANGLE] / radius, v[HEIGHT]][: cell.task.m]
+
+
+def _tilt_rates(xp: Namespace, t: list[Numbers], w: list[Numbers]) -> list[Numbers]:
+    """Compute the rates of tilts t and spin ψ from the velocity ``ω = J_r(t) dt + dψ e_z``."""
     square, across = t[0] ** 2 + t[1] ** 2, t[0] * w[0] + t[1] * w[1]
     e = _by_angle(xp, square, 1 / 6 + 7 * square / 360, lambda a: (a / xp.sin(a) - 1) / a**2)
     dt = [w[i] + e * (square * w[i] - t[i] * across) for i in range(2)]
     spin = [each + _versine(xp, square) * (t[0] * dt[1] - t[1] * dt[0]) for each in w[2:]]
-    return [*v, *dt, *spin]
+    return [*dt, *spin]
 
 
 def _same(v: Numbers) -> Numbers:
