@@ -89,12 +89,16 @@ def _stamp(path: Path) -> tuple[int, int, int] | None:
 
 def _shrink(folder: Path) -> None:
     """Delete the cached files that were not used for longest, until the others fit the limit."""
+    files = []
+    for file in folder.glob("*.npz"):
+        with suppress(OSError):  # another process may have deleted it
+            files.append((file.stat(), file))
     total = 0
-    files = [(file, file.stat()) for file in folder.glob("*.npz")]
-    for file, known in sorted(files, key=lambda each: -each[1].st_mtime_ns):
+    for known, file in sorted(files, key=lambda each: -each[0].st_mtime_ns):
         total += known.st_size
         if total > _LARGEST_CACHE:
-            file.unlink(missing_ok=True)
+            with suppress(OSError):
+                file.unlink()
 
 
 def _kept(path: Path, variant: str) -> Path | None:
