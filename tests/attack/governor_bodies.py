@@ -1,11 +1,11 @@
-"""Ticks of a governor that keeps a body distance, on three arms with a table and a post.
+"""Ticks of a governor that keeps a body distance, on arms and two hands, with a table and a post.
 
 Run: python tests/attack/governor_bodies.py [ticks per arm] [arm ...]
 
 Random targets and twists, many of them beyond the table and the post, reversals, jumps and garbage.
 Every 50 ticks coal measures the full meshes of every checked pair, apart from the guard. Whenever a
 body has stopped the arm for 0.4 s, it is asked to go away: it counts as stuck if none of 20 targets
-within 0.15 m moves its frame by 5 mm. Times are processor times of a tick."""
+within 0.15 m moves a frame by 5 mm. Times are processor times of a tick."""
 
 from __future__ import annotations
 
@@ -39,8 +39,12 @@ ARMS = {
     "panda": ("panda_hand_tcp", -0.07, 0.55, 0.3),
     "xarm7": (None, -0.07, 0.5, 0.3),
     "baxter": ("left_gripper", -0.2, 0.7, 0.6),
+    "baxter, both hands": (("left_gripper", "right_gripper"), -0.2, 0.8, 0.0),
 }
-"""Frame, height of the table, position of the post."""
+"""Frame or frames, height of the table, position of the post."""
+
+Places = tuple[pin.SE3, ...]
+"""Placement of each frame."""
 
 
 class FullMeshes:
@@ -86,10 +90,15 @@ def start_of(task: rp.Task, bodies: rp.Bodies) -> np.ndarray:
     return Q[int(np.argmax(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1]))]
 
 
-def near(place: pin.SE3, size: float, rng: np.random.Generator) -> pin.SE3:
-    """Displace and turn a placement at random."""
-    turn = pin.exp3(0.4 * rng.normal(size=3))
-    return pin.SE3(turn @ place.rotation, place.translation + size * rng.normal(size=3))
+def near(places: Places, size: float, rng: np.random.Generator) -> Places:
+    """Displace and turn placements at random."""
+    return tuple(
+        pin.SE3(
+            pin.exp3(0.4 * rng.normal(size=3)) @ place.rotation,
+            place.translation + size * rng.normal(size=3),
+        )
+        for place in places
+    )
 
 
 def run(name: str, ticks: int, seed: int, folder: Path) -> dict[str, object]:
@@ -97,7 +106,9 @@ def run(name: str, ticks: int, seed: int, folder: Path) -> dict[str, object]:
     frame, table, x, y = ARMS[name]
     around = folder / "workcell.urdf"
     around.write_text(WORKCELL.format(table=table, x=x, y=y), encoding="utf-8")
-    task = rp.Robot.load(name, surroundings=around).task(frame, "pose")
+    robot = rp.Robot.load(name.partition(",")[0], surroundings=around)
+    several = isinstance(frame, tuple)
+    task = robot.task([(one, "pose") for one in frame]) if several else robot.task(frame, "pose")
     bodies, rng = rp.Bodies(task), np.random.default_rng(seed)
     q0, full = start_of(task, bodies), FullMeshes(bodies)
     inverse = control(task, q0, rp.Polynomial(q0, 2, 0.5))
@@ -106,15 +117,16 @@ def run(name: str, ticks: int, seed: int, folder: Path) -> dict[str, object]:
         margin=0.02, bodies=bodies, body_distance=DISTANCE,
     )  # fmt: skip
     governor.start(q0)
-    home, said, times = task.placement(q0), Counter(), []
+    home, said, times = task.placements(q0), Counter(), []
     least, contact, checks, stops, asked, stuck, blocked, done = (np.inf, np.inf, *6 * [0])
     Q = [q0] * 4
     worst, limits = np.zeros(3), (task.velocity_limit, 8.0, 2000.0)
 
-    def tick(target: pin.SE3 | None, twist: np.ndarray | None) -> rp.Status:
+    def tick(target: Places | None, twist: np.ndarray | None) -> rp.Status:
         nonlocal least, contact, checks, done
+        given = target if target is None or several else target[0]
         began = time.thread_time()
-        q, status = governor.step(target, twist)
+        q, status = governor.step(given, twist)
         times.append(time.thread_time() - began)
         done += 1
         said[status.name] += 1
@@ -130,16 +142,17 @@ def run(name: str, ticks: int, seed: int, folder: Path) -> dict[str, object]:
         return status
 
     def leaves() -> bool:
-        here = task.placement(Q[-1])
+        here = task.placements(Q[-1])
         for _ in range(20):
             away = near(here, 0.1, rng)
             for _ in range(400):
                 tick(away, None)
-            moved = task.placement(Q[-1]).translation - here.translation
-            if np.linalg.norm(moved) > 5e-3:
+            there = zip(task.placements(Q[-1]), here, strict=True)
+            if max(np.linalg.norm(x.translation - y.translation) for x, y in there) > 5e-3:
                 return True
         return False
 
+    size = (len(home), 6) if several else 6
     while done < ticks:
         target, twist = None, None
         kind = rng.random()
@@ -148,9 +161,9 @@ def run(name: str, ticks: int, seed: int, folder: Path) -> dict[str, object]:
         elif kind < 0.65:
             target = home
         elif kind < 0.95:
-            twist = rng.normal(size=6) * rng.choice([0.1, 1.0, 10.0])
+            twist = rng.normal(size=size) * rng.choice([0.1, 1.0, 10.0])
         else:
-            twist = np.full(6, rng.choice([np.nan, 1e200]))
+            twist = np.full(size, rng.choice([np.nan, 1e200]))
         before = blocked
         for _ in range(int(rng.choice([3, 20, 100, 400, 1500]))):
             status = tick(target, twist)

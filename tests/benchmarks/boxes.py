@@ -98,7 +98,7 @@ def covered(task: rp.Task, parts: tuple, size: NDArray) -> str:
 
 def box_line(name: str, task: rp.Task, k: int) -> str:
     """Compare the search with floods for the k-th box of an arm; return one line."""
-    rng = np.random.default_rng([k, len(name)])
+    rng = np.random.default_rng([k, *name.encode()])
     size, yaw = rng.uniform(0.2, 0.5, 3), float(rng.uniform(-np.pi, np.pi))
     begin, shares, whys, place = time.process_time(), [], [], None
     for seed in SEEDS:

@@ -4,6 +4,7 @@ refuses."""
 from __future__ import annotations
 
 import json
+from decimal import ROUND_FLOOR, Decimal
 from html import unescape
 from itertools import product
 from pathlib import Path
@@ -358,10 +359,9 @@ def test_the_verdict_comes_first(made: Path, capsys, no_tours: None) -> None:
     assert cost + f"{100 * worst:.2g} % at worst." in first
     assert "Tested at 256 poses, not proved." in first
     least = min(said["limit_margin"], said["limit_margin_worst"])
-    told = float(
-        first.partition("Joint limits kept by ")[2].partition(" rad or more (requested 9).")[0]
-    )
-    assert 0.9 * least < told <= least  # rounded down, because of "or more"
+    assert 1 < least < 10  # so that two digits are tenths, rounded down because of "or more"
+    tenths = Decimal(least).quantize(Decimal("0.1"), ROUND_FLOOR)
+    assert f"Joint limits kept by {float(tenths):g} rad or more (requested 9)." in first
     for name in ("extra joint speed", "limit margin"):
         assert len([x for x in out.splitlines() if x.startswith(f"  {name} ")]) == 1
     rows = out.partition("  limit margin")[2].partition("  body distance")[0]

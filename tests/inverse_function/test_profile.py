@@ -168,3 +168,12 @@ def test_sides_that_bound_no_sector_are_refused(radius: object, reason: str) -> 
 def test_a_profile_of_a_file_is_checked(coefficients: list[list[float]]) -> None:
     with pytest.raises(rp.InputError, match="profile of the sector"):
         sector_of(SHAPED)._profiled_by(np.array(coefficients, float))
+
+
+def test_a_radius_outside_is_measured_from_the_middle_at_its_height() -> None:
+    """Where the sides bend, that is not the radius of the sector's middle."""
+    sector = sector_of(SHAPED)
+    above = sector.placement.copy()
+    above.translation = above.translation + [0.2, 0, 0.08]
+    with pytest.raises(rp.InputError, match=r"radius is .* m from the middle at its height, and"):
+        sector.inside(*sector.coordinates(above.translation[None], above.rotation[None]))

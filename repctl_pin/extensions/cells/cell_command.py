@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import repctl_pin as rp
 
@@ -20,6 +20,9 @@ from ...cli.given import Options, integer, natural, numbers_of, positive, proved
 from ...cli.options import Parser
 from ...cli.terminal import in_percent, page_lines, progress, report
 from ...show.text.lines import Span, fitted, noted, wrapped
+
+if TYPE_CHECKING:
+    from .table.whole_table import WholeTable
 
 HELP = (
     "find one function for a whole cell, a box of poses or a sector around the base: it gives "
@@ -191,10 +194,9 @@ def run(options: Options) -> int:
     asked = _asked(options, in_percent(say))
     cell = asked.cell
     try:
-        whole = asked.place.table if asked.place is not None else None
         design = (
-            (whole.straight if options.prove else whole.design)
-            if whole
+            asked.design
+            if asked.design is not None
             else rp.nearest_inverse_function(
                 rp.Pseudoinverse(cell.task),
                 cell,
@@ -278,8 +280,8 @@ class _Asked(NamedTuple):
     placed : tuple of str
         Notes on a cell whose place was searched for: the place, the cause that prevents a larger
         cell, and the approach axis of the tool.
-    place : BestCell or None
-        Place that was searched for, with ``--size`` or an orientation; None without such options.
+    design : CellDesign or None
+        Function over the largest sector, which was found with the sector; None for other cells.
     """
 
     cell: rp.Cell
@@ -287,7 +289,7 @@ class _Asked(NamedTuple):
     start_is: str
     crowded: bool
     placed: tuple[str, ...] = ()
-    place: rp.BestCell | None = None
+    design: rp.CellDesign | None = None
 
 
 def _asked(options: Options, report: Report) -> _Asked:
@@ -335,17 +337,10 @@ def _with_choices(
     cell = asked.cell
     kept = cell.widths > 0
     kept[list(cell.free)] = False
-    whole = asked.place.table if asked.place is not None else None
     before = list(asked.placed)
     if options.shrink and (design.cell.widths[kept] < cell.widths[kept]).any():
         sizes = f"no single function covers {cell.size()}; this one is for {design.cell.size()}"
         before.append(f"--shrink: {sizes}")
-    if whole and options.prove and whole.straight is not whole.design:
-        before.insert(
-            0,
-            "--prove: this function is for the largest sector with one range of radius; one of "
-            f"{whole.area:.2g} m², whose range depends on the height, cannot be proved",
-        )
     if not asked.placed and options.start is None:
         notes = [*notes, f"the start is {asked.start_is}"]
     return [*before, *notes]
@@ -387,20 +382,11 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         progress=report,
         **more,
     )
-    cell = place.cell
     if place.table is not None:
-        table = place.table
-        if options.prove and table.straight is not table.design:
-            # the locked joints were compared with the sector that cannot be proved
-            table = table._replace(design=table.straight, locked=None, larger=None)
-        note = str(table)
-        if table.locked is not None:
-            note += f"; {table.locked}"
-        if table.larger is not None:
-            one, area = table.larger, table.area
-            note += f"; a larger sector, {one.area:.2f} m² in place of {area:.2f}, has {one}"
-        notes = (note, *_approach_note(place))
-        return _Asked(cell, place.posture, "searched for the sector", False, notes, place)
+        design, said = _whole_table(place.table, options.prove)
+        notes = (*said, *_approach_note(place))
+        return _Asked(design.cell, None, "searched for the sector", False, notes, design)
+    cell = place.cell
     # a box, with rotations if they are given
     posture: Any = place.posture
     if options.half_angle != "0":
@@ -411,7 +397,30 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         share = f"{100 * place.factor:.0f} % of the size that was asked for"
         note += f"; {share}, because at full size, {place.reason}"
     notes = (note, *_approach_note(place))
-    return _Asked(cell, posture, "searched for the cell", False, notes, place)
+    return _Asked(cell, posture, "searched for the cell", False, notes)
+
+
+def _whole_table(table: WholeTable, prove: bool) -> tuple[rp.CellDesign, list[str]]:
+    """Choose the function over a whole table, with the notes on its sector.
+
+    A range of radius that depends on the height cannot be proved: with ``prove``, the function is
+    the one over the largest sector with one range.
+    """
+    notes = []
+    if prove and table.straight is not table.design:
+        notes.append(
+            "--prove: this function is for the largest sector with one range of radius; one of "
+            f"{table.area:.2g} m², whose range depends on the height, cannot be proved"
+        )
+        # the locked joints were compared with the sector that cannot be proved
+        table = table._replace(design=table.straight, locked=None, larger=None)
+    text = str(table)
+    if table.locked is not None:
+        text += f"; {table.locked}"
+    if table.larger is not None:
+        one, area = table.larger, table.area
+        text += f"; a larger sector, {one.area:.2f} m² in place of {area:.2f}, has {one}"
+    return table.design, [*notes, text]
 
 
 def _approach_note(place: rp.BestCell) -> list[str]:

@@ -345,7 +345,7 @@ class Cell:
         name, unit, width = self.names[i], self.units[i], self._widths_at(U[at])[i]
         raise InputError(
             f"{which} lies outside the cell: {name} is {U[at, i] * width:+.3g} {unit} "
-            f"from the middle, and the cell goes to ±{width:.3g}"
+            f"from the middle{self._middle_of(i)}, and the cell goes to ±{width:.3g}"
         )
 
     def ratio(self, Q: ArrayLike) -> Array:
@@ -714,6 +714,10 @@ class Cell:
     def _widths_at(self, u: Array) -> Array:
         """Return the half-widths (k,) at the coordinates u (k,), m and rad; alike in a box."""
         return self._active_widths
+
+    def _middle_of(self, i: int) -> str:
+        """Write on what the middle of the coordinate u_i depends; nothing in a box."""
+        return ""
 
     def _values(self, Y: Array) -> Array:
         """Return the values (K, m) of all task coordinates at offsets Y (K, m), m and rad."""

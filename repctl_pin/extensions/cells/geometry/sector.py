@@ -351,6 +351,10 @@ class Sector(Cell):
             widths[0] *= stretch[0]
         return widths
 
+    def _middle_of(self, i: int) -> str:
+        """Write that the middle of the radius depends on the height, if it does."""
+        return " at its height" if self.profile.degree and self.moved[i] == RADIUS else ""
+
     # ---- other sectors
     # --------------------------------------------------------------------------------
 

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -289,7 +290,8 @@ def whole_table(
     widest = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
     tested = _unlike(table, floods)
     whole = _whole_turns(tested)
-    free = _affordable(tested, whole, widest, Required(*most_extra))
+    speeds = _speeds(tested, widest)
+    free = _affordable(whole, speeds, Required(*most_extra))
     bound = free.area * _turns(table, tested, whole, free, symmetries)
     distance, openings = _best_clear(table, tested, bound, symmetries)
     rectangle = rectangles(openings.clear).area.max()
@@ -309,7 +311,7 @@ def whole_table(
         keep=True,
     )
     limits = Required(*most_extra, distance)
-    within = _affordable(tested, openings, widest, limits)
+    within = _affordable(openings, speeds, limits)
     sectors = _sectors(table, tested, openings, within, line, symmetries)
     ranked = _ranked(fit, sectors, limits, report)
     if distance == _CLEAR and ranked and ranked[0].rating < _MUCH * ranked[0].most:
@@ -322,7 +324,7 @@ def whole_table(
     if area_of(straight.cell) < _MUCH * rectangle * SPACING**2 and _at_bodies(straight):
         straight = _farther_from_bodies(fit, ranked[0], limits, report, straight)
     report("a range of radius for each height", 0.85)
-    shaped = _shaped_places(table, tested, openings, widest, limits, line, symmetries)
+    shaped = _shaped_places(table, tested, openings, speeds, limits, line, symmetries)
     design = _larger_design(fit, shaped, limits, straight)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
@@ -432,16 +434,32 @@ def _sectors(
     middles = (found.first + found.last) // 2
     postures = floods.Q[openings.flood, middles[:, 0], middles[:, 1]]
     rating = found.area * SPACING**2 * _turns(table, floods, openings, found, symmetries)
+
+    def sector(k: int, turns: tuple[float, float]) -> Cell:
+        return _sector(table, line, symmetries, found.first[k], found.last[k], turns)
+
+    return _places(table, openings, symmetries, postures, rating, sector)
+
+
+def _places(
+    table: Table,
+    openings: _Openings,
+    symmetries: tuple[Symmetry, ...],
+    postures: Array,
+    rating: Array,
+    sector: Callable[[int, tuple[float, float]], Cell],
+) -> list[_Place]:
+    """Make the places of the sectors with the best rating (K,) and unlike postures (K, n).
+
+    There is at most one sector per opening. ``sector`` makes that of the opening k, given the
+    angles by which its middle is turned about the arm's axis and the tool's, rad.
+    """
     order = np.argsort(-rating, kind="stable")[: int((rating > 0).sum())]
     order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
-    places = []
-    for k in order:
-
-        def sector(turns: tuple[float, float], k: int = k) -> Cell:
-            return _sector(table, line, symmetries, found.first[k], found.last[k], turns)
-
-        places.append(_place(table, openings, k, symmetries, postures[k], float(rating[k]), sector))
-    return places
+    return [
+        _place(table, openings, k, symmetries, postures[k], float(rating[k]), partial(sector, k))
+        for k in map(int, order)
+    ]
 
 
 def _place(
@@ -471,7 +489,7 @@ def _shaped_places(
     table: Table,
     floods: _Floods,
     openings: _Openings,
-    cell: Cell,
+    speeds: Array,
     limits: Required,
     line: Array,
     symmetries: tuple[Symmetry, ...],
@@ -480,8 +498,10 @@ def _shaped_places(
 
     They lie in nodes at which joint speed can meet the limits, as in :func:`_affordable`.
     """
-    own, usual = _speeds(floods, openings, cell)
-    every = [_between(mask, own[k], usual[k], limits) for k, mask in enumerate(openings.mask)]
+    own, usual = speeds[:, openings.flood]
+    every = [
+        _affordable_between(*one, limits) for one in zip(openings.mask, own, usual, strict=True)
+    ]
     rating = np.zeros(len(every))
     postures = np.zeros((len(every), table.task.n))
     for k, found in enumerate(every):
@@ -490,21 +510,17 @@ def _shaped_places(
             share = _turn_share(table.task, symmetries, Q[inside], openings.half[k] / np.pi)
             rating[k] = found.area * SPACING**2 * (0.5 + 0.5 * share)
             postures[k] = Q[found.middle]
-    order = np.argsort(-rating, kind="stable")[: int((rating > 0).sum())]
-    order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
-    places = []
-    for k in order:
 
-        def sector(turns: tuple[float, float], found: Between = every[k]) -> Cell:
-            first, last = (np.array([0, j]) for j in (found.first, found.last))
-            return _sector(table, line, symmetries, first, last, turns, found)
+    def sector(k: int, turns: tuple[float, float]) -> Cell:
+        first, last = (np.array([0, j]) for j in (every[k].first, every[k].last))
+        return _sector(table, line, symmetries, first, last, turns, every[k])
 
-        most = float(rating[k])
-        places.append(_place(table, openings, int(k), symmetries, postures[k], most, sector))
-    return places
+    return _places(table, openings, symmetries, postures, rating, sector)
 
 
-def _between(mask: NDArray[np.bool_], own: Array, usual: Array, limits: Required) -> Between:
+def _affordable_between(
+    mask: NDArray[np.bool_], own: Array, usual: Array, limits: Required
+) -> Between:
     """Find the largest range of radius by height in one opening (I, J) that meets the limits.
 
     ``own`` and ``usual`` (I, J) are the squared joint speeds of a function and of J⁺. The dearest
@@ -532,7 +548,7 @@ def _larger_design(
     It must be larger in area, and also if the range around the arm counts. Else the given design
     is returned.
     """
-    worth = _rating(design.cell, design, Required())
+    worth = _worth(design)
     for place in places:
         if place.most <= worth:
             break
@@ -540,7 +556,7 @@ def _larger_design(
             q = given(place.cell, place.posture)
             found = trimmed(fit, place.cell, q, limits._replace(window=place.window))
             if found is not None:
-                better = _rating(found.cell, found, Required()) > worth
+                better = _worth(found) > worth
                 larger = area_of(found.cell) > area_of(design.cell)
                 return found if better and larger else design
     return design
@@ -566,15 +582,15 @@ def _central(
     return q, (turns[0], turns[1])
 
 
-def _affordable(floods: _Floods, openings: _Openings, cell: Cell, limits: Required) -> Rectangles:
+def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectangles:
     """Find the largest rectangle of each opening in which joint speed can meet the limits.
 
     No function through the configurations of a flood has a lower joint speed than ``G E``, with
     E = ∂x/∂u. G is J⁺, except in the columns of symmetric coordinates, along which one joint moves
     alone. Nodes with the highest joint speed are left out until the mean over the rectangle meets
-    its limit.
+    its limit. ``speeds`` is the result of :func:`_speeds`.
     """
-    own, usual = _speeds(floods, openings, cell)
+    own, usual = speeds[:, openings.flood]
     with np.errstate(invalid="ignore"):
         extra = np.where(openings.mask, np.sqrt(own / usual) - 1, np.nan)
         best = rectangles(extra < limits.worst)
@@ -588,11 +604,11 @@ def _affordable(floods: _Floods, openings: _Openings, cell: Cell, limits: Requir
     return best
 
 
-def _speeds(floods: _Floods, openings: _Openings, cell: Cell) -> tuple[Array, Array]:
-    """Evaluate the squared joint speeds of a function and of J⁺ in K openings: (K, I, J) each."""
-    own, usual = np.full((2, *floods.reached.shape), np.nan)
-    own[floods.reached], usual[floods.reached] = _least_speeds(cell, floods.Q[floods.reached])
-    return own[openings.flood], usual[openings.flood]
+def _speeds(floods: _Floods, cell: Cell) -> Array:
+    """Evaluate the squared joint speeds of a function and of J⁺ in S floods: (2, S, I, J)."""
+    speeds = np.full((2, *floods.reached.shape), np.nan)
+    speeds[:, floods.reached] = _least_speeds(cell, floods.Q[floods.reached])
+    return speeds
 
 
 def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
@@ -663,7 +679,7 @@ def _farther_from_bodies(
 
 
 def _worth(design: CellDesign) -> float:
-    """Rate a design by the area of its sector and its range of angle and spin, m²."""
+    """Rate a final design by the area of its sector and its range of angle and spin, m²."""
     cell = design.cell
     turns = [cell.widths[one.coordinate] / np.pi for one in design.function.chart.cell.removed]
     return area_of(cell) * (0.5 + 0.5 * float(min(turns, default=1.0)))
