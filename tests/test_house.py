@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -108,6 +109,7 @@ def test_the_documentation_names_files_that_exist() -> None:
         assert any((root / name).is_file() for root in (ROOT, ROOT / "repctl_pin")), name
 
 
+@cache
 def imports_of(path: Path) -> set[Path]:
     """List the files of the package that a file imports, inside functions and for types too."""
     found = set()

@@ -69,6 +69,7 @@ def test_one_inverse_a_thread_on_one_shared_task(
     assert np.array_equal(together, alone)
 
 
+@pytest.mark.slow
 def test_a_copy_of_an_inverse_is_one_for_another_thread(
     panda_pose: rp.Task, q_panda, many_switches
 ) -> None:

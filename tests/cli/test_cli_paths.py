@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from arms import Q_PANDA, named_path, planar_task
 from commands import main, refused, told, without_pictures
+from controls import some
 
 import repctl_pin as rp
 
@@ -190,7 +191,7 @@ UNREACHABLE = {
 }
 
 
-@pytest.mark.parametrize("case", UNREACHABLE)
+@pytest.mark.parametrize("case", some(UNREACHABLE, "millimetres", "the first point"))
 def test_what_is_out_of_reach_is_named_by_its_line(
     case: str, tmp_path, monkeypatch, capsys
 ) -> None:

@@ -15,6 +15,14 @@ from test_governor_c import DOUBLE, Pose, in_c
 import repctl_pin as rp
 
 OK, OUTSIDE = 0, 3
+OTHERS = [
+    ("axis", "start"),
+    ("xz", "path"),
+    ("axis", "path"),
+    ("position", "path"),
+    ("pose", "start"),
+]
+"""Tasks, and what their closing radius is around, that only the slow tests try."""
 
 
 def radius(task: rp.Task, around: str, kind: str = "") -> rp.ClosingRadius:
@@ -66,11 +74,7 @@ def on_the_edge(closes: rp.ClosingRadius, rng: np.random.Generator) -> list[pin.
     ("kind", "around"),
     [
         ("pose", "path"),
-        ("axis", "start"),
-        *(
-            pytest.param(*case, marks=pytest.mark.slow)
-            for case in (("xz", "path"), ("axis", "path"), ("position", "path"), ("pose", "start"))
-        ),
+        *(pytest.param(kind, around, marks=pytest.mark.slow) for kind, around in OTHERS),
     ],
 )
 def test_c_decides_as_python_does(kind: str, around: str, tmp_path: Path) -> None:

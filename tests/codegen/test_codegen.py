@@ -239,7 +239,7 @@ HOSTILE = [
 ]
 
 
-@pytest.mark.parametrize("words", HOSTILE)
+@pytest.mark.parametrize("words", some(HOSTILE, "*/ int x; /*", "??/"))
 def test_no_words_end_a_comment(words: str, tmp_path: Path) -> None:
     """A robot's name is in the header's comment: in ASCII, in one line, of a sensible length."""
     codes = []

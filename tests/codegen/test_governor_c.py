@@ -269,7 +269,7 @@ URDF_LIMITS = {
 
 
 @NEEDS_C
-@pytest.mark.parametrize("name", some(URDF_LIMITS, "none", "both"))
+@pytest.mark.parametrize("name", some(URDF_LIMITS, "both"))
 def test_the_limits_of_the_urdf_are_those_of_exported_code(name: str, tmp_path: Path) -> None:
     """Item 26.13: accelerations and jerks of URDF 1.2 were left out of ``arm_governor_limits``."""
     more, expected = URDF_LIMITS[name]
@@ -357,6 +357,7 @@ def ticked(folder: Path, count: int, *by: str) -> list[str]:
     return run(["sh", "-c", command], folder).split()
 
 
+@pytest.mark.slow
 @NEEDS_C
 def test_random_ticks_keep_all_limits_and_the_sanitizers_are_silent(tmp_path: Path) -> None:
     needed("gcc")

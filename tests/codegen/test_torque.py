@@ -143,7 +143,7 @@ def disagreement(name: str, folder: Path, count: int) -> tuple[float, int]:
 
 
 @NEEDS_C
-@pytest.mark.parametrize("name", some(QUICK, QUICK[1], QUICK[2]))
+@pytest.mark.parametrize("name", some(QUICK, QUICK[2]))
 def test_c_computes_the_torques_of_the_law(name: str, tmp_path: Path) -> None:
     worst, refused = disagreement(name, tmp_path, 100)
     print(f"{name}: {worst:.1e}, {refused} refused")

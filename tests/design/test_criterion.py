@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from arms import Q_PANDA, planar_task
+from controls import some
 from designs import judged, over, with_potentials
 from proofs import design_of
 
@@ -146,6 +147,7 @@ def test_product_without_the_matrix_is_that_of_the_matrix(setting) -> None:
     assert few.L.shape[1] <= 128
 
 
+@pytest.mark.slow
 def test_steps_by_conjugate_gradients_end_at_the_same_cost(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -575,7 +577,7 @@ def test_the_search_descends_to_the_tip_of_a_cone() -> None:
     assert 0 <= found.value and found.values.max() < 1e-6
 
 
-@pytest.mark.parametrize("n", [2, 6, 7])
+@pytest.mark.parametrize("n", some([2, 6, 7], 2, 6))
 @pytest.mark.parametrize("nodes", [64, 100])
 def test_the_search_looks_at_every_corner_of_a_box(n: int, nodes: int) -> None:
     """Issue 37, item 22: random corners left one in eight of a box of six joints out, and a fit had
@@ -1097,6 +1099,7 @@ def test_the_curve_holds_the_costs(fitted: Callable[..., rp.Design]) -> None:
     assert told == [("degree 1, for comparison", 0.0)]
 
 
+@pytest.mark.slow
 def test_the_curve_leaves_out_degrees_without_a_regular_design() -> None:
     """n̂ turns so far in Ω that no constant V is regular."""
     task = rp.Robot.load("planar3r").task(None, "xy")

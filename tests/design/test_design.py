@@ -303,7 +303,9 @@ def test_degree_auto_stops_where_the_cost_stops_falling() -> None:
     assert design.cost == min(costs) and design.potentials.degree in degrees
 
 
-@pytest.mark.parametrize(("half_width", "goes_on"), [(0.5, False), (0.55, True)])
+@pytest.mark.parametrize(
+    ("half_width", "goes_on"), [(0.5, False), pytest.param(0.55, True, marks=pytest.mark.slow)]
+)
 def test_degree_auto_asks_for_one_per_cent(half_width: float, goes_on: bool) -> None:
     """From degree 2 to 3 the cost falls by 0.92 % over the narrower range of θ₃, and by 1.3 % over
     the wider one; degree 4 would be worth more."""
@@ -323,6 +325,7 @@ def test_degree_auto_asks_for_one_per_cent(half_width: float, goes_on: bool) -> 
         assert design.potentials.degree == 3 and design.cost == third
 
 
+@pytest.mark.slow
 def test_degree_auto_keeps_the_best_of_the_degrees_before_one_that_is_refused() -> None:
     """G_d has a singularity that shows from the third fit on."""
     task = rp.Robot.load("planar3r").task(None, "xy")
@@ -383,6 +386,7 @@ def test_degree_auto_stops_where_the_nodes_do_not_determine_more(
     assert [degree for degree, *_ in design.degrees] == degrees
 
 
+@pytest.mark.slow
 def test_degree_auto_stops_at_a_thousand_unknowns(tmp_path: Path) -> None:
     """13 joints, r = 11: 104 potentials of degree 2 would have (104 − 11) · 11 = 1023."""
     task = planar_task(np.ones(13), tmp_path)
@@ -397,6 +401,7 @@ def test_degree_auto_stops_at_a_thousand_unknowns(tmp_path: Path) -> None:
     assert design.potentials.size == 13 and design.cost > 1e-6
 
 
+@pytest.mark.slow
 def test_a_design_does_not_depend_on_the_unit_of_length(tmp_path: Path) -> None:
     """The same arm in kilometres and in millimetres: C falls with the square of the length."""
     found = []
@@ -443,7 +448,7 @@ def test_degree_auto_goes_to_six_and_to_eight_for_three_joints(
 @pytest.mark.parametrize(
     "robot, kind, r, width, degree",
     [
-        ("panda", "axis", 2, 0.3, 2),
+        pytest.param("panda", "axis", 2, 0.3, 2, marks=pytest.mark.slow),
         ("panda", "position", 4, 0.3, 1),
         pytest.param("tiago", "position", 5, 0.2, 1, marks=pytest.mark.slow),
         pytest.param("talos", "position", 6, 0.1, 1, marks=pytest.mark.slow),
@@ -671,13 +676,7 @@ def near_plain(panda_pose: rp.Task) -> rp.Design:
 
 
 @pytest.mark.parametrize(
-    "weight",
-    some(
-        ["fixed", "inertia", "limits", "function", "extended", "custom"],
-        "fixed",
-        "limits",
-        "custom",
-    ),
+    "weight", some(["fixed", "inertia", "limits", "function", "extended", "custom"], "limits")
 )
 def test_any_inverse_can_be_desired(
     panda_pose: rp.Task, near_plain: rp.Design, weight: str
@@ -830,7 +829,7 @@ def test_a_desired_inverse_that_is_singular_in_the_region_is_said_to_be() -> Non
     )
 
 
-@pytest.mark.parametrize("most", [0.5, 0.0])
+@pytest.mark.parametrize("most", some([0.5, 0.0], 0.0))
 def test_a_region_is_shrunk_in_steps_if_errors_name_one_that_is_hardly_smaller(most: float) -> None:
     """G_d is refused beyond the given share of the first region, or everywhere."""
     task, fits = rp.Robot.load("planar3r").task(None, "xy"), []

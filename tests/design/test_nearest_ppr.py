@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from controls import some
 
 import repctl_pin as rp
 from repctl_pin import redundancy
@@ -188,7 +189,7 @@ def test_pseudoinverse_is_not_repeatable(task: rp.Task, some_q: np.ndarray) -> N
 # ---- (44) to (60): the family -------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("k", [0.0, 1.0, -0.7, 25.0, np.inf])
+@pytest.mark.parametrize("k", some([0.0, 1.0, -0.7, 25.0, np.inf], 1.0, np.inf))
 def test_family_is_repeatable(task: rp.Task, k: float) -> None:
     verdict = rp.is_repeatable(printed_inverse(task, k), rp.Box(np.zeros(3), [1, 1, PI]))
     assert verdict and verdict.defect < 1e-7
@@ -217,7 +218,7 @@ def test_family_is_what_the_paper_prints(task: rp.Task, some_q: np.ndarray, k: f
 # ---- the general engine -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("a, b", BELOW_PI[::2])
+@pytest.mark.parametrize("a, b", [BELOW_PI[2], pytest.param(*BELOW_PI[0], marks=pytest.mark.slow)])
 def test_engine_finds_k_star_and_its_cost(task: rp.Task, a: float, b: float) -> None:
     k, C = k_star(a, b), mean_cost(a, b, k_star(a, b))
     excess = []
@@ -240,7 +241,7 @@ def test_theorys_two_numbers(task: rp.Task) -> None:
     )
 
 
-@pytest.mark.parametrize("a, b", [(-2.0, 2.0), (0.0, 2 * PI)])
+@pytest.mark.parametrize("a, b", [pytest.param(-2.0, 2.0, marks=pytest.mark.slow), (0.0, 2 * PI)])
 def test_engine_is_honest_where_the_best_leaf_is_out_of_its_reach(
     task: rp.Task, a: float, b: float
 ) -> None:
@@ -273,6 +274,7 @@ def test_products_of_joints_reach_the_leaf(task: rp.Task) -> None:
     assert np.linalg.norm(design.inverse(np.zeros(3)).T @ [0, 0, 1]) < 1e-2
 
 
+@pytest.mark.slow
 def test_all_joints_do_better(task: rp.Task) -> None:
     desired = rp.Pseudoinverse(task)
     design = rp.nearest_repeatable(
@@ -293,6 +295,7 @@ def test_all_joints_do_better(task: rp.Task) -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_engine_says_whether_its_potentials_are_rich_enough(task: rp.Task) -> None:
     """Short intervals settle at C(k*); on longer ones no smooth potential of this form is best, and
     it shows."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import planar_task
+from controls import some
 
 import repctl_pin as rp
 
@@ -44,6 +45,7 @@ def links(Q: np.ndarray, task: rp.Task) -> np.ndarray:
     return np.cumsum(Q[:, task.revolute], axis=1)
 
 
+@pytest.mark.slow
 def test_prr_has_one_stable_surface_and_one_that_is_candidate_only() -> None:
     task = rp.Robot.load("prr").task("tool", "xy")
     found = rp.stable_surface(absolute(task), rp.Box([0, 0, 0], [1, 3, 3]))
@@ -70,6 +72,7 @@ def test_3r_in_relative_angles_has_candidates_and_none_is_stable() -> None:
     assert (box.ratio(found.candidate) <= 1 + 1e-8).all()
 
 
+@pytest.mark.slow
 def test_the_same_3r_in_absolute_angles_has_its_stable_surface_again() -> None:
     task = rp.Robot.load("planar3r").task("tool", "xy")
     found = rp.stable_surface(absolute(task), rp.Box([0, 0, 0], 3))
@@ -88,7 +91,7 @@ def test_the_same_3r_in_absolute_angles_has_its_stable_surface_again() -> None:
         pytest.param((1, 1, 2, 2), True, marks=pytest.mark.slow),
         pytest.param((1, 1, 2, 2, 1), True, marks=pytest.mark.slow),
         ((1, 1.3, 1.7), False),
-        ((1, 1, 1.4, 1.8), False),
+        pytest.param((1, 1, 1.4, 1.8), False, marks=pytest.mark.slow),
         pytest.param((1, 1, 1.5, 2, 2), False, marks=pytest.mark.slow),
     ],
 )
@@ -127,7 +130,7 @@ def test_every_point_of_a_repeatable_inverse_is_on_a_stable_surface() -> None:
     assert len(found.stable) == len(found.points) == 16
 
 
-@pytest.mark.parametrize("stable", [True, False])
+@pytest.mark.parametrize("stable", some([True, False], False))
 def test_a_surface_on_which_the_gradient_of_s_vanishes(stable: bool) -> None:
     """n_G = (a, 0, 1) has n_G · ∇×n_G = −∂a/∂q₂. Both choices of a give a double root of s, so (9)
     holds on it by itself: on q₃ = 0, which n_G is normal to, and on q₂ = 0, which it is not."""
@@ -147,7 +150,7 @@ def test_a_surface_on_which_the_gradient_of_s_vanishes(stable: bool) -> None:
     assert found.rate.max() < 1e-3  # (9) alone could not tell them apart
 
 
-@pytest.mark.parametrize("length", [1e-2, 1.0, 10.0])
+@pytest.mark.parametrize("length", some([1e-2, 1.0, 10.0], 1.0))
 def test_the_walk_alone_tells_stable_from_candidate(
     length: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -165,7 +168,7 @@ def test_the_walk_alone_tells_stable_from_candidate(
     assert np.abs(wrapped(links(found.candidate, task) @ [1, 1])).max() < 1e-7  # (15)
 
 
-@pytest.mark.parametrize("length", [1e-3, 10.0])
+@pytest.mark.parametrize("length", some([1e-3, 10.0], 1e-3))
 def test_the_surfaces_of_an_arm_in_millimetres_and_of_a_crane_are_found(
     length: float, tmp_path: Path
 ) -> None:

@@ -10,6 +10,7 @@ import pytest
 
 import repctl_pin as rp
 
+pytestmark = pytest.mark.slow  # importing its solvers takes three seconds
 STEPS = 500
 
 pink: Any

@@ -152,6 +152,7 @@ def test_a_coefficient_that_no_node_shows_stays_as_it_is() -> None:
     assert (np.abs(found.a - a)[unseen] < 1e-9).all() and unseen.sum() == 1
 
 
+@pytest.mark.slow
 def test_no_section_beats_the_optimum_and_more_terms_help() -> None:
     cell = rp.Cell(panda(), middle(), (0.15, 0.3, 0.2))
     q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
@@ -404,7 +405,7 @@ def test_postures_at_singularities_and_in_collision_are_left_out() -> None:
     ("lengths", "q", "half_width", "range_"),
     [
         ((1.0, 0.9, 0.8), (0.6, -1.2, 1.4), 0.1, 7.0),
-        ((1.0, 0.9, 0.8), (0.3, 1.5, 1.4), 0.6, 7.0),
+        pytest.param((1.0, 0.9, 0.8), (0.3, 1.5, 1.4), 0.6, 7.0, marks=pytest.mark.slow),
         ((0.5, 0.4, 0.3), (0.2, 0.8, 0.8), 0.02, 1.25),
     ],
 )

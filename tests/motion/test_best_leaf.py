@@ -95,6 +95,7 @@ def test_tiago_given_start_breaks_a_limit(tiago) -> None:
     assert dense(tiago.inverse, path, found.q0).first_violation is None
 
 
+@pytest.mark.slow
 def test_it_stays_in_the_region_and_says_how_near_it_is() -> None:
     task, q0 = rp.Robot.load("planar3r").task("tool", "xy"), np.array([2.0, 0.6, 0.9])
     path, desired = rp.circle(task, q0, 0.05), rp.Pseudoinverse(task)

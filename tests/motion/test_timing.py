@@ -461,6 +461,7 @@ def test_an_override_keeps_the_path_and_the_limits(ring, jerky, bounded) -> None
     assert np.abs(Qdot[override == 0]).max() == 0
 
 
+@pytest.mark.slow
 def test_at_full_override_a_run_gives_the_samples_and_backs_up_the_same_way(ring) -> None:
     timed = rp.timed(one_cycle(ring), rp.Limits(velocity=2.0, acceleration=6.0))
     run = rp.Run(timed)

@@ -84,6 +84,7 @@ def test_where_there_is_a_compiler_the_library_is_there_and_not_older_than_its_s
 REMEDY = "install a C compiler (cc, gcc or clang), then install repctl_pin again"
 
 
+@pytest.mark.slow
 def test_without_the_library_numpy_runs_and_one_warning_says_why(
     tmp_path: Path, usual: subprocess.CompletedProcess[str]
 ) -> None:

@@ -41,6 +41,7 @@ def test_weighted_sum_is_the_sum() -> None:
     assert np.allclose(h.gradients(q[None])[0], h.gradient(q))
 
 
+@pytest.mark.slow
 def test_functions_design_like_the_polynomials_they_are(panda_pose: rp.Task) -> None:
     box, desired = rp.Box(Q0, 0.3), rp.Pseudoinverse(panda_pose)
     linear = rp.CustomPotentials(

@@ -59,6 +59,7 @@ def every(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return charts(tmp_path_factory.mktemp("arms"))
 
 
+@pytest.mark.slow
 def test_v_is_the_gradient_of_the_potentials_and_its_margin_the_price(
     every: dict[str, Any],
 ) -> None:
@@ -133,6 +134,7 @@ def enclosed(chart: Any, size: float) -> None:
     assert share == 1
 
 
+@pytest.mark.slow
 def test_gradients_stay_in_their_enclosures(every: dict[str, Any]) -> None:
     for name, chart in every.items():
         enclosed(chart, 0.05 if name != "sector" else 0.0)

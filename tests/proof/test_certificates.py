@@ -186,6 +186,7 @@ def test_a_proof_of_another_cell_is_dropped(sector: rp.CellDesign, tmp_path: Pat
             assert rp.load_cell(file).proof is None
 
 
+@pytest.mark.slow
 def test_a_proof_not_reached_states_no_bound_and_is_not_saved(
     sector: rp.CellDesign, certified: rp.Design, tmp_path: Path
 ) -> None:

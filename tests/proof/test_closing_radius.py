@@ -57,6 +57,7 @@ def problem_of(design: rp.Design) -> leaf_margin_bounds.LeafMarginProblem:
     return leaf_margin_bounds.leaf_margin_of(design.task, design.inverse.potentials, design.region)
 
 
+@pytest.mark.slow
 def test_bounds_of_the_inverse_hold_and_are_close(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     for design, ratio in cases(tmp_path):
@@ -84,6 +85,7 @@ def sampled_radius(design: rp.Design, ratio: float) -> float:
     return float(sum(1 / 24 / np.maximum.accumulate(K)))
 
 
+@pytest.mark.slow
 def test_the_panda_s_radius_is_close_to_the_sampled_one(panda_design: rp.Design) -> None:
     closes = rp.prove(panda_design, margin=0.3, seconds=60).closes
     assert closes and closes.around == "start" and closes.kind == "pose"
@@ -167,6 +169,7 @@ def against_balls(folder: Path, boxes: int) -> None:
         assert not np.isfinite(bound).any()  # a kernel without rounding refuses itself
 
 
+@pytest.mark.slow
 def test_bounds_against_ball_arithmetic(tmp_path: Path) -> None:
     against_balls(tmp_path, 24)
 

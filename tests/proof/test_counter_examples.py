@@ -91,6 +91,7 @@ def test_a_tube_around_a_ring_that_does_not_close(case: str, tmp_path: Path) -> 
     assert not closes and "does not close" in closes.reason
 
 
+@pytest.mark.slow
 def test_a_ring_in_a_wide_box() -> None:
     """J_V is proved to be regular, the ring's motion stays in Ω, and it does not close."""
     task = rp.Robot.load("planar3r").task("tool", "xy")

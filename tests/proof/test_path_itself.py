@@ -53,6 +53,7 @@ def turned_in_a_moment(task: rp.Task) -> rp.TaskPath:
     )
 
 
+@pytest.mark.slow
 def test_a_turn_between_two_samples_is_not_proved_to_close() -> None:
     """The motion ends (6.15, 0.86, −1.43) rad off, which 500 samples do not see. Without bounds of
     its arcs the words say what was checked; with a true one, the turn is found."""

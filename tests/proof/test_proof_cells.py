@@ -78,6 +78,7 @@ def test_the_function_of_one_orientation_stays_in_the_boxes_it_is_enclosed_in(
     assert check_enclosures(places, 0.02) == 1.0
 
 
+@pytest.mark.slow
 def test_a_cell_is_proved_near_to_what_was_found(places: rp.CellDesign, tmp_path: Path) -> None:
     proof = rp.prove(places)
     assert proof and "is the only solution" in proof.what

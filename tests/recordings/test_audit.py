@@ -106,7 +106,7 @@ def motion_of(problem: rp.Problem, radius: float, control: str, cycles: int = 9)
 @pytest.mark.parametrize(
     ("name", "radius", "control"),
     [
-        pytest.param(*motion, marks=[] if i in (1, 4, 7) else [pytest.mark.slow])
+        pytest.param(*motion, marks=[] if i == 4 else [pytest.mark.slow])
         for i, motion in enumerate(MOTIONS)
     ],
 )

@@ -245,7 +245,9 @@ def test_pairs_that_an_srdf_rules_out_are_looked_at_for_contact(panda_pose: rp.T
     assert bodies.nearest(q).distance < 0 and "panda_link5" in bodies.nearest(q).links
 
 
-@pytest.mark.parametrize(("name", "count"), [("panda", 15), ("talos", 8)])
+@pytest.mark.parametrize(
+    ("name", "count"), [("panda", 15), pytest.param("talos", 8, marks=pytest.mark.slow)]
+)
 def test_no_contact_of_the_meshes_is_missed(name: str, count: int) -> None:
     """Between any two bodies but those that are named as left out."""
     task = rp.Robot.load(name).task()

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from commands import main
-from controls import in_numpy
+from controls import in_numpy, some
 from mimic_arm import MIMICS, arm
 
 import repctl_pin as rp
@@ -155,7 +155,7 @@ def test_inspect_says_who_drives_whom(robot: rp.Robot, capsys: pytest.CaptureFix
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler")
-@pytest.mark.parametrize("base", [None, "l2"])
+@pytest.mark.parametrize("base", some([None, "l2"], "l2"))
 def test_c_computes_the_same(robot: rp.Robot, base: str | None) -> None:
     task = rp.Robot.load(robot.description.path, base=base).task("l7", "xy")
     q0 = 0.3 + 0.2 * np.arange(task.n)

@@ -74,9 +74,7 @@ def test_placements_are_pinocchios(name: str) -> None:
             )
 
 
-@pytest.mark.parametrize(
-    "name", ["panda", "talos", "kinova", pytest.param("baxter", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("name", some(["panda", "talos", "kinova", "baxter"], "panda", "kinova"))
 def test_scales_and_colours_are_pinocchios(name: str) -> None:
     robot, _, geometry = loaded(name)
     mirrored = 0

@@ -92,6 +92,7 @@ def test_page_holds_what_went_in(name: str) -> None:
     np.testing.assert_allclose(path, motions["J⁺"].path.points(), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_every_body_is_sent_once() -> None:
     """Eleven shapes of panda, whose fingers are one mesh, for both arms together."""
     _, page, drawn = known("panda")

@@ -79,7 +79,7 @@ def test_controls_of_ones_own_go_on_below(narrow: None, tmp_path: Path) -> None:
     assert text.count("─\n") == 2 and text.count("drift after 2 cycles, rad and m") == 2
 
 
-@pytest.mark.parametrize("command", some(COMMANDS, *COMMANDS[:2], COMMANDS[3]))
+@pytest.mark.parametrize("command", some(COMMANDS, *COMMANDS[:2]))
 def test_a_command_fits(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     fit_terminals(monkeypatch)

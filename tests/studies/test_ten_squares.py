@@ -135,6 +135,7 @@ def test_k1_matches_the_pseudoinverse_at_G(
     assert gap[j] / gap[i] == pytest.approx((s[j] / s[i]) ** 2, rel=0.15)
 
 
+@pytest.mark.slow
 def test_k1_closes_and_stays_on_its_surface(from_G: tuple[rp.Motion, rp.Motion]) -> None:
     desired, one = from_G
     assert one.drift[0] < 1e-10 and desired.drift[0] > 1

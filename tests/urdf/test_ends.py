@@ -321,6 +321,7 @@ def test_inspect_all_lists_whatever_moves(capsys: pytest.CaptureFixture[str]) ->
     assert "panda_leftfinger" not in inspected(capsys, "panda").partition("frame ")[2]
 
 
+@pytest.mark.slow
 def test_inspect_stays_short_on_a_humanoid_and_measures_from_the_base(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
