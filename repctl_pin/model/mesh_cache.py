@@ -67,7 +67,7 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
         with suppress(OSError):
             os.utime(kept)
         return found
-    made = make()
+    made: dict[str, Any] = make()  # Any: a keyword could be allow_pickle, which is a bool
     if before is None or _stamp(path) != before:
         return made
     content = io.BytesIO()

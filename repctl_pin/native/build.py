@@ -128,6 +128,19 @@ def _run(line: list[str], folder: str) -> None:
         raise NoCompilerError(str(error)) from None
 
 
+def _compiler_lines(command: list[str]) -> list[list[str]]:
+    """List the command lines that compile the C files, each of which ends with its object file."""
+    levels = _LEVELS if target().startswith("x86_64") else {"plain": ""}
+    lines = []
+    for source in sorted(FOLDER.glob("*.c")):
+        for level in levels if source.name in _LEVELLED else ("plain",):
+            rare = source.name in _LEVELLED and level == "plain" and len(levels) > 1
+            speed = "-O1" if rare else "-O3" if source.name in _LOOPS else "-O2"
+            flags = [speed, *_FLAGS, "-w", f"-DLEVEL={level}", *levels[level].split()]
+            lines.append([*command, *flags, "-c", str(source), "-o", f"{source.stem}-{level}.o"])
+    return lines
+
+
 def build(library: Path = LIBRARY) -> bool:
     """Compile the C files of this folder, in parallel, and link the library.
 
@@ -146,15 +159,8 @@ def build(library: Path = LIBRARY) -> bool:
         If no compiler works.
     """
     command = compiler()
-    levels = _LEVELS if target().startswith("x86_64") else {"plain": ""}
-    lines, objects = [], []
-    for source in sorted(FOLDER.glob("*.c")):
-        for level in levels if source.name in _LEVELLED else ("plain",):
-            objects.append(f"{source.stem}-{level}.o")
-            rare = source.name in _LEVELLED and level == "plain" and len(levels) > 1
-            speed = "-O1" if rare else "-O3" if source.name in _LOOPS else "-O2"
-            flags = [speed, *_FLAGS, "-w", f"-DLEVEL={level}", *levels[level].split()]
-            lines.append([*command, *flags, "-c", str(source), "-o", objects[-1]])
+    lines = _compiler_lines(command)
+    objects = [line[-1] for line in lines]
     digest = _digest(command, lines)
     for found in (library, LIBRARY):
         if found.exists() and digest in found.read_bytes():

@@ -227,33 +227,46 @@ def renamed(path: TaskPath, **names: Any) -> TaskPath:
 
 
 def _check(path: TaskPath) -> None:
-    """Raise InputError unless a path is closed and its twist is the derivative of its placement.
-
-    A wrong derivative would make every motion miss its path, so it is compared with finite
-    differences at 16 points.
-    """
+    """Raise InputError unless a path is closed and its twist is the derivative of its placement."""
     knots = np.array([0.0, *path.breaks, 1.0])
     if not (np.diff(knots) > 0).all():
         raise InputError(f"{path.name}: breaks must increase between 0 and 1; got {path.breaks}")
     samples = _inner_points(knots)
     for s in (0.0, *(s + x for s, e in samples for x in (-e, 0.0, e)), 1.0):
         _require_values(path, s)
+    start = path.point(0.0)
+    size = max(float(np.abs([path.point(s) - start for s, _ in samples]).max()), 1e-3)
+    _check_closed(path, size)
+    _check_twist(path, size, samples)
+
+
+_PARTS = ((slice(3), "m", "p"), (slice(3, 6), "rad", "R"))
+"""Rows of the position and of the rotation in a twist, their unit, and their curve."""
+
+
+def _check_closed(path: TaskPath, size: float) -> None:
+    """Raise InputError unless a path of this size, m, ends at the placement where it begins."""
+    gap = _difference(path.placement(0.0), path.placement(1.0))
+    for part, unit, curve in _PARTS:
+        off = np.linalg.norm(gap[part])
+        if not off <= 1e-6 * (size if curve == "p" else 1.0):
+            raise InputError(
+                f"{path.name} is open: {curve}(1) differs from {curve}(0) by {off:.3g} {unit}; "
+                "end the path where it begins"
+            )
+
+
+def _check_twist(path: TaskPath, size: float, samples: list[tuple[float, float]]) -> None:
+    """Raise InputError unless the twist is the derivative of the placement at samples (s, e).
+
+    A wrong derivative would make every motion miss its path. It is compared with central
+    differences between s − e and s + e.
+    """
     twists = np.array([path.twist(s) for s, _ in samples])
     differences = np.array(
         [_difference(path.placement(s - e), path.placement(s + e)) / (2 * e) for s, e in samples]
     )
-    start = path.point(0.0)
-    size = max(float(np.abs([path.point(s) - start for s, _ in samples]).max()), 1e-3)
-    gap = _difference(path.placement(0.0), path.placement(1.0))
-    for part, unit, curve, most in (
-        (slice(3), "m", "p", 1e-6 * size),
-        (slice(3, 6), "rad", "R", 1e-6),
-    ):
-        if not np.linalg.norm(gap[part]) <= most:
-            raise InputError(
-                f"{path.name} is open: {curve}(1) differs from {curve}(0) "
-                f"by {np.linalg.norm(gap[part]):.3g} {unit}; end the path where it begins"
-            )
+    for part, unit, curve in _PARTS:
         off = np.linalg.norm(twists[:, part] - differences[:, part], axis=1)
         worst = int(np.argmax(off))
         if not off[worst] <= 1e-3 * np.abs(differences).max() + 1e-6 * size:

@@ -51,21 +51,28 @@ def unit_notes(task: Task, log: JointLog) -> list[str]:
         return [f"{found}; check the times"]
     if beyond[worst] < _WRONG:
         return [f"{found} (rad or m)"]
-    # another order of the joints?
+    _refuse_another_order(task, log, found)
+    raise InputError(
+        f"{found}: the values are not those of this arm",
+        remedy="check the order of the joints, and their units",
+    )
+
+
+def _refuse_another_order(task: Task, log: JointLog, found: str) -> None:
+    """Raise InputError if the joints of a log fit their limits in another order.
+
+    ``found`` is the first part of the message: the joint that exceeds its limits, and by how much.
+    """
     orders = {
         "reversed": np.arange(task.n)[::-1],
         "alphabetical": np.argsort(np.argsort(task.joint_names)),  # as ROS sorts them
     }
     for name, order in orders.items():
-        if not log.by_name and (_beyond(task, q[:, order]) <= _WRONG).all():
+        if not log.by_name and (_beyond(task, log.q[:, order]) <= _WRONG).all():
             raise InputError(
                 f"{found}: the joints seem to be in {name} order",
                 remedy="name the columns after the joints",
             )
-    raise InputError(
-        f"{found}: the values are not those of this arm",
-        remedy="check the order of the joints, and their units",
-    )
 
 
 def _speed_ratio(task: Task, t: Array, q: Array) -> float:

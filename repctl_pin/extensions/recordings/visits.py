@@ -98,6 +98,32 @@ class Visits:
     bias: Array
 
 
+def _most_visited(
+    t: Array, X: Array, steps: Array, whole: NDArray[np.bool_], tolerance: float
+) -> tuple[int, list[_Pass], float]:
+    """Find the row of X whose pose the hand visits most often.
+
+    The rows of X (T, k) are points in m, ``steps`` (T - 1,) the distances between them; ``whole``
+    is False at gaps of the log. Returns the row, the passages within the tolerance, and how near
+    the hand comes to any tried pose at other times, m.
+    """
+    radius = tolerance + float(np.quantile(steps, 0.95))
+    tree = cKDTree(X)
+    best: list[_Pass] = []
+    chosen = 0
+    rank = (0.0, 0.0)
+    nearest = np.inf
+    each = float(np.median(np.diff(t)))
+    for row in _candidates(t, steps):
+        runs = _runs(np.sort(tree.query_ball_point(X[row], _LEFT * radius)))
+        found = [_closest(X, X[row], run, whole, tolerance) for run in runs]
+        nearest = min(nearest, _second(X, row, found))
+        there = [one for one in found if one.distance <= tolerance]
+        if (score := _score(there, each, tolerance)) > rank:
+            best, chosen, rank = there, int(row), score
+    return chosen, best, nearest
+
+
 def find_visits(
     task: Task, t: Array, Q: Array, tolerance: float | None, levels: Array | None = None
 ) -> Visits:
@@ -135,20 +161,7 @@ def find_visits(
     steps = np.linalg.norm(np.diff(X, axis=0), axis=1) * whole
     if tolerance is None:
         tolerance = _tolerance(task, Q, X, noise, radian, whole) + _FLOOR * length
-    radius = tolerance + float(np.quantile(steps, 0.95))
-    tree = cKDTree(X)
-    best: list[_Pass] = []
-    chosen = 0
-    rank = (0.0, 0.0)
-    nearest = np.inf
-    each = float(np.median(np.diff(t)))
-    for row in _candidates(t, steps):
-        runs = _runs(np.sort(tree.query_ball_point(X[row], _LEFT * radius)))
-        found = [_closest(X, X[row], run, whole, tolerance) for run in runs]
-        nearest = min(nearest, _second(X, row, found))
-        there = [one for one in found if one.distance <= tolerance]
-        if (score := _score(there, each, tolerance)) > rank:
-            best, chosen, rank = there, int(row), score
+    chosen, best, nearest = _most_visited(t, X, steps, whole, tolerance)
     target = task.as_target(task.placements(Q[chosen]))
     # joints that follow a commanded level lag behind it at first
     late = levels.shape[1] > 0
@@ -377,6 +390,21 @@ def _errors(task: Task, made: list[_Estimate], noise: Array, quantum: Array) -> 
     return np.array(deviation), np.array(bias)
 
 
+def _regression(E: Array, Q: Array) -> tuple[Array, Array]:
+    """Fit ``q = q₀ + (dq/de) e`` to the rows of E (K, m) and Q (K, n), by least squares.
+
+    Only directions of e in which the hand moves clearly are used. Returns the weights (K,) of the
+    rows, ``q₀ = Qᵀ w``, and dq/de (n, m).
+    """
+    U, sizes, Vt = np.linalg.svd(E - E.mean(axis=0), full_matrices=False)
+    used = sizes > max(_MOVES * sizes[0], _EXACT)
+    used[len(Q) // _AVERAGED :] = False
+    S = U[:, used] / sizes[used]
+    Vt = Vt[used]
+    weights = 1 / len(Q) - S @ (Vt @ E.mean(axis=0))
+    return weights, (S.T @ Q).T @ Vt
+
+
 def _average(
     task: Task, Q: Array, target: pin.SE3, noise: Array, late: bool
 ) -> tuple[Array, Array, Array]:
@@ -396,13 +424,7 @@ def _average(
     """
     Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_ROWS)).astype(int)]
     E = np.array([task.error(q, target) for q in Q])
-    U, sizes, Vt = np.linalg.svd(E - E.mean(axis=0), full_matrices=False)
-    used = sizes > max(_MOVES * sizes[0], _EXACT)
-    used[len(Q) // _AVERAGED :] = False
-    S = U[:, used] / sizes[used]
-    Vt = Vt[used]
-    weights = 1 / len(Q) - S @ (Vt @ E.mean(axis=0))
-    slopes = (S.T @ Q).T @ Vt  # dq/de, (n, m)
+    weights, slopes = _regression(E, Q)
     q = weights @ Q
     rest, half = Q - (E - E.mean(axis=0)) @ slopes.T, len(Q) // 2
     moved = np.abs(rest[half:].mean(axis=0) - rest[:half].mean(axis=0))

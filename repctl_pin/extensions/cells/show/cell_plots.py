@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from ....show.palette import INK, VERMILLION
 from ....show.plots.motions import titled
 from ..cell_design_result import CellDesign, Slice
+from ..geometry.cell import Cell
 
 _WHAT = {
     "limit_margin": ("limit margin", "viridis", 1.0),
@@ -42,6 +43,11 @@ def _slice_of_cell(
     ax.fill(*around, color="#dddddd", lw=0)
     ax.pcolormesh(x, y, values, cmap=colours, shading="gouraud", vmin=low, vmax=high)
     ax.plot(centre[i], centre[j], "+", color=VERMILLION, ms=10, mew=2)
+    _name_axes(ax, cell, i, j)
+
+
+def _name_axes(ax: Axes, cell: Cell, i: int, j: int) -> None:
+    """Write the names and units of two coordinates of a cell on the axes of a map."""
     ax.locator_params(nbins=4)
     ax.set_xlabel(f"{cell.names[i]} ({cell.units[i]})")
     ax.set_ylabel(f"{cell.names[j]} ({cell.units[j]})")
