@@ -291,6 +291,19 @@ def test_a_table_says_what_ends_it(panda_pose: rp.Task) -> None:
     assert "bodies keep 1 mm, because 5 mm would leave less than 85 %" in note(1.0, 1.0, 0.001)
 
 
+def test_a_node_is_free_if_bodies_are_apart_at_all_angles_of_a_range() -> None:
+    near, out = np.zeros((2, 16, 1, 4), bool)
+    near[4, 0, 1] = True  # at 90°
+    near[[7, 8], 0, 2] = True  # at 157.5° and 180°
+    out[8, 0, 2] = True  # which the joint does not reach
+    out[:, 0, 3] = True
+    there = windows.Shut(near, out)
+    assert there.free((-np.pi, np.pi)).tolist() == [[True, False, False, False]]
+    assert there.free((2.5, 4.0)).tolist() == [[True, True, False, False]]
+    assert there.free((3.0, 4.0)).tolist() == [[True, True, True, False]]
+    assert there.free((-1.0, 1.0)).tolist() == [[True, True, True, False]]
+
+
 @pytest.mark.slow
 def test_an_arm_with_locked_joints_that_covers_more_is_reported(panda_pose: rp.Task) -> None:
     """Against a small sector, a locked joint covers more: at each of its nodes it has the pose."""
@@ -307,6 +320,15 @@ def test_an_arm_with_locked_joints_that_covers_more_is_reported(panda_pose: rp.T
     assert len(found.joints) == task.r and 0 <= found.extra <= 0.5 and found.worst <= 2.0
     dear = whole_table.Required(-1.0, 2.0, 0.005)
     assert whole_table._larger(table, floods, design, dear) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ur5", "z1", "kinova"])
+def test_no_arm_with_locked_joints_has_a_larger_table(name: str) -> None:
+    """29: of any shape, within the same limits of joint speed, at the same angles."""
+    place = rp.best_cell(rp.Robot.load(name).task(None, "axis"), orientation="down")
+    assert place.table is not None and place.table.design is not place.table.straight
+    assert place.table.locked is not None and place.table.larger is None
 
 
 @pytest.mark.slow

@@ -111,8 +111,8 @@ class LockedJoints(NamedTuple):
     extra, worst : float
         Extra joint speed relative to J⁺, on average and at the worst node.
     area : float
-        Area, radius times height, of the largest rectangle in the sector that the arm covers
-        without collision, m².
+        Area of radius and height, m², that the arm covers without collision: its largest rectangle
+        in a given sector, or its own sector.
     """
 
     joints: tuple[str, ...]
@@ -148,8 +148,8 @@ class WholeTable(NamedTuple):
         Arm with locked joints that covers the largest share of the sector. Arms within the limits
         of joint speed come first; among equals, the arm with the lowest joint speed is chosen.
     larger : LockedJoints or None
-        An arm with locked joints that covers a larger sector within the limits of joint speed; None
-        if there is none.
+        An arm with locked joints that covers a larger sector, of any shape, within the limits of
+        joint speed at the nodes of the table; None if there is none.
     reach, rectangle : float
         Area, radius times height, of all nodes that any flood reaches, and of the largest rectangle
         in a flood without collision, m².
@@ -1125,22 +1125,34 @@ def _larger(
 ) -> LockedJoints | None:
     """Find an arm with locked joints that covers a larger sector than a design's, or None.
 
-    Its joint speed must be within the limits."""
+    The range of radius of its sector may depend on the height. At all nodes of this sector, joint
+    speed is within the limits, and bodies are apart at all angles of the design's sector.
+    """
     cell = design.function.chart.cell
     assert isinstance(cell, Sector), "a table is a sector"
-    found = rectangles(locked.reached)
-    for k in np.argsort(-found.area)[:_COMPARED]:
-        if not found.area[k] * SPACING**2 > area_of(design.cell) * (1 + _ALMOST):
-            return None
-        inside = np.zeros(table.shape, bool)
-        (i, j), (i_end, j_end) = found.first[k], found.last[k] + 1
-        inside[i:i_end, j:j_end] = True
-        one = _locked_joints(table, locked, int(k), cell, inside, limits.distance)
-        if one is None or one.area <= area_of(design.cell) * (1 + _ALMOST):
-            continue
-        if one.extra <= limits.mean and one.worst <= limits.worst:
-            return one
-    return None
+    best, least = None, area_of(design.cell) * (1 + _ALMOST) / SPACING**2
+    # the joint speed of a locked arm is known, so that no share of its limit is spared
+    exact = limits._replace(worst=limits.worst / _SPARE)
+    floods = _unlike(table, locked)
+    for k, flood in enumerate(floods.Q):
+        own, usual = _locked_speeds(table, floods, k, cell)
+        mask = own < (1 + limits.worst) ** 2 * usual
+        if mask.sum() > least:
+            mask &= shut(table, flood, limits.distance).free(_angles(table, cell))
+        if mask.sum() > least:
+            found = _affordable_between(mask, own, usual, exact)
+            if found.area > least:
+                one = _locked_arm(table, floods, k, cell, found.inside(table.shape))
+                best, least = one._replace(area=found.area * SPACING**2), found.area
+    return best
+
+
+def _locked_speeds(table: Table, locked: _Floods, k: int, cell: Sector) -> Array:
+    """Evaluate the squared joint speeds of the locked arm k and of J⁺ at each node: (2, I, J)."""
+    speeds = np.full((2, *table.shape), np.nan)
+    there = locked.reached[k]
+    speeds[:, there] = _locked_squares(cell, locked.Q[k][there], locked.held[k])
+    return speeds
 
 
 def _locked_joints(
@@ -1151,18 +1163,26 @@ def _locked_joints(
     Nodes at which bodies are nearer than ``distance``, m, are left out. Return None if no node is
     left.
     """
-    task, clear = table.task, locked.reached[k] & inside
+    clear = locked.reached[k] & inside
     on = np.argwhere(clear)
     closed = on[_near(table, on, locked.Q[k][clear], distance, _angles(table, cell))]
     clear[closed[:, 0], closed[:, 1]] = False
-    Q = locked.Q[k][clear]
-    if not len(Q):
+    if not clear.any():
         return None
+    one = _locked_arm(table, locked, k, cell, clear)
+    return one._replace(share=float(clear.sum() / inside.sum()))
+
+
+def _locked_arm(
+    table: Table, locked: _Floods, k: int, cell: Sector, clear: NDArray[np.bool_]
+) -> LockedJoints:
+    """Evaluate the arm of the locked flood k on all nodes of a mask (I, J), which it reaches."""
+    task, Q = table.task, locked.Q[k][clear]
     joints = np.flatnonzero(locked.held[k])
     return LockedJoints(
         tuple(task.joint_names[j] for j in joints),
         tuple(Q[0, joints].tolist()),
-        len(Q) / int(inside.sum()),
+        1.0,
         *_locked_price(cell, Q, locked.held[k]),
         float(rectangles(clear[None]).area[0] * SPACING**2),
     )
@@ -1170,9 +1190,14 @@ def _locked_joints(
 
 def _locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, float]:
     """Evaluate the extra joint speed, mean and worst, of an arm with locked joints at Q (K, n)."""
-    J, E, C = _unit_twists(cell, Q)
-    mine, least = _squares(np.linalg.pinv(J * ~held) @ E @ C, np.linalg.pinv(J) @ E @ C)
+    mine, least = _locked_squares(cell, Q, held)
     return float(np.sqrt(mine.mean() / least.mean()) - 1), float(np.sqrt((mine / least).max()) - 1)
+
+
+def _locked_squares(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Evaluate the squared joint speeds (K,) of an arm with locked joints and of J⁺ at Q (K, n)."""
+    J, E, C = _unit_twists(cell, Q)
+    return _squares(np.linalg.pinv(J * ~held) @ E @ C, np.linalg.pinv(J) @ E @ C)
 
 
 def _least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:

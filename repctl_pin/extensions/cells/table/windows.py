@@ -49,6 +49,18 @@ class Shut(NamedTuple):
         k = round(angle / STEP) % _ANGLES
         return np.asarray(self.near[k] | self.out[k])
 
+    def free(self, angles: tuple[float, float]) -> NDArray[np.bool_]:
+        """Return the nodes (I, J) at which bodies keep the distance at all angles of a range.
+
+        The range is from the first to the last angle, rad. Angles beyond the limits of the joint
+        that turns the arm are left out.
+        """
+        half = (angles[1] - angles[0]) / 2
+        away = STEP * np.arange(_ANGLES) - sum(angles) / 2
+        inside = np.abs((away + np.pi) % (2 * np.pi) - np.pi) <= half + STEP / 2
+        used = inside[:, None, None] & ~self.out
+        return used.any(axis=0) & ~(self.near & used).any(axis=0)
+
 
 class Windows(NamedTuple):
     """Windows of a flood, the widest first, with the nodes that are free at all their angles.
