@@ -108,11 +108,11 @@ def _overlapping(column: NDArray[np.bool_], low: int, high: int) -> tuple[int, i
     return int(starts[best]), int(ends[best])
 
 
-def largest_between(ends: Array) -> Between:
+def largest_between(ends: Array, least: float = 0.0) -> Between:
     """Find the two polynomials with the largest area inside runs (J, 2), at any heights.
 
     The area of the runs is an upper bound. Ranges of the height are tried in the order of this
-    bound, until it falls below the best area.
+    bound, until it falls below the best area, or to ``least``: then no larger area exists.
     """
     there = np.flatnonzero(ends[:, 0] >= 0)
     if len(there) <= _SHORT:
@@ -127,7 +127,7 @@ def largest_between(ends: Array) -> Between:
     ]
     best = Between.none()
     for bound, i, j in sorted(pairs, reverse=True):
-        if bound <= best.area:
+        if bound <= max(best.area, least):
             break
         found = _between(ends[i : j + 1].astype(float), i, j)
         best = max(best, found, key=lambda one: one.area)

@@ -519,12 +519,13 @@ def _shaped_places(
 
 
 def _affordable_between(
-    mask: NDArray[np.bool_], own: Array, usual: Array, limits: Required
+    mask: NDArray[np.bool_], own: Array, usual: Array, limits: Required, least: float = 0.0
 ) -> Between:
     """Find the largest range of radius by height in one opening (I, J) that meets the limits.
 
     ``own`` and ``usual`` (I, J) are the squared joint speeds of a function and of J⁺. The dearest
-    nodes are left out until the mean over the range meets its limit.
+    nodes are left out until the mean over the range meets its limit. A range of at most the area
+    ``least``, in units of the spacing squared, may be missed.
     """
     best = Between.none()
     with np.errstate(invalid="ignore"):
@@ -532,7 +533,7 @@ def _affordable_between(
         for most in [np.inf, *limits.mean * np.geomspace(_DEAREST, 1, _SHARES)]:
             good = extra < min(most, _SPARE * limits.worst)
             (first,), (last,) = rectangles(good[None])[1:]
-            found = largest_between(runs(good, first, last))
+            found = largest_between(runs(good, first, last), least)
             inside = found.inside(mask.shape)
             if found.area and np.sqrt(own[inside].sum() / usual[inside].sum()) < 1 + limits.mean:
                 best = max(best, found, key=lambda one: one.area)
@@ -1130,17 +1131,17 @@ def _larger(
     """
     cell = design.function.chart.cell
     assert isinstance(cell, Sector), "a table is a sector"
-    best, least = None, area_of(design.cell) * (1 + _ALMOST) / SPACING**2
+    least = area_of(design.cell) * (1 + _ALMOST) / SPACING**2
     # the joint speed of a locked arm is known, so that no share of its limit is spared
     exact = limits._replace(worst=limits.worst / _SPARE)
     floods = _unlike(table, locked)
+    best = None
     for k, flood in enumerate(floods.Q):
-        own, usual = _locked_speeds(table, floods, k, cell)
-        mask = own < (1 + limits.worst) ** 2 * usual
-        if mask.sum() > least:
-            mask &= shut(table, flood, limits.distance).free(_angles(table, cell))
-        if mask.sum() > least:
-            found = _affordable_between(mask, own, usual, exact)
+        speeds = _locked_speeds(table, floods, k, cell)
+        # without bodies first, because they are slow to test
+        if _affordable_between(floods.reached[k], *speeds, exact, least).area > least:
+            clear = shut(table, flood, limits.distance).free(_angles(table, cell))
+            found = _affordable_between(clear, *speeds, exact, least)
             if found.area > least:
                 one = _locked_arm(table, floods, k, cell, found.inside(table.shape))
                 best, least = one._replace(area=found.area * SPACING**2), found.area
