@@ -324,7 +324,8 @@ def whole_table(
     if area_of(straight.cell) < _MUCH * rectangle * SPACING**2 and _at_bodies(straight):
         straight = _farther_from_bodies(fit, ranked[0], limits, report, straight)
     report("a range of radius for each height", 0.85)
-    shaped = _shaped_places(table, tested, openings, speeds, limits, line, symmetries)
+    worth = _worth(straight)
+    shaped = _shaped_places(table, tested, openings, speeds, limits, line, symmetries, worth)
     design = _larger_design(fit, shaped, limits, straight)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
@@ -493,14 +494,18 @@ def _shaped_places(
     limits: Required,
     line: Array,
     symmetries: tuple[Symmetry, ...],
+    worth: float,
 ) -> list[_Place]:
     """Choose the best sectors whose range of radius depends on the height, the best first.
 
-    They lie in nodes at which joint speed can meet the limits, as in :func:`_affordable`.
+    They lie in nodes at which joint speed can meet the limits, as in :func:`_affordable`, and are
+    larger in area than ``worth``, m².
     """
     own, usual = speeds[:, openings.flood]
+    least = worth / SPACING**2
     every = [
-        _affordable_between(*one, limits) for one in zip(openings.mask, own, usual, strict=True)
+        _affordable_between(*one, limits, least)
+        for one in zip(openings.mask, own, usual, strict=True)
     ]
     rating = np.zeros(len(every))
     postures = np.zeros((len(every), table.task.n))
