@@ -77,8 +77,8 @@ class Fourier(PotentialBasis):
         joints = len(self.variables)
         if len(multiples) ** (joints if cross else 1) > 50 * _MAX_SIZE:
             raise InputError(
-                f"order {order} in {joints} joints makes too many potentials",
-                remedy="lower the order or choose variables",
+                f"a Fourier basis of order {order} in {joints} joints has too many potentials",
+                remedy="use a lower order, or fewer joints by variables=",
             )
         alone = (tuple(row) for k in multiples for row in (k * np.eye(joints, dtype=int)).tolist())
         every = product(multiples, repeat=joints) if self.cross else alone
@@ -132,8 +132,8 @@ class Fourier(PotentialBasis):
 class FourierMap(Potentials):
     """r Fourier series ``h = Σ_k a_k sin(k · q) + b_k cos(k · q)`` with a_k and b_k (r,).
 
-    The coefficients A (2 K, r) of a design are those of all sines, then of all cosines. ``waves``
-    (K, n) are the wave vectors k, per rad or m.
+    The wave vectors k, per rad or m, are the rows of ``waves`` (N/2, n). The coefficients A (N, r)
+    are those of all sines, then of all cosines.
     """
 
     def __init__(self, waves: Array, A: Array) -> None:
@@ -167,9 +167,9 @@ class FourierMap(Potentials):
         return np.einsum("wi,wk,wj->ikj", self.waves, self.waves, bend)
 
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART` of the series, with which C evaluates h and its gradients.
+        """Create the struct :data:`PART`, from which the native library evaluates h and V.
 
-        Waves whose coefficients are all 0 are left out, except for one wave if all of them are.
+        Wave vectors whose coefficients are all 0 are left out, but at least one is kept.
         """
         used = ((self.sines != 0) | (self.cosines != 0)).any(axis=1)
         used[0] |= not used.any()
