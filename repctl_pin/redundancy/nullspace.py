@@ -58,8 +58,10 @@ def null_vector(J: ArrayLike) -> Array:
     (J,) = as_matrices(("J", J, "m n"))
     m, n = J.shape[-2:]
     if n != m + 1:
-        raise InputError(f"J is {m} × {n}, but a null vector requires one column more than rows; "
-            "use nullspace(J)")
+        raise InputError(
+            f"J is {m} × {n}, but a null vector requires one column more than rows; "
+            "use nullspace(J)"
+        )
     minors = [np.linalg.det(np.delete(J, i, axis=-1)) for i in range(n)]
     return np.stack([(-1) ** i * minor for i, minor in enumerate(minors)], axis=-1)
 

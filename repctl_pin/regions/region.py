@@ -165,8 +165,10 @@ def evaluate_density(density: Density | None, Q: Array) -> Array:
             f"return one number per configuration, ({len(Q)},)"
         )
     if not (np.isfinite(values).all() and (values >= 0).all()):
-        raise InputError("the density is negative or not finite somewhere in the region; "
-            "return finite numbers of at least 0")
+        raise InputError(
+            "the density is negative or not finite somewhere in the region; "
+            "return finite numbers of at least 0"
+        )
     return values
 
 

@@ -110,10 +110,10 @@ class NumPyLaw:
         return q + x
 
     def report(self) -> tuple[float, float]:
-        """Return the damping λ of the last step with limits, and its speed-limit factor, 0 to 1.
+        """Return (λ, factor) of the last step that had ``limits``; (0, 1) before any such step.
 
-        The joint speed limits shortened the step by this factor; the result is (0, 1) before any
-        step.
+        λ is the damping, and the factor, 0 to 1, is that by which the step was shortened to the
+        joint speed limits.
         """
         return self._report
 
@@ -172,7 +172,7 @@ def _within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
     x : (n,) array
         Shortened step.
     slowed : float
-        Smaller one of the two factors, of x_leaf and of the whole step.
+        The smaller of the two factors, 0 to 1, by which x_leaf and the whole step were scaled.
     """
     x_leaf = x - x_task
     left = np.where(x_leaf > 0, most - x_task, most + x_task)

@@ -185,7 +185,10 @@ def test_boxes_are_cut_to_limits(panda_pose: rp.Task) -> None:
         (lambda: rp.Box([0.0, 0.0], np.inf), "above 0"),
         (lambda: rp.Box([0.0, 0.0], [0.1, 0.1, 0.1]), "half-width"),
         (lambda: rp.Box("ab", 1.0), "center"),
-        (lambda: rp.Box.between([0.0, 1.0], [1.0, 0.5]), "joint 1 .* has lower = 1 and upper = 0.5"),
+        (
+            lambda: rp.Box.between([0.0, 1.0], [1.0, 0.5]),
+            "joint 1 .* has lower = 1 and upper = 0.5",
+        ),
         (lambda: rp.Box.between([0.0, 1.0], [1.0, 1.0]), "lower < upper"),
         (
             lambda: rp.Box.between([0.0, 1.0], [1.0]),

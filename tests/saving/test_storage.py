@@ -354,7 +354,9 @@ def test_a_newer_schema_is_refused_with_a_remedy(saved) -> None:
 
 
 def test_an_older_schema_is_refused_by_name(saved) -> None:
-    with pytest.raises(rp.InputError, match=r"schema 1, but repctl-pin .* reads schema 2; design again"):
+    with pytest.raises(
+        rp.InputError, match=r"schema 1, but repctl-pin .* reads schema 2; design again"
+    ):
         rp.load(edited(saved, schema=1))
 
 

@@ -99,7 +99,7 @@ def test_singular_configurations_are_named_errors() -> None:
 def test_a_link_without_inertia_is_named(tmp_path: Path) -> None:
     task = planar_task((1, 1, 1), tmp_path)
     with pytest.raises(
-        rp.InputError, match="nothing that theta1 moves .* link 'link1' needs an <inertial>"
+        rp.InputError, match="no link that theta1 moves .* give link 'link1' an <inertial>"
     ):
         rp.WeightedInverse(task, "inertia")
 
