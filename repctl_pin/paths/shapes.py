@@ -48,8 +48,8 @@ def circle(
         Axis of the circle, ``x``, ``y`` or ``z``, with ``-z`` for the opposite direction; or its
         plane: ``yz``, ``xz``, ``xy``.
     start_angle
-        Angle of the start on the circle, rad from the plane's first axis; the centre is at ``p −
-        radius (cos, sin)``, where p is the start.
+        Angle α of the start on the circle, rad from the plane's first axis: in the plane, the
+        centre is at ``p − radius (cos α, sin α)``, where p is the start.
     rotation
         ``fixed``, ``tangent``, or a point (3,), m in the base frame, which the frame always faces
         as it does at the start. With ``tangent``, the frame makes a full turn with the circle, for
@@ -251,7 +251,7 @@ def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Arra
     plane = meant.removeprefix("-")
     if plane not in PLANES:
         raise InputError(
-            f"no plane {shown(normal)}; choose from {', '.join(PLANES)}, "
+            f"there is no plane {shown(normal)}; choose from {', '.join(PLANES)}, "
             "or give a normal: x, y, z, -x, -y, -z"
         )
     first, second = (np.eye(3)[k] for k in PLANES[plane])

@@ -35,20 +35,14 @@ class Potentials(Protocol):
     """
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h(q), one number per potential: (r,).
-
-        The arm stays on the set h(q) = c, its leaf.
-        """
+        """Evaluate the r potentials h(q) at one q (n,): (r,)."""
 
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at one q (n,): (n, r)."""
         return self.gradients(np.asarray(q, float)[None])[0]
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
-
-        V and J together determine the repeatable inverse.
-        """
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r)."""
 
 
 @runtime_checkable
@@ -62,7 +56,7 @@ class CurvedPotentials(Potentials, Protocol):
     def hessian(self, q: Array) -> Array:
         """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
 
-        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k.
         """
 
 
@@ -123,17 +117,11 @@ class SumMap(Potentials):
         self.maps, self.n = tuple(maps), _common_joints(maps)
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h(q), one number per potential: (r,).
-
-        The arm stays on the set h(q) = c, its leaf.
-        """
+        """Evaluate the r potentials h(q) at one q (n,): (r,)."""
         return np.sum([part.value(q) for part in self.maps], axis=0)
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
-
-        V and J together determine the repeatable inverse.
-        """
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r)."""
         return np.sum([part.gradients(Q) for part in self.maps], axis=0)
 
 
@@ -150,7 +138,7 @@ class _CurvedSumMap(SumMap):
     def hessian(self, q: Array) -> Array:
         """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
 
-        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k.
         """
         return np.sum([part.hessian(q) for part in self._curved], axis=0)
 
@@ -193,10 +181,7 @@ class PotentialBasis(ABC):
         """
 
     def weighted(self, A: ArrayLike) -> Potentials:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
-
-        A design chooses A; a repeatable controller keeps these r sums constant.
-        """
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
         return CustomMap(self, coefficients(A, self.size))
 
     def __add__(self, other: PotentialBasis) -> Joined:
@@ -222,17 +207,11 @@ class CustomMap(Potentials):
         return f"<{len(self.A[0])} weighted sums of {self.basis!r}>"
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h(q), one number per potential: (r,).
-
-        The arm stays on the set h(q) = c, its leaf.
-        """
+        """Evaluate the r potentials h(q) at one q (n,): (r,)."""
         return self.basis.values(np.asarray(q, float)[None])[0] @ self.A
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
-
-        V and J together determine the repeatable inverse.
-        """
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r)."""
         return self.basis.gradients(Q) @ self.A
 
 
@@ -301,10 +280,7 @@ class Joined(PotentialBasis):
         return np.split(coefficients(A, self.size), self._ends[:-1])
 
     def weighted(self, A: ArrayLike) -> SumMap:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
-
-        A design chooses A; a repeatable controller keeps these r sums constant.
-        """
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
         maps = [part.weighted(a) for part, a in zip(self.parts, self.split(A), strict=True)]
         curved = [part for part in maps if isinstance(part, CurvedPotentials)]
         return _CurvedSumMap(curved) if len(curved) == len(maps) else SumMap(maps)

@@ -117,10 +117,7 @@ class Fourier(PotentialBasis):
         return slopes[:, None, :] * np.concatenate([self.waves, self.waves]).T
 
     def weighted(self, A: ArrayLike) -> FourierMap:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
-
-        A design chooses A; a repeatable controller keeps these r sums constant.
-        """
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r)."""
         return FourierMap(self.waves, coefficients(A, self.size))
 
     def __str__(self) -> str:
@@ -141,25 +138,19 @@ class FourierMap(Potentials):
         self.sines, self.cosines = np.split(A, 2)  # (N / 2, r)
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h(q), one number per potential: (r,).
-
-        The arm stays on the set h(q) = c, its leaf.
-        """
+        """Evaluate the r potentials h(q) at one q (n,): (r,)."""
         phase = self.waves @ q
         return np.sin(phase) @ self.sines + np.cos(phase) @ self.cosines
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
-
-        V and J together determine the repeatable inverse.
-        """
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r)."""
         phase = (np.asarray(Q, float) @ self.waves.T)[..., None]  # (K, N / 2, 1)
         return self.waves.T @ (np.cos(phase) * self.sines - np.sin(phase) * self.cosines)
 
     def hessian(self, q: Array) -> Array:
         """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
 
-        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k.
         """
         phase = self.waves @ q
         # (N / 2, r)
@@ -167,7 +158,7 @@ class FourierMap(Potentials):
         return np.einsum("wi,wk,wj->ikj", self.waves, self.waves, bend)
 
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART`, from which the native library evaluates h and V.
+        """Create the struct :data:`PART`, from which the native library evaluates h and ∂h/∂q.
 
         Wave vectors whose coefficients are all 0 are left out, but at least one is kept.
         """

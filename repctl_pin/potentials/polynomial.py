@@ -144,10 +144,7 @@ class Polynomial(PotentialBasis):
         return gradients.reshape(K, n, self.size)
 
     def weighted(self, A: ArrayLike) -> PolynomialMap:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
-
-        A design chooses A; a repeatable controller keeps these r sums constant.
-        """
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r)."""
         A = coefficients(A, self.size)
         d, joints = self.degree, np.array(self.variables)
         # Legendre to monomial coefficients, variable by variable, in an array of exponents.
@@ -237,19 +234,13 @@ class PolynomialMap(Potentials):
         self._rising = [slice(*pair) for pair in pairwise(ends)]  # degrees 1, 2, …
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h(q), one number per potential: (r,).
-
-        The arm stays on the set h(q) = c, its leaf.
-        """
+        """Evaluate the r potentials h(q) at one q (n,): (r,)."""
         away = np.asarray(q, float)[self.joints] - self.center
         w = self._powers(away[None] / self.scale)[:, 0] @ self._weight.swapaxes(0, 1)
         return w @ np.append(1.0, away) / self.degree
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
-
-        V and J together determine the repeatable inverse.
-        """
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r)."""
         U = (np.asarray(Q, float)[:, self.joints] - self.center) / self.scale
         gradients = np.zeros((len(U), self.n, self._weight.shape[1]))
         own = self._powers(U).T @ self._slopes
@@ -259,7 +250,7 @@ class PolynomialMap(Potentials):
     def hessian(self, q: Array) -> Array:
         """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
 
-        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k.
         """
         u = (np.asarray(q, float)[self.joints] - self.center) / self.scale
         M = self._powers(u[None])
@@ -285,7 +276,7 @@ class PolynomialMap(Potentials):
         return M
 
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART`, from which the native library evaluates h and V."""
+        """Create the struct :data:`PART`, from which the native library evaluates h and ∂h/∂q."""
         indices = {"joint": self.joints, "parent": self._parent, "factor": self._factor}
         reals = {"center": self.center, "scale": 1 / self.scale, "weight": self._weight}
         sizes = {

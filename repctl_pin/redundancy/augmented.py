@@ -117,7 +117,8 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
         return G_d - N @ np.linalg.solve(V_T @ N, V_T @ G_d)  # (32)
     except np.linalg.LinAlgError:
         raise SingularityError(
-            "algorithmic singularity: Nᵀ V is singular",
+            "algorithmic singularity: a combination of the potentials' gradients V lies in the row "
+            "space of J (det Nᵀ V = 0)",
             remedy="choose another configuration, or other potentials",
         ) from None
 

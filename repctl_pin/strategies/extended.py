@@ -65,7 +65,7 @@ class ExtendedJacobian(RepeatableInverse):
             raise InputError(
                 f"the task is not redundant (r = {task.r}), "
                 "but an extended Jacobian requires r ≥ 1",
-                remedy="use another kind of task",
+                remedy="use a kind of task with fewer coordinates",
             )
         if callable(potential):
             for given, name in ((gradient, "gradient"), (hessian, "hessian")):

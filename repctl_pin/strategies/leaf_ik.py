@@ -67,7 +67,7 @@ def solve(
     Returns
     -------
     (n,) array
-        Configuration with both errors below 1e-12.
+        Configuration at which f(q) = x and h(q) = c hold within 1e-12.
 
     Raises
     ------

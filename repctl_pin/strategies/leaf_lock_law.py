@@ -21,7 +21,7 @@ from .step_arguments import StepLimits, failure
 
 
 class NumPyLaw:
-    """The control law as in the formulas: ``J_V = [J; Vᵀ]`` (37), and its inverse (31).
+    """The control law by the formulas of the paper: ``J_V = [J; Vᵀ]`` (37), and its inverse (31).
 
     The class has the methods of :class:`NativeLaw`, whose results it must reproduce. Arguments are
     checked by the caller.
@@ -81,10 +81,10 @@ class NumPyLaw:
     ) -> Array:
         """Compute ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` (n,), the next q.
 
-        ``target`` is the placement x, ``twist`` the feed-forward (v, ω), m/s and rad/s, and
-        ``leaf`` the level c; without ``twist`` or ``leaf`` its term is omitted. ``gain`` is K, 1/s;
-        None removes the whole error in one step. With ``limits`` the step is damped near
-        singularities, and shortened to the joint speed limits.
+        ``target`` is the placement x, ``leaf`` the level c, and ``twist`` the velocity (v, ω) of
+        the target, m/s and rad/s, whose task coordinates are ẋ; without ``twist`` or ``leaf`` its
+        term is omitted. ``gain`` is K, 1/s; None removes the whole error in one step. With
+        ``limits`` the step is damped near singularities, and shortened to the joint speed limits.
         """
         task = self.task
         share = 1.0 if gain is None else gain * dt

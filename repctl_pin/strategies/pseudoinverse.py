@@ -282,6 +282,6 @@ def redundant(value: Any) -> Task:
         raise InputError(
             f"{task.frame!r} is moved by {task.n} joints, "
             f"too few for a {task.kind} task (m = {task.m})",
-            remedy="use another kind of task",
+            remedy="use a kind of task with fewer coordinates",
         )
     return task

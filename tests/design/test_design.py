@@ -981,7 +981,7 @@ def nan_beyond(q: np.ndarray) -> float:
                 rp.Box(Q0, 0.4),
                 degree=1,
             ),
-            "J G = I does not hold",
+            "J G differs from I by",
         ),
         (
             lambda t: rp.nearest_repeatable(

@@ -11,7 +11,7 @@ For the browser's console and for tests, the page has an object ``repctl`` with 
 - ``drift(arm, name)``: displacement, m, of a named body from its ghost, and the body's colour
 - ``picture()``, ``seen()``: data URL of a PNG of the scene, and of the page
 - ``record(seconds)``: start a film; return the function ``stop`` and the promise ``done`` of a Blob
-- ``still()``: canvas, for print
+- ``still()``: canvas element with a picture of the scene, for print
 - ``pane(arm)``: position and size of an arm's pane, as fractions of the picture
 
 Traces are the paths of frames and elbows. The ghost is the repeatable arm at the same time or,

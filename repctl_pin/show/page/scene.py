@@ -78,7 +78,7 @@ class FirstViolation:
     at : float
         Time in cycles: 1.25 is a quarter into the second cycle.
     cycle : int
-        The cycle, counted from 1.
+        Number of the cycle, from 1.
     origin : (T, 3) array
         Origin of the joint's child link, or of one of the colliding links, at the T shown samples,
         m, relative to the robot's root link.
@@ -158,7 +158,7 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     if rest or steps < 1:
         raise InputError(
             f"{samples} samples cannot be divided into {cycles} cycles of equal steps; "
-            f"give 1 + k {cycles} samples, with a whole number k of steps per cycle"
+            f"give 1 + {cycles} k samples, with a whole number k of steps per cycle"
         )
     stride = -(-(cycles - 1) // (_SHOWN - 1)) or 1
     numbers = np.unique(np.r_[1, np.arange(cycles, 0, -stride)])

@@ -94,10 +94,7 @@ def _title(row: Row) -> str:
 
 
 def _about(study: Study) -> str:
-    """Write one line that names the arm, its task, its path and the number of cycles.
-
-    The line follows the first sentence of the answer.
-    """
+    """Write one line that names the arm, its task, its path and the number of cycles."""
     moved = (row.motion for row in study.rows if row.motion is not None)
     cycles = next((motion.cycles for motion in moved), 0)
     times = counted(cycles, "cycle")
@@ -232,11 +229,10 @@ def _links(summary: MotionSummary) -> Span:
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
-    """List the notes of a study that the sentence and the lines above do not contain yet.
+    """List the notes of a study, except those on violations, which have lines of their own.
 
-    First come the reasons of strategies that stopped, except J⁺ and the repeatable one, then the
-    others, sorted by :func:`_rank`. The last ones are left out if the terminal has no space for
-    all.
+    First come the reasons why controllers stopped, except J⁺ and the repeatable one, which the
+    headline names; then the other notes, sorted by :func:`_rank`.
     """
     said = {f"{row.label}: {violation}" for row in rows for violation in violation_texts(row)}
     notes = [note for note in study.notes if note not in said]
