@@ -82,7 +82,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         lambda g: rp.RepeatableInverse(
             g.task, rp.Polynomial(np.zeros(3), 1).weighted(np.ones((3, 1)))
         ),
-        "the potentials are of 3 joints, but the task has 7",
+        "the potentials are functions of 3 joints, but the task has 7",
     ),
     "RepeatableInverse, waves of other joints": (
         lambda g: rp.RepeatableInverse(g.task, rp.Fourier(3, 1).weighted(np.ones((6, 1)))),
@@ -130,7 +130,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     ),
     "Joined, other joints": (
         lambda g: g.potentials + rp.Fourier(9, 1, variables=[0]),
-        "functions of the same joints, not of 7 and of 9",
+        "potentials of 7 and of 9 joints cannot be joined",
     ),
     "ExtendedJacobian, a joint that is not there": (
         lambda g: rp.ExtendedJacobian(g.task, lambda q: q[8])(g.q0),
@@ -213,7 +213,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     "box, limits": (lambda g: g.box.inside([0, 1], [2, 3]), "limits of this box must be 7 numbers"),
     "box, density": (
         lambda g: rp.Box(g.q0, 0.3, density=lambda Q: "much").nodes(64, 0),
-        r"density .* \(K,\) numbers",
+        r"density .* returns K numbers",
     ),
     "tube": (lambda g: g.tube.contains(SHORT), r"this tube takes Q as an array \(K, 7\)"),
     "tube, ratio": (lambda g: g.tube.ratio(SHORT), r"\(K, 7\)"),
@@ -237,11 +237,11 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     ),
     "polynomial, joints": (
         lambda g: rp.Polynomial(g.q0, 2, variables=["elbow"]),
-        "joint numbers from 0 to 6",
+        "indices of joints, from 0 to 6",
     ),
     "polynomial, half a joint": (
         lambda g: rp.Polynomial(g.q0, 2, variables=[0.5]),
-        "joint numbers from 0 to 6",
+        "indices of joints, from 0 to 6",
     ),
     "Fourier": (lambda g: g.waves.values(SHORT), r"this Fourier basis takes Q .*\(K, 7\)"),
     "Fourier, slopes": (lambda g: g.waves.gradients("q0"), r"\(K, 7\).*'q0'"),

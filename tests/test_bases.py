@@ -78,7 +78,7 @@ def test_user_defined_bases_and_regions_make_a_design() -> None:
         rp.Pseudoinverse(task), rp.Polynomial(Q0, 1, 0.2) + rp.Fourier(3, 1), ball, options=NODES
     )
     assert design.region is ball and design.leaf_margin > 0.3
-    with pytest.raises(rp.InputError, match="a region Ball cannot be saved"):
+    with pytest.raises(rp.InputError, match="a region of type Ball cannot be saved"):
         rp.save(design, "never.json")
     assert repr(Sums()) == "<Sums: 2 potentials>"
 

@@ -136,5 +136,7 @@ def test_a_file_of_the_other_kind_is_refused(tmp_path: Path) -> None:
     assert rp.load_design(a).cost == design.cost and rp.load_cell(b).cost == found.cost
     with pytest.raises(rp.InputError, match=r"holds a repeatable inverse; use rp\.load_design"):
         rp.load_cell(a)
-    with pytest.raises(rp.InputError, match=r"holds a function over a cell; use rp\.load_cell"):
+    with pytest.raises(
+        rp.InputError, match=r"holds the function of a cell, not a design; use rp\.load_cell"
+    ):
         rp.load_design(b)

@@ -103,7 +103,7 @@ def nearest_repeatable(
         as_int(options.held_out, "held_out", 2 * REPLICATES, MOST_NODES)
     shrink = flag(shrink, "shrink")
     progress = flag_or_function(
-        progress, "progress", "a function of the step's name and the completed fraction", 2
+        progress, "progress", "a function of the step (text) and the fraction done", 2
     )
     _check(desired, potentials, region, degree)
     if potentials is None:

@@ -47,7 +47,10 @@ def library() -> ctypes.CDLL | None:
 
 @functools.cache
 def _loaded() -> tuple[ctypes.CDLL | None, str, str]:
-    """Load the library and return (library, "", ""), or warn and return (None, fault, remedy)."""
+    """Load the library and return (library, "", ""), or warn and return (None, fault, remedy).
+
+    ``fault`` is a predicate such as "is missing"; both texts complete an error message.
+    """
     state, cause, remedy = _MISSING
     if _LIBRARY.exists():
         try:
@@ -71,8 +74,9 @@ def _loaded() -> tuple[ctypes.CDLL | None, str, str]:
 def required_library(by: str, *, holds: bool = False) -> ctypes.CDLL:
     """Load the native library for a caller that requires it.
 
-    ``by`` names the caller in the message, such as "a governor". With ``holds``, the functions of
-    the library keep Python's global interpreter lock during a call, which makes short calls faster.
+    ``by`` names the caller in the error message, such as "a governor". With ``holds``, Python's
+    global interpreter lock is kept during each call of a C function, which makes short calls
+    faster; without it, the lock is released.
 
     Raises
     ------
@@ -91,10 +95,10 @@ def required_library(by: str, *, holds: bool = False) -> ctypes.CDLL:
 def _struct(
     *first: tuple[str, Any], ints: str = "", doubles: str = "", pointers: str = ""
 ) -> type[ctypes.Structure]:
-    """Declare a C struct for ctypes, from texts of member names separated by blanks.
+    """Declare a C struct for ctypes, with its members in the order of the C declaration.
 
-    Its members are those of ``first``, pairs (name, ctypes type), then ints, then doubles, then
-    pointers; this must be their order in C.
+    The members ``first`` are pairs (name, ctypes type). The int, double and pointer members follow,
+    each kind given by its names in one text, separated by blanks.
     """
     members = [*first, *((name, ctypes.c_int) for name in ints.split())]
     members += [(name, ctypes.c_double) for name in doubles.split()]
@@ -208,8 +212,8 @@ def filled_struct(
     """Create a C struct whose pointers point to copies of arrays, converted to C's types.
 
     ``ints`` and ``reals`` are arrays by member name, stored as int32 and double; ``scalars`` are
-    the other members. Returns the struct, and the list of the converted arrays. The struct keeps
-    them as ``held``, a dict by name, so that they live as long as the struct.
+    the other members. Returns the struct, and the list of the converted arrays. The struct's
+    attribute ``held``, a dict of these arrays by name, keeps them in memory.
     """
     held: dict[str, NDArray[np.generic]] = {}
     held |= {name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()}
@@ -223,9 +227,9 @@ def filled_struct(
 def point(made: Any, name: str, structs: list[Any]) -> None:
     """Set the pointer ``name`` of a struct to an array of other structs.
 
-    ``made`` is a struct of :func:`filled_struct`. Its ``held`` keeps ``structs``, all of one type,
-    so that they live as long as ``made``. They are copied into the array: later changes of their
-    members have no effect in C.
+    ``made`` is a result of :func:`filled_struct`; its attribute ``held`` keeps ``structs``, all of
+    one type, and the array in memory. The array holds copies: later changes of a member of
+    ``structs`` have no effect in C.
     """
     row = (type(structs[0]) * len(structs))(*structs)
     setattr(made, name, ctypes.addressof(row))

@@ -83,9 +83,11 @@ def compiler(zig: bool = True) -> list[str]:
         return [sys.executable, "-m", "ziglang", "cc", "-s", "-target", target()]
     tried = ", ".join(shlex.join(command) for command in found)
     if not found:
-        raise NoCompilerError("REPCTL_TARGET requires ziglang; run `pip install ziglang`")
+        raise NoCompilerError(
+            "REPCTL_TARGET requires ziglang, which is not installed; run `pip install ziglang`"
+        )
     raise NoCompilerError(
-        f"no C compiler works (tried {tried}); install ziglang, or set CC to one that works"
+        f"no C compiler works (tried {tried}); run `pip install ziglang`, or set CC to a compiler"
     )
 
 
@@ -105,10 +107,10 @@ def _works(command: list[str]) -> bool:
 
 
 def _run(line: list[str], folder: str) -> None:
-    """Run a compiler command in a folder, which also holds the caches of zig.
+    """Run a compiler's command line in a folder, which also holds the caches of zig.
 
-    Raises NoCompilerError with the compiler's output if the command fails, or takes more than 300
-    s.
+    NoCompilerError, with the compiler's output, is raised if the command fails or takes more than
+    300 s.
     """
     zig = {f"ZIG_{which}_CACHE_DIR": f"{folder}/zig" for which in ("LOCAL", "GLOBAL")}
     try:
@@ -145,8 +147,13 @@ def build(library: Path = LIBRARY) -> bool:
     """Compile the C files of this folder, in parallel, and link the library.
 
     On x86-64, files with long loops are compiled several times, for plain, AVX2 and AVX-512
-    processors. The finished file replaces ``library`` in one step. A library that was built from
-    the same sources by the same command lines stays as it is, or is copied from this folder.
+    processors. Nothing is compiled if the same sources have already been built by the same command
+    lines, at ``library`` or in this folder: that file is then kept or copied.
+
+    Parameters
+    ----------
+    library
+        File to write; a finished library replaces it in one step.
 
     Returns
     -------
@@ -183,19 +190,20 @@ def build(library: Path = LIBRARY) -> bool:
 
 
 def mark() -> bytes:
-    """Compute the digest of the sources in this folder, by which their library is recognised.
+    """Return the bytes that a library contains if it was built from the sources in this folder.
 
-    A library from other sources may have other structs than those that Python fills.
+    They are a fixed text and a hash of the C files. The structs of any other library can differ
+    from those that Python fills.
     """
     files = sorted(FOLDER.glob("*.[ch]"))
     return _DIGEST + _hash([file.read_bytes() for file in files]) + b"-"
 
 
 def _digest(command: list[str], lines: list[list[str]]) -> bytes:
-    """Compute the digests by which a library is recognised: of its sources, and of its build.
+    """Return the bytes that a library contains if it was built here by these command lines.
 
-    The second digest is of the compiler and its command lines, which name the sources relative to
-    this folder, because the folder may be a copy.
+    They are those of :func:`mark`, and a hash of the version of the compiler ``command`` and of
+    ``lines``, one command line per object file. The hash is the same for a copy of this folder.
     """
     version = subprocess.run([*command, "--version"], capture_output=True, check=False).stdout
     texts = [" ".join(line).replace(f"{FOLDER}{os.sep}", "").encode() for line in lines]

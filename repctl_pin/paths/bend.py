@@ -19,17 +19,16 @@ _DEGREE = 30
 class Bend:
     """Plane curve that rounds a corner: length 1, total turn φ, curvature zero at both ends.
 
-    At the arc length u, its curvature is ``6 φ u (1 − u)`` and its direction
-    ``θ(u) = φ (3u² − 2u³)``; its point is the integral of (cos θ, sin θ), stored as Chebyshev
-    polynomials.
+    At the arc length u in [0, 1], the curvature is ``6 φ u (1 − u)`` and the direction
+    ``θ(u) = φ (3u² − 2u³)``; the point is the integral of (cos θ, sin θ).
 
     Attributes
     ----------
     phi : float
         Total turn φ, rad.
-    point : (d + 1, 2) array
-        Chebyshev coefficients of the point over u in [0, 1], along and across the direction at
-        u = 0.
+    point : (32, 2) array
+        Chebyshev coefficients over u of the point's two coordinates: along and across the direction
+        at u = 0.
     """
 
     phi: float
@@ -37,7 +36,7 @@ class Bend:
 
     @classmethod
     def of(cls, phi: float) -> Bend:
-        """Create the curve with the total turn φ, rad, as fitted polynomials."""
+        """Create the curve with the total turn φ, rad, by fitting polynomials to its direction."""
         nodes = chebyshev.chebpts1(_DEGREE + 1)
         theta = cls.direction_of(phi, (nodes + 1) / 2)
         slope = np.linalg.solve(
@@ -52,23 +51,24 @@ class Bend:
         return phi * u**2 * (3 - 2 * u)
 
     def at(self, u: ArrayLike) -> Array:
-        """Evaluate the point at u: (2,) or (2, K), along and across the direction at u = 0."""
+        """Evaluate the point at u: (2,), or (2, K) for u (K,), as in :attr:`point`."""
         return np.asarray(chebyshev.chebval(2 * np.asarray(u) - 1, self.point))
 
     def length(self, cut: float) -> float:
-        """Compute the length, m, of a bend that cuts off ``cut``, m, from both edges at its corner.
+        """Compute the length, m, at which the curve's ends lie ``cut``, m, from its corner.
 
-        The stored curve has length 1, so the result is also the factor by which to scale it. The
-        ends of the bend are ``2 cut cos(φ/2)`` apart.
+        The curve has length 1, so the result is also the factor by which to scale it. The ends of
+        the scaled curve are ``2 cut cos(φ/2)`` apart.
         """
         return float(2 * cut * np.cos(self.phi / 2) / np.linalg.norm(self.at(1.0)))
 
     def shares(self, u: Array) -> tuple[Array, Array]:
-        """Express the points of a bend by shares α and β of the two edges at its corner, at u (K,).
+        """Compute the coordinates α and β of the points at u (K,) along the two edges: (K,) each.
 
-        With the corner at c, ``p(u) = c − α(u) cut d₀ + β(u) cut d₁``, where d₀ and d₁ are the
-        directions at the ends and ``cut`` is the length taken off both edges. So curved edges can
-        be blended, too. ``β(0) = β′(0) = β″(0) = β″(1) = 0``, ``β(1) = 1`` and ``α(u) = β(1 − u)``.
+        ``p(u) = c − α(u) cut d₀ + β(u) cut d₁``, with the corner c, the unit vectors d₀ and d₁
+        along the first and the second edge, and the length ``cut`` taken off each edge. Thus
+        ``α(u) = β(1 − u)``, ``β(0) = β′(0) = β″(0) = β″(1) = 0`` and ``β(1) = 1``. With curves in
+        place of the edges, α and β blend these curves.
         """
         scale = self.length(1.0) / np.sin(self.phi)
         return scale * self.at(1 - u)[1], scale * self.at(u)[1]

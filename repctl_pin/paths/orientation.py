@@ -47,18 +47,23 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
         R = np.empty(0)
     off = np.abs(R.T @ R - np.eye(3)).max() if R.shape == (3, 3) else np.inf
     if not off < 1e-6 or np.linalg.det(R) < 0:
+        if R.shape != (3, 3):
+            fault = f"its shape is {R.shape}, not (3, 3)" if R.size else "it is no matrix"
+        else:
+            fault = "det R = −1" if off < 1e-6 else f"RᵀR differs from I by {off:.2g}"
         raise InputError(
-            f"{what} must be a rotation matrix (3, 3), RᵀR = I and det R = 1, or scipy's Rotation"
+            f"{what} must be a rotation matrix, but {fault}; "
+            "give scipy's Rotation, for example Rotation.from_quat([qx, qy, qz, qw])"
         )
     return R if off < 1e-13 else pin.Quaternion(R).normalized().matrix()
 
 
 def angular_velocity(rotation: _Turning, breaks: Sequence[float]) -> _Turning:
-    """Create the function ω(s) of an orientation R(s) by finite differences, error 1e-11.
+    """Create the function ω(s), (3,), rad per cycle, of an orientation R(s) by finite differences.
 
-    This function is used if the user of a path gives R(s) without ω(s). The differences are those
-    of log(R(s + e) R(s)ᵀ), within one interval between ``breaks``, the values of s at which ω may
-    jump.
+    A path uses the result if its user gives R(s) without ω(s). The differences, of sixth order, are
+    those of log(R(s + e) R(s)ᵀ). They do not extend over ``breaks``, the values of s at which ω is
+    discontinuous.
     """
     knots = np.array([0.0, *breaks, 1.0])
     piece = piece_finder(knots, np.diff(knots))
@@ -78,10 +83,10 @@ def angular_velocity(rotation: _Turning, breaks: Sequence[float]) -> _Turning:
 
 
 def piece_finder(knots: Array, widths: Array) -> Callable[[float], tuple[int, float]]:
-    """Create the function s → (index of the interval that contains s, fraction of it before s).
+    """Create the function s → (index i of the interval with s, ``(s − knots[i]) / widths[i]``).
 
-    ``knots`` (P,) are the ends of the intervals, increasing, ``widths`` (P − 1,) their lengths. A
-    value s outside all intervals belongs to the first or the last one.
+    ``knots`` (P,) are the ends of the intervals, increasing, and ``widths`` (P − 1,) their lengths.
+    A value s outside all intervals is assigned to the first or the last interval.
     """
 
     def piece(s: float) -> tuple[int, float]:
@@ -96,16 +101,16 @@ def smooth_turning(
 ) -> tuple[_Turning, _Turning, Array]:
     """Interpolate orientations (P, 3, 3) at knots (P,) by a periodic cubic spline on SO(3).
 
-    The knots increase from 0 to 1; the last orientation equals the first. The spline is twice
-    differentiable, except next to an interval with equal orientations at its ends: there it is
-    constant, and ω is continuous.
+    The knots increase from 0 to 1; the last orientation equals the first. If the orientations at
+    both ends of an interval are equal, the spline is constant on this interval. At the ends of such
+    an interval only ω is continuous; everywhere else the derivative of ω is, too.
 
     Returns
     -------
     rotation, spin
-        The functions R(s) and ω(s).
+        The functions R(s) (3, 3) and ω(s) (3,).
     turns : (P,) array
-        Upper bounds of the total rotation from the first knot to each, rad.
+        Upper bounds of the total rotation, rad, from the first knot to each knot.
 
     Raises
     ------
@@ -120,8 +125,8 @@ def smooth_turning(
     if (angles > np.pi - 1e-4).any():
         at = int(np.argmax(angles))
         raise InputError(
-            f"points {at + 1} and {at + 2} differ by half a turn, so the direction of rotation "
-            "is ambiguous; add a point between them"
+            f"the orientations of points {at + 1} and {at + 2} differ by half a turn, so the "
+            "direction of rotation is ambiguous; add a point between them"
         )
     steps = np.diff(s)[:, None]
     cubic = _cubics(theta, _rates(s, R, angles < 1e-9), steps)
@@ -144,10 +149,10 @@ def smooth_turning(
 
 
 def _rates(s: Array, R: Array, held: NDArray[np.bool_]) -> Array:
-    """Evaluate the angular velocities (P, 3) of a periodic spline through R (P, 3, 3) at s (P,).
+    """Compute the angular velocities (P, 3) of a periodic spline through R (P, 3, 3) at s (P,).
 
-    They are in rad per unit of s, in axes of the rotating frame. They are 0 at both ends of the
-    intervals that ``held`` (P - 1,) marks, over which R does not change.
+    They are in rad per unit of s, in axes of the rotating frame. ``held`` (P − 1,) is True for
+    intervals over which R does not change; at both ends of these, the velocities are set to 0.
     """
     count = len(s) - 1
     k = np.arange(-_WRAP, count + _WRAP + 1)
@@ -161,8 +166,9 @@ def _cubics(theta: Array, rates: Array, steps: Array) -> Array:
     """Create the cubic v(u) of each interval, on which R(u) = R exp(v): (P - 1, 3, 3).
 
     The second axis has the coefficients of u, u² and u³; R is the orientation at the beginning of
-    the interval, and u runs from 0 to 1. ``theta`` (P - 1, 3) are the rotations over the intervals,
-    whose lengths are ``steps``. ``rates`` (P, 3) are the angular velocities at the knots.
+    the interval, over which u runs from 0 to 1. ``theta`` (P − 1, 3) are the rotation vectors over
+    the intervals, ``steps`` (P − 1, 1) their lengths in s, and ``rates`` (P, 3) the angular
+    velocities at the knots, all in axes of the rotating frame.
     """
     begin = rates[:-1] * steps
     end = np.array(
@@ -174,16 +180,15 @@ def _cubics(theta: Array, rates: Array, steps: Array) -> Array:
 def facing(
     target: Array, point: _Turning, slope: _Turning, start: Array
 ) -> tuple[_Turning, _Turning, Callable[[float, float], float]]:
-    """Create R(s) and ω(s) of a frame that always faces a point as it does at the start.
+    """Create R(s), ω(s) and a bound on the rotation of a frame that always faces a point.
 
     ``point`` and ``slope`` are p(s), m, and dp/ds of the path, ``target`` is the point (3,), m, and
-    ``start`` is R(0). ``R(s) = T(d₀ → d(s)) R(0)``, where d(s) is the unit vector from the frame to
-    the point, d₀ = d(0), and T the shortest rotation. With ḋ = dd/ds, ``ω = d × ḋ − (d₀ × d)·ḋ / (1
-    + d₀·d) d``.
+    ``start`` is R(0). In the frame's axes, the direction of the point is constant:
+    ``R(s) = T(d₀ → d(s)) R(0)``, where d(s) is the unit vector from p(s) to the point, d₀ = d(0),
+    and T the shortest rotation. With ḋ = dd/ds, ``ω = d × ḋ − (d₀ × d)·ḋ / (1 + d₀·d) d``.
 
-    The third result is a function (s, length), a bound on the rotation, rad, over an arc of at most
-    this length, m, that begins at s. There d turns by at most ``δ = length / (distance − length)``,
-    and ``|ω| = |ḋ| / cos(θ/2)`` at most, where θ is the angle from d₀ to d.
+    The third result is the function (s, length) → upper bound of the rotation, rad, over an arc of
+    the path that begins at s and has at most this length, m; see :func:`_most_turn`.
 
     Raises
     ------
@@ -200,9 +205,9 @@ def facing(
     d0 = D[0]
     if (D @ d0 < -1 + 1e-3).any() or (np.einsum("ij,ij->i", D[1:], D[:-1]) < 0.5).any():
         raise InputError(
-            f"the frame cannot face {target.tolist()} along the path, "
-            "which passes through that point or to its far side; choose a point farther away, "
-            "or for a circle around the point, use rotation='tangent'"
+            f"the frame cannot face the point {target.tolist()}, m: the path passes through this "
+            "point or to its opposite side; choose a point farther from the path or, for a circle "
+            "around the point, rotation='tangent'"
         )
 
     def rotation(s: float) -> Array:
@@ -222,10 +227,12 @@ def facing(
 
 
 def _most_turn(d0: Array, d: Array, distance: float, length: float) -> float:
-    """Bound the rotation, rad, of a frame that faces a point, on an arc of a length, m.
+    """Bound the rotation, rad, of a frame that faces a point, along an arc of a length, m.
 
-    At the start of the arc, the point is at ``distance``, m, in the direction d; d₀ is its
-    direction at s = 0.
+    At the beginning of the arc, the point is at ``distance``, m, in the direction d (3,); d₀ is its
+    direction at s = 0. Along the arc, d turns by at most ``length / (distance − length)``, and
+    ``|ω| ≤ |ḋ| / cos(θ/2)``, where θ is the angle from d₀ to d. The bound is infinite if the arc
+    may reach the point, or θ may reach π.
     """
     if length >= distance:
         return np.inf

@@ -49,13 +49,13 @@ class Piece:
 def pieces_of(path: TaskPath) -> list[Piece]:
     """Approximate a path by polynomial pieces, in the order of s.
 
-    No piece extends over a corner. The error is 1e-12 of the path's size if the path is smooth
-    between its corners.
+    No piece extends over a corner. If the path is smooth between its corners, the error is 1e-12 of
+    its size, the largest extent along an axis.
 
     Raises
     ------
     InputError
-        If the path is too rough for an error of 1e-9 of its size.
+        If the error exceeds 1e-9 of the path's size.
     """
     knots = (0.0, *path.breaks, 1.0)
     points = np.array([path.placement(float(s)).translation for s in np.linspace(0, 1, 33)])
@@ -68,7 +68,7 @@ def pieces_of(path: TaskPath) -> list[Piece]:
     return found
 
 
-def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
+def path_of(pieces: Sequence[Piece], rotation: Array, **attributes: Any) -> TaskPath:
     """Create a path from its polynomial pieces.
 
     Parameters
@@ -77,8 +77,8 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
         Polynomial pieces in order, from s = 0 to 1, see :func:`pieces_of`.
     rotation : (3, 3) array
         Fixed orientation, used if the pieces have no quaternions.
-    what
-        Name, spec and other attributes of :class:`TaskPath`.
+    attributes
+        ``name``, ``breaks`` and further attributes of :class:`TaskPath`.
     """
     ends = np.array([piece.end for piece in pieces])
     slopes = [
@@ -93,7 +93,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
         return np.asarray(chebyshev.chebval(u, slopes[i] if slope else piece.coefficients))
 
     def spin(s: float) -> Array:
-        """Evaluate ω(s), the vector part of ``2 p′ p* / |p|²``, from the quaternion p(s)."""
+        """Evaluate ω(s), the vector part of ``2 p′ p* / |p|²`` for the pieces' quaternion p(s)."""
         p, dp = at(s)[3:], at(s, slope=True)[3:]
         return 2 * (p[3] * dp[:3] - dp[3] * p[:3] - np.cross(dp[:3], p[:3])) / (p @ p)
 
@@ -101,16 +101,16 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **what: Any) -> TaskPath:
     if pieces[0].coefficients.shape[1] == 7:
         turning = {"rotation": lambda s: Rotation.from_quat(at(s)[3:]).as_matrix(), "spin": spin}
     path = TaskPath(
-        point=lambda s: at(s)[:3], slope=lambda s: at(s, slope=True)[:3], **turning, **what
+        point=lambda s: at(s)[:3], slope=lambda s: at(s, slope=True)[:3], **turning, **attributes
     )
     return with_arc(path, _arc(ends, slopes, at))
 
 
 def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> ArcBound:
-    """Make the function (a, b) → upper bounds of length, m, and rotation, rad, from s = a to b.
+    """Make the function (a, b) → upper bounds (length, m; rotation, rad) between s = a and b.
 
-    ``ends`` are the last s of each piece, ``slopes`` the coefficients of the derivatives of the
-    pieces by s, and ``at`` is the path's function of s.
+    ``ends`` are the last s of each piece, ``slopes`` the Chebyshev coefficients of the derivatives
+    of the pieces by s, and ``at`` is the function s → position, m, and quaternion.
     """
     # |T_k| ≤ 1, so a sum of norms bounds each slope
     rates = np.array(
@@ -121,7 +121,7 @@ def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> 
     )
 
     def arc(a: float, b: float) -> tuple[float, float]:
-        """Bound length, m, and rotation, rad, from s = a to b; ``|ω| ≤ 2 |p′| / |p|``."""
+        """Bound length and rotation; ``|ω| ≤ 2 |p′| / |p|`` for the quaternion p(s)."""
         first, last = np.searchsorted(ends, [a, b]).tolist()
         length, turned = (rates[first : last + 1].max(axis=0) * (b - a)).tolist()
         if not turned:
@@ -137,11 +137,11 @@ def _pickled(path: TaskPath) -> tuple[Callable[..., TaskPath], tuple[Any, ...]]:
 
     Returns what pickle's ``copyreg`` expects: a function that creates the path, and its arguments.
     """
-    what = {
+    attributes = {
         name: getattr(path, name)
         for name in ("name", "breaks", "spec", "plane", "corners", "period")
     }
-    return partial(path_of, **what), (pieces_of(path), path.placement(0.0).rotation)
+    return partial(path_of, **attributes), (pieces_of(path), path.placement(0.0).rotation)
 
 
 copyreg.pickle(TaskPath, _pickled)
@@ -152,9 +152,9 @@ def _fitted(
 ) -> list[Piece]:
     """Fit the path from s = ``begin`` to ``end`` by one polynomial, or by more after halving.
 
-    ``turns`` tells whether the frame rotates, ``size`` is the extent of the path, m, to which
-    errors are relative, and ``depth`` the number of halvings so far. InputError is raised after the
-    last halving if the fit is still too rough.
+    ``turns`` is True if the frame rotates, ``size`` is the extent of the path, m, to which position
+    errors are relative, and ``depth`` the number of halvings so far. InputError is raised if the
+    error still exceeds 1e-9 after the last halving.
     """
     values = partial(_placed, path, begin, end, turns)
     worst = np.inf
@@ -174,8 +174,9 @@ def _fitted(
             return [Piece(begin, end, C)]
     if depth == _DEEPEST:
         raise InputError(
-            f"{path.name} cannot be saved: it is too rough between s = {begin:.3g} and {end:.3g}",
-            remedy="use a smoother path",
+            f"{path.name} cannot be saved: between s = {begin:.3g} and {end:.3g}, polynomials "
+            f"differ from the path by more than {_GOOD:g} of its size",
+            remedy="use a smoother path, and list its corners in breaks=",
         )
     middle = (begin + end) / 2
     return [
@@ -186,10 +187,10 @@ def _fitted(
 
 
 def _placed(path: TaskPath, begin: float, end: float, turns: bool, u: Array) -> Array:
-    """Evaluate a path from s = ``begin`` to ``end``, given by u (K,) from -1 to 1.
+    """Evaluate a path at u (K,), which runs from −1 at s = ``begin`` to 1 at s = ``end``.
 
-    The result has positions (K, 3) or, if the frame ``turns``, positions and quaternions (K, 7).
-    The sign of the quaternions does not change along the piece.
+    The result has positions (K, 3), m, or, if ``turns`` is True, positions and quaternions (K, 7).
+    Quaternions at successive u have a positive scalar product, so that they are continuous.
     """
     inner = 1e-13 * (end - begin)  # sample inside the piece: the path may have corners at its ends
     middles = (begin + end + u * (end - begin)) / 2

@@ -84,8 +84,8 @@ def polygon(
         Start configuration, rad (m for prismatic joints).
     corners : (P, 3) array
         Corners after the start, in order, m *from the start*; the path returns to the start
-        automatically. A single corner gives a line there and back. A repeated corner is a pause, as
-        long as the motion along an edge of mean length.
+        automatically. A single corner gives a line there and back. At a repeated corner the frame
+        pauses for the time of an edge of mean length.
     blend
         Radius ρ, m, of the arcs that would round the corners. Each corner is rounded by a curve of
         continuous curvature that begins and ends where such an arc would. The path starts at the
@@ -140,12 +140,12 @@ def waypoints(
     ----------
     points : (P, 3) array, P placements, or Waypoints
         Positions, m in the base frame; or rigid transforms; or the result of
-        :func:`read_waypoints`, with its orientations and times. A repeated point is a pause. The
-        duration of a pause follows from the times; without times, it equals that of an edge of mean
+        :func:`read_waypoints`, with its orientations and times. At a repeated point the frame
+        pauses: until the next of the times or, without times, for the time of an edge of mean
         length.
     rotation : (3, 3) array, or P of them
-        Fixed orientation, or one per point, interpolated by a spline on SO(3); matrices or scipy
-        Rotations. Not allowed with points that have orientations.
+        Fixed orientation, or one orientation per point, interpolated by a spline on SO(3); matrices
+        or scipy Rotations. Required for positions; not allowed with points that have orientations.
     times : (P,) array, optional
         Increasing times of the points, s; by default those of the file, else the speed is
         constant.
@@ -214,8 +214,8 @@ def _placed(points: Any, rotation: Any) -> tuple[Array, list[Array]]:
     corners = _points(points, "waypoints")
     if rotation is None:
         raise InputError(
-            "waypoints without orientations require rotation=, "
-            "such as rotation=task.placement(q0).rotation"
+            "the waypoints have no orientations; "
+            "add rotation=, such as rotation=task.placement(q0).rotation"
         )
     if isinstance(rotation, Rotation):
         rotation = rotation.as_matrix()
@@ -224,7 +224,8 @@ def _placed(points: Any, rotation: Any) -> tuple[Array, list[Array]]:
     turns = [rotation_matrix(R) for R in (rotation if several else [rotation])]
     if len(turns) not in (1, len(corners)):
         raise InputError(
-            f"{len(corners)} waypoints require 1 or {len(corners)} rotations, not {len(turns)}"
+            f"{len(corners)} waypoints require 1 or {len(corners)} rotations, "
+            f"but rotation= has {len(turns)}"
         )
     return corners, turns
 
@@ -274,10 +275,11 @@ def _polyline(
 
 
 def _edge_sizes(corners: Array, rotation: Array | list[Array], name: str) -> Array:
-    """Measure the edges between corners (P, 3), rotations included: (P - 1,), m.
+    """Measure the edges between corners (P, 3): (P − 1,), m, where 1 rad of rotation counts 0.1 m.
 
-    A pause counts as a mean edge. InputError is raised for too many corners, and if all of them are
-    the same. ``rotation`` is one orientation, or one per corner.
+    An edge between equal corners, a pause, counts as the mean of the other edges. ``rotation`` is
+    one orientation, or one per corner. InputError is raised for too many corners, and if all of
+    them are the same.
     """
     if len(corners) - 1 > MOST_POINTS:
         raise InputError(f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}")
@@ -303,18 +305,19 @@ def _blend_radius(blend: float, times: ArrayLike | None) -> float:
 
 
 def _times(times: ArrayLike, count: int) -> Array:
-    """Check the times of ``count`` waypoints, s, and count them from 0."""
+    """Check the times of ``count`` waypoints, s; return them (count,), less the first time."""
     t = _doubles(times)
     if t is None or t.shape != (count,) or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
-        raise InputError(f"times must be {count} increasing finite numbers, s, one per waypoint")
+        raise InputError(f"times must be {count} increasing finite numbers, in s, one per waypoint")
     return t - t[0]
 
 
 def _arc(pieces: list[_Curve], s: Array, turns: tuple[Array, Array] | None) -> ArcBound:
-    """Make the function (a, b) → upper bounds of length, m, and rotation, rad, from s = a to b.
+    """Make the function (a, b) → upper bounds (length, m; rotation, rad) between s = a and b.
 
-    The path consists of lines and bends; its speed is constant between the knots ``s``. ``turns``
-    is a pair, None for a fixed orientation: knots, and bounds of the rotation up to each, rad.
+    ``pieces`` are the lines and half bends, with constant speed between the knots ``s``. ``turns``
+    is None for a fixed orientation, else a pair of arrays: knots of the orientation, and upper
+    bounds of the total rotation, rad, from the start to each of these knots.
     """
     lengths = [float(np.linalg.norm(piece(0.5)[1])) for piece in pieces]
     passed = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -344,11 +347,11 @@ def _line(start: Array, edge: Array) -> _Curve:
 def _bend(
     bend: Bend, start: Array, along: Array, inward: Array, length: float, begin: float
 ) -> _Curve:
-    """Create the half of a bend from u = ``begin``, 0 or 0.5, as a function on [0, 1].
+    """Create half of a bend as a function on [0, 1]: the first (``begin`` 0) or second (0.5) half.
 
-    A path begins in the middle of a bend, so bends are used by halves. The whole bend has the given
-    length, m; it starts at the point ``start`` in the direction ``along`` and turns towards
-    ``inward``, both unit vectors.
+    A path begins in the middle of a bend, so bends are used in halves. The whole bend has the given
+    length, m; it starts at the point ``start`` (3,), m, in the direction ``along``, and turns
+    towards ``inward``, both unit vectors (3,).
     """
     frame = np.stack([along, inward])
 
@@ -364,14 +367,14 @@ def _bend(
 def _rounded(
     corners: Array, sizes: Array, radius: float, name: str
 ) -> tuple[list[_Curve], Array, Array]:
-    """Round the corners (P, 3) of a closed polyline by bends.
+    """Round the corners (P, 3), m, of a closed polyline by bends, for a radius ρ, m, of arcs.
 
-    The bend at a corner with angle φ cuts ρ tan(φ/2), m, off both edges, as an arc of radius ρ
-    does. The path begins at the midpoint of the first corner's bend.
+    The bend at a corner, where the direction turns by φ, cuts ρ tan(φ/2), m, off both edges, as an
+    arc of radius ρ does. The path begins at the midpoint of the first corner's bend.
 
-    Returns the lines and half bends in order, the knots between them, and the knots of the corners
-    (the midpoints of their bends). The knots begin at 0 and grow by ``sizes`` along a full edge,
-    and by the arc length, m, along a bend. They are proportional to the times at constant speed.
+    Returns three results: the lines and half bends in order; the knots at their ends, which begin
+    at 0 and increase by ``sizes`` (P − 1,), m, per full edge, and by the arc length, m, of a bend;
+    and the knots (P,) of the midpoints of the corners' bends.
     """
     at = _Corners.of(corners, radius, name)
     pieces: list[_Curve] = []
@@ -399,10 +402,10 @@ def _rounded(
 
 
 def _too_short(lengths: Array, straight: Array, radius: float, name: str) -> InputError:
-    """Name the edge that is too short for its bends, and the largest radius that fits.
+    """Create the error that names the edge too short for its bends, and the largest blend radius.
 
-    ``lengths`` are the lengths of the edges, and ``straight`` the lengths that the bends leave of
-    them, m.
+    ``lengths`` are the lengths of the edges, m, and ``straight`` what the bends of the given radius
+    leave of them, m; negative for an edge that is too short.
     """
     at = int(np.argmin(straight))
     most = radius * lengths[at] / (lengths[at] - straight[at])
@@ -415,10 +418,10 @@ def _too_short(lengths: Array, straight: Array, radius: float, name: str) -> Inp
 class _Corners(NamedTuple):
     """Corners of a closed polyline, with their edges and the lengths that bends cut off.
 
-    ``units`` (P, 3) and ``before`` are the directions of the edges that leave and reach the
-    corners. ``inward`` are the unit vectors towards which the path turns. ``cut`` (P,) is the
-    length, m, cut off both edges at a corner, and ``straight`` (P,) the remaining fraction of each
-    edge.
+    For each of P corners, ``units`` and ``before`` (P, 3) are the unit vectors along the edges that
+    leave and reach the corner, ``inward`` (P, 3) the unit vector towards which the path turns,
+    ``bends`` its bend (None for a sharp corner), and ``cut`` (P,) the length, m, cut off both
+    edges. ``straight`` (P,) is the fraction of each leaving edge that remains.
     """
 
     units: Array
@@ -430,7 +433,10 @@ class _Corners(NamedTuple):
 
     @classmethod
     def of(cls, corners: Array, radius: float, name: str) -> _Corners:
-        """Find the bends of a radius, m, at corners; InputError if an edge is too short."""
+        """Create the bends at corners (P + 1, 3), the last equal to the first; ``radius`` is in m.
+
+        InputError is raised if an edge is too short.
+        """
         edges = np.diff(corners, axis=0)
         lengths = np.linalg.norm(edges, axis=1)
         units = edges / np.maximum(lengths, 1e-300)[:, None]
@@ -474,8 +480,8 @@ def _points(values: ArrayLike | Sequence[Any], what: str) -> Array:
         raise InputError(f"{what} must be rows of three finite numbers, x, y, z in m")
     if np.abs(points).max(initial=0.0) > _FARTHEST:
         raise InputError(
-            f"{what}: a coordinate of {np.abs(points).max():.3g} m is out of reach of any arm; "
-            "give coordinates in m"
+            f"{what}: a coordinate of {np.abs(points).max():.3g} m is beyond the maximum, "
+            f"{_FARTHEST:g} m; give coordinates in m"
         )
     return points
 

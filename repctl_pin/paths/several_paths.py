@@ -27,12 +27,13 @@ _STILL = "holds still"
 @dataclass(frozen=True, eq=False, repr=False)
 @read_only
 class SeveralPaths(TaskPath):
-    """Closed paths of several frames, one per frame, also for a frame that stands still.
+    """Closed path of a task of several frames, made of one path per frame.
 
     Attributes
     ----------
     paths : tuple of TaskPath
-        Path of each frame, in the order of the task's frames.
+        Path of each frame, in the order of the task's frames; a constant path for a frame that
+        stands still.
     """
 
     paths: tuple[TaskPath, ...] = ()
@@ -41,11 +42,11 @@ class SeveralPaths(TaskPath):
         """Skip the checks of :class:`TaskPath`: each path was checked when it was created."""
 
     def placement(self, s: float) -> Any:
-        """Evaluate the placements of all frames, one per frame, at s in [0, 1] along the cycle."""
+        """Evaluate the placements of all frames, in order, at s in [0, 1]: positions in m."""
         return Placements(path.placement(s) for path in self.paths)
 
     def twist(self, s: float) -> Array:
-        """Evaluate the twists (v, ω) of all frames at s in [0, 1]: (6 F,), m and rad per cycle."""
+        """Evaluate the twists (v, ω) of F frames at s in [0, 1]: (6 F,), m and rad per cycle."""
         return np.concatenate([path.twist(s) for path in self.paths])
 
     @property
@@ -70,15 +71,15 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
     task
         Task of several frames.
     q0 : (n,) array
-        Start configuration, rad and m, which also places a frame without a path.
+        Start configuration, rad or m; a frame without a path stays where it is at q0.
     paths
-        One per frame: a closed path, a function (task, q0) → path of the task of this frame alone,
-        or None for a frame that stands still.
+        For each frame a closed path, a function (task, q0) → path, or None for a frame that stands
+        still. The function is called with the task of its frame alone, and q0 of that task.
 
     Returns
     -------
     TaskPath
-        All paths as one, with one period.
+        Path of all frames, a :class:`SeveralPaths`; for a task of one frame, its path.
 
     Raises
     ------
@@ -105,7 +106,7 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
         )
     if all(path is None for path in listed):
         raise InputError(
-            "holds every frame still", argument="path", remedy="give one of them a path"
+            "holds every frame still", argument="path", remedy="give at least one frame a path"
         )
     made = [
         _path_of(single, q, path)
@@ -129,7 +130,7 @@ def joined(task: Task, made: Sequence[TaskPath]) -> SeveralPaths:
         times = " and ".join(f"{period:g} s" for period in sorted(periods))
         raise InputError(
             f"the paths of the frames have different periods, {times}",
-            remedy="give all of them the same period",
+            remedy="give all paths the same period",
         )
     names = [
         f"{frame} {_STILL}" if path.name == _STILL else f"{frame}: {path.name}"
@@ -139,7 +140,10 @@ def joined(task: Task, made: Sequence[TaskPath]) -> SeveralPaths:
 
 
 def _together(name: str, paths: tuple[TaskPath, ...], **names: Any) -> SeveralPaths:
-    """Join paths of equal period under a name; ``names`` are further texts of :class:`TaskPath`."""
+    """Join paths of equal period under a display name.
+
+    ``names`` are the attributes ``spec``, ``plane`` and ``corners`` of :class:`TaskPath`.
+    """
     return SeveralPaths(
         name,
         lambda s: np.concatenate([path.point(s) for path in paths]),
@@ -153,7 +157,7 @@ def _together(name: str, paths: tuple[TaskPath, ...], **names: Any) -> SeveralPa
 
 
 def paths_of(path: Any) -> list[Any]:
-    """List the paths of all frames, in order; for one frame, the path itself."""
+    """List the paths of all frames, in order; for a path of one frame, that path alone."""
     return list(path.paths) if isinstance(path, SeveralPaths) else [path]
 
 
@@ -172,7 +176,8 @@ def _path_of(task: Task, q0: Array, path: PathOfFrame) -> TaskPath:
         return closed_path(path)
     if not callable(path):
         raise InputError(
-            "must be per frame a closed path, a function (task, q0) → path, or None to hold still",
+            "must have for each frame a closed path, a function (task, q0) → path, "
+            "or None to hold the frame still",
             argument="path",
         )
     return closed_path(path(task, q0))

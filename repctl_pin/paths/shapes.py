@@ -48,8 +48,8 @@ def circle(
         Axis of the circle, ``x``, ``y`` or ``z``, with ``-z`` for the opposite direction; or its
         plane: ``yz``, ``xz``, ``xy``.
     start_angle
-        Angle of the start on the circle, rad from the plane's first axis; the centre is at ``p −
-        radius (cos, sin)``, where p is the start.
+        Angle α of the start on the circle, rad from the plane's first axis: in the plane, the
+        centre is at ``p − radius (cos α, sin α)``, where p is the start.
     rotation
         ``fixed``, ``tangent``, or a point (3,), m in the base frame, which the frame always faces
         as it does at the start. With ``tangent``, the frame makes a full turn with the circle, for
@@ -109,10 +109,10 @@ def circle(
 def _facing(
     name: str, point: _Curve, slope: _Curve, start: Array, target: ArrayLike, length: float
 ) -> TaskPath:
-    """Create a path of constant speed and given length, m, whose frame always faces a point (3,).
+    """Create a path of constant speed whose frame always faces the point ``target`` (3,), m.
 
-    ``start`` is the orientation at the beginning. ``point`` and ``slope`` are p(s), m, and dp/ds of
-    the path, and ``target`` is the point to face.
+    ``name`` is the display name of the curve, ``point`` and ``slope`` are p(s), m, and dp/ds,
+    ``start`` is R(0), and ``length`` the length of the path, m.
     """
     target = vector(target, 3, "rotation, as a point to face,")
     R, spin, turn = facing(target, point, slope, start)
@@ -237,10 +237,11 @@ def rose(
 
 
 def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array, str]:
-    """Compute the placement at the start, the two unit axes of a path's plane, and its name.
+    """Return the frame's placement at q0, two unit vectors in the path's plane, and its name.
 
-    ``normal`` is the axis or plane that the user gave, such as "-z" or "xz". With a minus sign, the
-    second axis is reversed, and the path runs in the opposite direction.
+    ``normal`` is the axis or plane that the user gave, such as "-z" or "xz"; the name of the plane
+    is xy, yz or xz. With a minus sign, the second vector is reversed, and so is the direction of
+    the path.
     """
     normal = require_type(
         normal, str, "normal", "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'"
@@ -250,7 +251,7 @@ def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Arra
     plane = meant.removeprefix("-")
     if plane not in PLANES:
         raise InputError(
-            f"no plane {shown(normal)}; choose from {', '.join(PLANES)}, "
+            f"there is no plane {shown(normal)}; choose from {', '.join(PLANES)}, "
             "or give a normal: x, y, z, -x, -y, -z"
         )
     first, second = (np.eye(3)[k] for k in PLANES[plane])

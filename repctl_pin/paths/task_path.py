@@ -46,7 +46,7 @@ class ClosedPath(Protocol):
 
     @property
     def breaks(self) -> tuple[float, ...]:
-        """Values of s in (0, 1) at which the twist is discontinuous."""
+        """Values of s in (0, 1), increasing, at which the twist or d(twist)/ds jumps."""
 
     def placement(self, s: float) -> pin.SE3:
         """Evaluate the placement of the frame at s in [0, 1]: position, m, and rotation."""
@@ -78,7 +78,8 @@ class TaskPath:
     rotation : (3, 3) array, or function of s
         Fixed orientation; or R(s), a matrix or a scipy Rotation, with R(0) = R(1).
     breaks : tuple of float
-        Corners: values of s in (0, 1) at which the twist or its rate is discontinuous.
+        Corners: values of s in (0, 1), increasing, at which the twist or its derivative by s is
+        discontinuous.
     spec, plane : str
         Options of the command line for this path: ``circle:0.1:180``, ``xy``. Empty for a path
         created in Python, or one without a plane.
@@ -155,7 +156,7 @@ class TaskPath:
         return np.concatenate([self.slope(s), np.zeros(3) if self.spin is None else self.spin(s)])
 
     def points(self, count: int = 201) -> Array:
-        """Sample the frame's positions along the path, corners included: (≥ count, 3), m."""
+        """Sample the frame's positions at ``count`` values of s and at the corners: (P, 3), m."""
         count = as_int(count, "count", 2, MOST_STEPS)
         return np.array([self.point(s) for s in np.union1d(np.linspace(0, 1, count), self.breaks)])
 
@@ -213,15 +214,15 @@ def closed_path(path: Any) -> TaskPath:
 
 
 def with_arc(path: TaskPath, arc: ArcBound | None) -> TaskPath:
-    """Attach the bounds ``arc`` to a new path; they hold only for the functions of this path."""
+    """Set the attribute ``arc`` of a path that has just been created, and return this path."""
     object.__setattr__(path, "arc", arc)
     return path
 
 
 def renamed(path: TaskPath, **names: Any) -> TaskPath:
-    """Return the same curve with another name, spec, plane or names of corners.
+    """Copy a path with another ``name``, ``spec``, ``plane`` or ``corners``, and with its ``arc``.
 
-    ``dataclasses.replace`` would drop the bounds ``arc``, because it may change the curve.
+    ``dataclasses.replace`` alone would drop ``arc``, which is valid only for the same curve.
     """
     return with_arc(replace(path, **names), path.arc)
 
@@ -230,7 +231,10 @@ def _check(path: TaskPath) -> None:
     """Raise InputError unless a path is closed and its twist is the derivative of its placement."""
     knots = np.array([0.0, *path.breaks, 1.0])
     if not (np.diff(knots) > 0).all():
-        raise InputError(f"{path.name}: breaks must increase between 0 and 1; got {path.breaks}")
+        raise InputError(
+            f"{path.name}: breaks must increase between s = 0 and 1, both excluded; "
+            f"got {path.breaks}"
+        )
     samples = _inner_points(knots)
     for s in (0.0, *(s + x for s, e in samples for x in (-e, 0.0, e)), 1.0):
         _require_values(path, s)
@@ -240,19 +244,19 @@ def _check(path: TaskPath) -> None:
     _check_twist(path, size, samples)
 
 
-_PARTS = ((slice(3), "m", "p"), (slice(3, 6), "rad", "R"))
-"""Rows of the position and of the rotation in a twist, their unit, and their curve."""
+_PARTS = ((slice(3), "m", "point", "slope"), (slice(3, 6), "rad", "rotation", "spin"))
+"""Rows of the position and of the rotation in a twist: unit, curve, and its derivative."""
 
 
 def _check_closed(path: TaskPath, size: float) -> None:
     """Raise InputError unless a path of this size, m, ends at the placement where it begins."""
     gap = _difference(path.placement(0.0), path.placement(1.0))
-    for part, unit, curve in _PARTS:
+    for part, unit, curve, _ in _PARTS:
         off = np.linalg.norm(gap[part])
-        if not off <= 1e-6 * (size if curve == "p" else 1.0):
+        if not off <= 1e-6 * (size if curve == "point" else 1.0):
             raise InputError(
                 f"{path.name} is open: {curve}(1) differs from {curve}(0) by {off:.3g} {unit}; "
-                "end the path where it begins"
+                "let the path end where it begins"
             )
 
 
@@ -266,20 +270,19 @@ def _check_twist(path: TaskPath, size: float, samples: list[tuple[float, float]]
     differences = np.array(
         [_difference(path.placement(s - e), path.placement(s + e)) / (2 * e) for s, e in samples]
     )
-    for part, unit, curve in _PARTS:
+    for part, unit, curve, rate in _PARTS:
         off = np.linalg.norm(twists[:, part] - differences[:, part], axis=1)
         worst = int(np.argmax(off))
         if not off[worst] <= 1e-3 * np.abs(differences).max() + 1e-6 * size:
             raise InputError(
-                f"{path.name}: at s = {samples[worst][0]:.3g} the given "
-                f"{'slope' if curve == 'p' else 'spin'} is {row(twists[worst, part])} {unit} per "
-                f"cycle, but differences of {curve}(s) give {row(differences[worst, part])}; "
-                "correct that function"
+                f"{path.name}: at s = {samples[worst][0]:.3g}, {rate} is "
+                f"{row(twists[worst, part])} {unit} per cycle, but differences of {curve}(s) give "
+                f"{row(differences[worst, part])}; correct {rate} or {curve}"
             )
 
 
 def _inner_points(knots: Array) -> list[tuple[float, float]]:
-    """Choose 16 points s inside the smooth pieces between knots, with steps for differences."""
+    """Choose 16 values s between knots, away from them: pairs (s, step of a finite difference)."""
     samples = []
     for j in range(16):
         i = j * (len(knots) - 1) // 16
@@ -303,9 +306,9 @@ def _require_values(path: TaskPath, s: float) -> None:
 
 
 def _difference(a: pin.SE3, b: pin.SE3) -> Array:
-    """Compute the displacement from placement a to b: (6,), (v, ω) in m and rad, base axes.
+    """Compute the displacement from placement a to b: (6,), base axes.
 
-    The rotation part is a rotation vector, from a to b.
+    It is a translation, m, and a rotation vector, rad.
     """
     return np.concatenate([b.translation - a.translation, pin.log3(b.rotation @ a.rotation.T)])
 

@@ -26,7 +26,7 @@ _LARGEST = 4_000_000
 def read_waypoints(file: str | Path) -> Waypoints:
     """Read waypoints from a CSV file: x, y, z in m, and optionally a quaternion qx, qy, qz, qw.
 
-    A header line can name the columns, also ``time``, in any order. Without a header, there are
+    A header line can name these columns, and ``time``, s, in any order. A file without a header has
     three or seven columns in the order above.
 
     Returns
@@ -59,9 +59,9 @@ def _table(file: str | Path) -> CsvTable:
 def _waypoints(table: CsvTable, columns: Mapping[str, str]) -> Waypoints:
     """Read the waypoints of one frame, and check them.
 
-    ``columns`` maps names without that of a frame, such as ``x``, to the frame's columns in the
-    table, such as ``left.x``. InputError names the line with a wrong number, a quaternion that is
-    not of length 1, or a time that does not increase.
+    ``columns`` maps the names of quantities, such as ``x``, to the frame's columns in the table,
+    such as ``left.x``. InputError names the line if an entry is no number, a quaternion does not
+    have length 1, or the time does not increase.
     """
     file = table.file
     named = _known(columns, file)
@@ -95,8 +95,8 @@ def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPa
     Positions are in m. ``blend`` is the radius of rounded corners, m; 0 keeps the corners.
     Without quaternions in the file, a frame keeps its orientation at q0. In a file for several
     frames, each has its own columns, ``left.x, left.y, left.z``. The text before the dot is the
-    frame's name, or a part of it that no other frame's name contains. A frame without columns
-    stands still; columns without a dot belong to the first frame.
+    frame's name, the beginning of only one frame's name, or else a part of only one. A frame
+    without columns stands still; columns without a dot belong to the first frame.
 
     Raises
     ------
@@ -116,8 +116,8 @@ def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPa
         own = {_frame_of(text, task, where): path for text, path in made.items()}
         if len(own) < len(made):
             raise InputError(
-                f"{where}: {' and '.join(made)} are columns of one frame",
-                remedy="name each frame once",
+                f"{where}: {' and '.join(made)} name the same frame",
+                remedy="use one name for all columns of a frame",
             )
         path = several_paths(task, q0, [own.get(frame) for frame in task.frames])
         return path if path.spec else renamed(path, spec=spec)
@@ -128,11 +128,11 @@ def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPa
 def _through(
     table: Waypoints, name: str, spec: str, blend: float
 ) -> Callable[[Task, ArrayLike], TaskPath]:
-    """Return the function ``(task, q0) → path`` of the waypoints of one frame.
+    """Return the function ``(task, q0) → path`` through the waypoints of one frame.
 
-    The path depends on the task only if the file has no orientations: the frame then keeps its
-    orientation at q0. ``name`` and ``spec`` are the path's display name and its text on the command
-    line, and ``blend`` is the radius of rounded corners, m.
+    The path depends on task and q0 only if the file has no orientations: the frame then keeps its
+    orientation at q0. ``name`` is the path's display name, ``spec`` its value of ``--path`` on the
+    command line, and ``blend`` the radius of rounded corners, m.
     """
     corners = () if blend else tuple(f"line {line}" for line in table.lines)
 
@@ -147,11 +147,11 @@ def _through(
 
 
 def _by_frame(table: CsvTable) -> dict[str, dict[str, str]]:
-    """Group the columns of a file by frame, which the text before their dot names.
+    """Group the columns of a file by frame: frame → {quantity → column}, such as x → ``left.x``.
 
-    ``left.x`` is the column x of the frame ``left``; a column of times belongs to all frames.
-    Without dots, all columns belong to the empty text, which stands for the first frame. InputError
-    is raised if only some columns name a frame.
+    The text before the dot names the frame. A column of times belongs to all frames. Columns
+    without a dot belong to the empty text, which stands for the first frame. InputError is raised
+    if only some columns name a frame.
     """
     cells = {name: name.rpartition(".")[::2] for name in table.names}
     frames = dict.fromkeys(frame for frame, _ in cells.values() if frame)
@@ -170,8 +170,8 @@ def _by_frame(table: CsvTable) -> dict[str, dict[str, str]]:
 def _frame_of(text: str, task: Task, file: Path) -> str:
     """Find the frame of a task to which columns ``text.x`` belong; the first for an empty text.
 
-    ``text`` is the frame's name, or a part of only one frame's name; otherwise InputError is
-    raised.
+    ``text`` is the frame's name, the beginning of only one frame's name, or else a part of only
+    one; otherwise InputError is raised.
     """
     frames = task.frames
     if text in frames or not text:
@@ -180,17 +180,17 @@ def _frame_of(text: str, task: Task, file: Path) -> str:
     meant = meant or [frame for frame in frames if text in frame]
     if len(meant) != 1:
         raise InputError(
-            f"{file}: the columns {text}.x … name {'no' if not meant else 'more than one'} frame "
-            f"of {', '.join(frames)}",
-            remedy="write the name of a frame, or a part that only its name has, before the dot",
+            f"{file}: {text!r}, in the names of columns {text}.x …, is part of "
+            f"{'no' if not meant else 'more than one'} frame's name ({', '.join(frames)})",
+            remedy="write a frame's name before the dot, or a part that no other frame's name has",
         )
     return meant[0]
 
 
 def _known(columns: Mapping[str, str], file: Path) -> dict[str, str]:
-    """Return the columns by name (x, y, z …), and check that each name is known.
+    """Check the names of columns, and return ``columns`` with these names in lower case.
 
-    The names are x, y, z, with or without qx, qy, qz, qw and time, in any order.
+    The names are x, y, z, with or without qx, qy, qz, qw and time, in any order; t becomes time.
     """
     named = {_TIMES.get(name.lower(), name.lower()): column for name, column in columns.items()}
     if len(named) < len(columns) or not any(set(named) == set(layout) for layout in _LAYOUTS):

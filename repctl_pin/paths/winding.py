@@ -47,7 +47,10 @@ def winding(task: Task, path: TaskPath) -> int:
 
 
 def winding_words(turns: int, joint: str) -> str:
-    """Write the warning that a path winds around the axis of a joint, and may not close."""
+    """Write the warning that a path winds around a joint's axis, and need not close.
+
+    ``turns`` is the number of turns, not 0, and ``joint`` the joint's name.
+    """
     times = {1: "once", 2: "twice"}.get(abs(turns), f"{abs(turns)} times")
     winds = f"the path winds {times} around the axis of {joint}"
     return f"{winds}, so it need not close under any control"

@@ -25,10 +25,10 @@ class ArmAngle(PotentialBasis):
     .. math:: \psi = \operatorname{atan2}\left(\hat w \cdot (y \times e),\; y \cdot e\right), \qquad
               y = r - \hat w (\hat w \cdot r) \quad\text{(conventional)},
 
-    where y is the direction of ψ = 0. This conventional angle is singular if the wrist points along
-    r *or against it*, that is on a line through the shoulder. The stereographic angle (Elias and
-    Wen, 2024) has ``y = ((ŵ − t) × r) × ŵ`` with t ⊥ r. It is singular only at ŵ = t, that is on a
-    half-line, which can be turned away from the arm's workspace.
+    where y is the direction of ψ = 0. This conventional angle is singular at ŵ = ±r: the wrist is
+    on the line through the shoulder along r. The stereographic angle (Elias and Wen, 2024) has
+    ``y = ((ŵ − t) × r) × ŵ`` with t ⊥ r. It is singular only at ŵ = t: the wrist is on a half-line
+    from the shoulder, which t can turn away from the arm's workspace.
 
     Parameters
     ----------
@@ -81,13 +81,14 @@ class ArmAngle(PotentialBasis):
             across = self.singular - self.reference * (self.reference @ self.singular)
             if np.linalg.norm(across) < 0.1:
                 raise InputError(
-                    "the singular direction must lie across the reference, not along it"
+                    "singular= is parallel to reference=, within 6°; give a direction "
+                    "perpendicular to reference="
                 )
             self.singular = across / np.linalg.norm(across)
 
     @property
     def size(self) -> int:
-        """N = 1, the number of potentials."""
+        """Number of potentials, 1."""
         return 1
 
     @property
@@ -111,9 +112,9 @@ class ArmAngle(PotentialBasis):
         return np.array([self._angle(q)[1] for q in Q]).reshape(len(Q), self.task.n, 1)
 
     def distance(self, q: ArrayLike) -> float:
-        """Compute the angle, rad, from the wrist's direction to the nearest singular direction.
+        """Compute the angle, rad, at q (n,) from ŵ to the nearest direction in which ψ is singular.
 
-        At a singular direction the arm angle is not defined; a design should keep away from it.
+        ŵ points from the shoulder to the wrist. A region for a design should keep away from 0.
         """
         w = self._points(vector(q, self.task.n, "q"))[1][0]
         w = w / np.linalg.norm(w)
@@ -124,9 +125,9 @@ class ArmAngle(PotentialBasis):
         return self.names[0]
 
     def _points(self, q: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Evaluate elbow and wrist relative to the shoulder (3,), m, each with its Jacobian (3, n).
+        """Evaluate elbow e and wrist w from the shoulder (3,), m, and their Jacobians (3, n).
 
-        The result is ``((e, J_e), (w, J_w))``, all in base axes.
+        Returns ``((e, J_e), (w, J_w))``, all in base axes.
         """
         model, data = self.task.model, self.task._data
         q = self.task._vector(q)
@@ -139,7 +140,7 @@ class ArmAngle(PotentialBasis):
         return (p[1] - p[0], J[1] - J[0]), (p[2] - p[0], J[2] - J[0])
 
     def _angle(self, q: Array) -> tuple[float, Array]:
-        """Evaluate the arm angle ψ, rad, and its gradient (n,), through elbow and wrist.
+        """Evaluate the arm angle ψ, rad, and its gradient (n,) at q (n,).
 
         A SingularityError is raised where the angle is not defined: the wrist on the shoulder, a
         straight arm, or the wrist in a singular direction.
@@ -148,7 +149,7 @@ class ArmAngle(PotentialBasis):
         length = float(np.linalg.norm(w))
         if length < _SINGULAR:
             raise SingularityError(
-                "the wrist lies on the shoulder, where the arm angle is not defined; "
+                "the arm angle is not defined: the wrist coincides with the shoulder; "
                 "choose another configuration"
             )
         w_hat = w / length
@@ -169,8 +170,8 @@ class ArmAngle(PotentialBasis):
     def _zero(self, w_hat: Array) -> tuple[Array, Array]:
         """Evaluate y, the direction of ψ = 0 (not normalised), and ∂y/∂ŵ (3, 3).
 
-        ``w_hat`` is ŵ, the unit vector from the shoulder to the wrist. ψ is the angle of the elbow
-        about it, counted from y.
+        ``w_hat`` is ŵ, the unit vector (3,) from the shoulder to the wrist, about which ψ is
+        counted from y.
         """
         r, t = self.reference, self.singular
         if t is None:

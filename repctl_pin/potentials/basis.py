@@ -1,8 +1,9 @@
-"""Potentials h(q), whose level sets are leaves, and bases h_1 … h_N of them (35).
+"""Potentials h(q), whose level sets are leaves, and bases h_1 … h_N of them.
 
-A repeatable controller keeps r potentials h = Aᵀ (h_1 … h_N) constant; a design chooses the
-coefficients A (N, r). V = ∂hᵀ/∂q (n, r) are their gradients. This module has the base class of
-bases, joined bases ``a + b``, and the weighted sums of a basis.
+A repeatable controller keeps r potentials h = Aᵀ (h_1 … h_N) constant, the paper's equation (35); a
+design chooses the coefficients A (N, r). V = ∂hᵀ/∂q (n, r) are their gradients. A class named
+``…Map`` has r potentials whose coefficients are fixed; it is made by ``weighted`` of a basis. A
+joined basis ``a + b`` concatenates bases.
 """
 
 from __future__ import annotations
@@ -29,38 +30,33 @@ A_BASIS = (
 class Potentials(Protocol):
     """r potentials h(q), whose level sets h(q) = c are the leaves of a repeatable controller.
 
-    Each motion stays on one leaf. A class that inherits from this one needs no ``gradient``.
+    Each motion stays on one leaf. A subclass defines ``value`` and ``gradients``; ``gradient`` is
+    derived from ``gradients``.
     """
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h(q), one number per potential: (r,).
-
-        The arm stays on the set h(q) = c, its leaf.
-        """
+        """Evaluate the r potentials h(q) at one q (n,): (r,)."""
 
     def gradient(self, q: Array) -> Array:
         """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at one q (n,): (n, r)."""
         return self.gradients(np.asarray(q, float)[None])[0]
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
-
-        V and J together determine the repeatable inverse.
-        """
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r)."""
 
 
 @runtime_checkable
 class CurvedPotentials(Potentials, Protocol):
-    """Potentials with second derivatives, which an exact Lie bracket requires.
+    """Potentials with second derivatives.
 
-    The Lie bracket condition tests repeatability; without second derivatives the bracket is
-    computed by differences.
+    Lie brackets, which test repeatability, are exact with second derivatives; without them they
+    are computed by finite differences.
     """
 
     def hessian(self, q: Array) -> Array:
         """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
 
-        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k.
         """
 
 
@@ -77,7 +73,8 @@ def check_joints(potentials: object, n: int) -> None:
     of = getattr(potentials, "n", None)
     if of not in (None, n):
         raise InputError(
-            f"the potentials are of {of} joints, but the task has {n}; use potentials of {n} joints"
+            f"the potentials are functions of {of} joints, but the task has {n} joints; "
+            f"use potentials of {n} joints"
         )
 
 
@@ -95,8 +92,8 @@ def _common_joints(parts: Sequence[object]) -> int | None:
     numbers = sorted({n for n in known if n is not None})
     if len(numbers) > 1:
         raise InputError(
-            f"joined potentials must be functions of the same joints, not of {numbers[0]} "
-            f"and of {numbers[1]} joints"
+            f"potentials of {numbers[0]} and of {numbers[1]} joints cannot be joined; "
+            "make all of them for the joints of one task"
         )
     return numbers[0] if numbers else None
 
@@ -114,33 +111,24 @@ def coefficients(A: ArrayLike, size: int) -> Array:
 
 
 class SumMap(Potentials):
-    """Sum of several maps of r potentials each: ``h = h_a + h_b + …``.
-
-    A joined basis of different kinds makes this map from its coefficients.
-    """
+    """Sum ``h = h_a + h_b + …`` of several maps with r potentials each; made by a joined basis."""
 
     def __init__(self, maps: Sequence[Potentials]) -> None:
         self.maps, self.n = tuple(maps), _common_joints(maps)
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h(q), one number per potential: (r,).
-
-        The arm stays on the set h(q) = c, its leaf.
-        """
+        """Evaluate the r potentials h(q) at one q (n,): (r,)."""
         return np.sum([part.value(q) for part in self.maps], axis=0)
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
-
-        V and J together determine the repeatable inverse.
-        """
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r)."""
         return np.sum([part.gradients(Q) for part in self.maps], axis=0)
 
 
 class _CurvedSumMap(SumMap):
-    """Sum of several maps of r potentials each, all with second derivatives.
+    """Sum of several maps with r potentials each, all of which have second derivatives.
 
-    This is a separate class, because only potentials with second derivatives have ``hessian``.
+    A separate class, because the presence of ``hessian`` marks potentials with second derivatives.
     """
 
     def __init__(self, maps: Sequence[CurvedPotentials]) -> None:
@@ -150,15 +138,15 @@ class _CurvedSumMap(SumMap):
     def hessian(self, q: Array) -> Array:
         """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
 
-        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k.
         """
         return np.sum([part.hessian(q) for part in self._curved], axis=0)
 
 
 class PotentialBasis(ABC):
-    """Base class of bases h_1 … h_N of potentials h(q) (35).
+    """Base class of bases h_1 … h_N of potentials, functions of the configuration q (35).
 
-    A design combines them to r potentials h, which its controller keeps constant. A subclass has a
+    A design combines them to r potentials, which its controller keeps constant. A subclass has a
     ``size`` and defines ``values`` and ``gradients``.
 
     Attributes
@@ -193,10 +181,7 @@ class PotentialBasis(ABC):
         """
 
     def weighted(self, A: ArrayLike) -> Potentials:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
-
-        A design chooses A; a repeatable controller keeps these r sums constant.
-        """
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
         return CustomMap(self, coefficients(A, self.size))
 
     def __add__(self, other: PotentialBasis) -> Joined:
@@ -212,7 +197,7 @@ class PotentialBasis(ABC):
 class CustomMap(Potentials):
     """r weighted sums ``h = Aᵀ (h_1 … h_N)`` of the potentials of any basis.
 
-    This map is for bases without a faster one; polynomials and Fourier series have their own.
+    Polynomials and Fourier series have faster maps of their own.
     """
 
     def __init__(self, basis: PotentialBasis, A: Array) -> None:
@@ -222,24 +207,19 @@ class CustomMap(Potentials):
         return f"<{len(self.A[0])} weighted sums of {self.basis!r}>"
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h(q), one number per potential: (r,).
-
-        The arm stays on the set h(q) = c, its leaf.
-        """
+        """Evaluate the r potentials h(q) at one q (n,): (r,)."""
         return self.basis.values(np.asarray(q, float)[None])[0] @ self.A
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
-
-        V and J together determine the repeatable inverse.
-        """
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r)."""
         return self.basis.gradients(Q) @ self.A
 
 
 class Joined(PotentialBasis):
     """Concatenation of several bases of potentials, written ``a + b``; N is the sum of their sizes.
 
-    As an example, d_1, d_2 and polynomials of θ_3 of the planar arm PPR::
+    For example, d_1 and d_2, and polynomials of θ_3, for a planar arm with two prismatic joints d_1
+    and d_2 and a revolute joint θ_3::
 
         Polynomial(center, 1, scale, variables=[0, 1]) + Polynomial(center, 5, scale, variables=[2])
 
@@ -296,17 +276,11 @@ class Joined(PotentialBasis):
         return np.concatenate([part.gradients(Q) for part in self.parts], axis=-1)
 
     def split(self, A: ArrayLike) -> list[Array]:
-        """Split coefficients A (N, r) into one array per part.
-
-        A are the coefficients of the r potentials in the joined basis.
-        """
+        """Split coefficients A (N, r) into one array (N_i, r) per basis of ``parts``."""
         return np.split(coefficients(A, self.size), self._ends[:-1])
 
     def weighted(self, A: ArrayLike) -> SumMap:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
-
-        A design chooses A; a repeatable controller keeps these r sums constant.
-        """
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35)."""
         maps = [part.weighted(a) for part, a in zip(self.parts, self.split(A), strict=True)]
         curved = [part for part in maps if isinstance(part, CurvedPotentials)]
         return _CurvedSumMap(curved) if len(curved) == len(maps) else SumMap(maps)
@@ -316,10 +290,9 @@ class Joined(PotentialBasis):
 
 
 def as_joint_indices(variables: Sequence[int] | None, n: int) -> tuple[int, ...]:
-    """Convert the indices of the joints on which potentials depend; None stands for all n joints.
+    """Check the indices, from 0, of the joints on which potentials depend; None is all n joints.
 
-    Returns the indices sorted and without duplicates, counted from 0. Potentials of fewer joints
-    have fewer coefficients.
+    Returns the indices sorted and without duplicates.
 
     Raises
     ------
@@ -334,6 +307,6 @@ def as_joint_indices(variables: Sequence[int] | None, n: int) -> tuple[int, ...]
         numbers = ()
     if not numbers or not set(numbers) <= set(range(n)):
         raise InputError(
-            f"variables must be joint numbers from 0 to {n - 1}, not {shown(variables)}"
+            f"variables must be indices of joints, from 0 to {n - 1}, not {shown(variables)}"
         )
     return numbers

@@ -19,13 +19,14 @@ _STEP = 1e-5
 
 
 class CustomPotentials(PotentialBasis):
-    """User-defined potentials, ``h_i(q)``.
+    """Basis of user-defined potentials h_1(q) … h_N(q).
 
     Parameters
     ----------
     functions : sequence
-        Functions q (n,) → h, or pairs of such a function and its gradient q → ∇h (n,). A missing
-        gradient is computed by central differences; :attr:`numerical` and :attr:`names` show where.
+        Functions q (n,) → h, a number, or pairs of such a function and its gradient q → ∇h (n,). A
+        missing gradient is computed by central differences, which :attr:`numerical` and
+        :attr:`names` show.
     names : sequence of str, optional
         Names of the potentials; by default the functions' own names.
 
@@ -56,7 +57,7 @@ class CustomPotentials(PotentialBasis):
         )
         pairs = [f if isinstance(f, tuple) else (f, None) for f in functions]
         if not pairs:
-            raise InputError("CustomPotentials needs at least one function q → h")
+            raise InputError("CustomPotentials requires at least one function q → h")
         for i, pair in enumerate(pairs):
             if (
                 len(pair) != 2
@@ -72,7 +73,7 @@ class CustomPotentials(PotentialBasis):
         given = () if names is None else list_of_names(names, "names", "one name per potential")
         if names is not None and len(given) != len(pairs):
             raise InputError(
-                f"{len(given)} names for {len(pairs)} potentials",
+                f"names= has {len(given)} names for {len(pairs)} potentials",
                 remedy="give one name per potential",
             )
         own = [getattr(f, "__name__", "h") for f in self._functions]
@@ -88,13 +89,13 @@ class CustomPotentials(PotentialBasis):
     def numerical(self) -> tuple[bool, ...]:
         """For each of the N potentials, True if its gradient is computed by differences.
 
-        Names and reports state this, because differences are less accurate and slower.
+        Differences are less accurate and slower than a given gradient.
         """
         return tuple(g is None for g in self._gradients)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Name of each potential, with a note where the gradient is computed by differences."""
+        """Name of each potential, with a note if its gradient is computed by differences."""
         return tuple(
             f"{name} (gradient by differences)" if numerical else name
             for name, numerical in zip(self._names, self.numerical, strict=True)

@@ -77,8 +77,8 @@ class Fourier(PotentialBasis):
         joints = len(self.variables)
         if len(multiples) ** (joints if cross else 1) > 50 * _MAX_SIZE:
             raise InputError(
-                f"order {order} in {joints} joints makes too many potentials",
-                remedy="lower the order or choose variables",
+                f"a Fourier basis of order {order} in {joints} joints has too many potentials",
+                remedy="use a lower order, or fewer joints by variables=",
             )
         alone = (tuple(row) for k in multiples for row in (k * np.eye(joints, dtype=int)).tolist())
         every = product(multiples, repeat=joints) if self.cross else alone
@@ -117,10 +117,7 @@ class Fourier(PotentialBasis):
         return slopes[:, None, :] * np.concatenate([self.waves, self.waves]).T
 
     def weighted(self, A: ArrayLike) -> FourierMap:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
-
-        A design chooses A; a repeatable controller keeps these r sums constant.
-        """
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r)."""
         return FourierMap(self.waves, coefficients(A, self.size))
 
     def __str__(self) -> str:
@@ -132,8 +129,8 @@ class Fourier(PotentialBasis):
 class FourierMap(Potentials):
     """r Fourier series ``h = Σ_k a_k sin(k · q) + b_k cos(k · q)`` with a_k and b_k (r,).
 
-    The coefficients A (2 K, r) of a design are those of all sines, then of all cosines. ``waves``
-    (K, n) are the wave vectors k, per rad or m.
+    The wave vectors k, per rad or m, are the rows of ``waves`` (N/2, n). The coefficients A (N, r)
+    are those of all sines, then of all cosines.
     """
 
     def __init__(self, waves: Array, A: Array) -> None:
@@ -141,25 +138,19 @@ class FourierMap(Potentials):
         self.sines, self.cosines = np.split(A, 2)  # (N / 2, r)
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h(q), one number per potential: (r,).
-
-        The arm stays on the set h(q) = c, its leaf.
-        """
+        """Evaluate the r potentials h(q) at one q (n,): (r,)."""
         phase = self.waves @ q
         return np.sin(phase) @ self.sines + np.cos(phase) @ self.cosines
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
-
-        V and J together determine the repeatable inverse.
-        """
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r)."""
         phase = (np.asarray(Q, float) @ self.waves.T)[..., None]  # (K, N / 2, 1)
         return self.waves.T @ (np.cos(phase) * self.sines - np.sin(phase) * self.cosines)
 
     def hessian(self, q: Array) -> Array:
         """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
 
-        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k.
         """
         phase = self.waves @ q
         # (N / 2, r)
@@ -167,9 +158,9 @@ class FourierMap(Potentials):
         return np.einsum("wi,wk,wj->ikj", self.waves, self.waves, bend)
 
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART` of the series, with which C evaluates h and its gradients.
+        """Create the struct :data:`PART`, from which the native library evaluates h and ∂h/∂q.
 
-        Waves whose coefficients are all 0 are left out, except for one wave if all of them are.
+        Wave vectors whose coefficients are all 0 are left out, but at least one is kept.
         """
         used = ((self.sines != 0) | (self.cosines != 0)).any(axis=1)
         used[0] |= not used.any()

@@ -82,9 +82,9 @@ class Polynomial(PotentialBasis):
         size = comb(len(self.variables) + self.degree, self.degree) - 1
         if size > _MAX_SIZE:
             raise InputError(
-                f"degree {shown(self.degree)} in {len(self.variables)} joints makes "
+                f"polynomials of degree {shown(self.degree)} in {len(self.variables)} joints have "
                 f"{shown(size)} potentials, but the maximum is {_MAX_SIZE}",
-                remedy="lower the degree or choose variables",
+                remedy="use a lower degree, or fewer joints by variables=",
             )
         # One row per potential: the variable of each factor, repeated as often as its power.
         factors = (
@@ -144,10 +144,7 @@ class Polynomial(PotentialBasis):
         return gradients.reshape(K, n, self.size)
 
     def weighted(self, A: ArrayLike) -> PolynomialMap:
-        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r) (35).
-
-        A design chooses A; a repeatable controller keeps these r sums constant.
-        """
+        """Create the r potentials ``h = Aᵀ (h_1 … h_N)`` with coefficients A (N, r)."""
         A = coefficients(A, self.size)
         d, joints = self.degree, np.array(self.variables)
         # Legendre to monomial coefficients, variable by variable, in an array of exponents.
@@ -170,10 +167,10 @@ class Polynomial(PotentialBasis):
         return PolynomialMap(center, scale, d, terms, joints, self.n)
 
     def _tables(self, Q: ArrayLike) -> tuple[Array, Array]:
-        """Evaluate Legendre polynomials P_k(u_i), and P'_k(u_i): two arrays (K, n, d + 1).
+        """Evaluate the Legendre polynomials P_a(u_i) and dP_a/du_i: two arrays (K, n, d + 1).
 
-        u are the scaled joint coordinates at the rows of Q (K, n), and k = 0 … d is the last axis.
-        All potentials are products of these numbers. The derivatives are by u, not by q.
+        u_i are the scaled joint coordinates at the rows of Q (K, n); the last axis is the degree
+        a = 0 … d. All potentials are products of the values P_a(u_i).
         """
         u = (as_configurations(Q, self.n, "this polynomial basis") - self.center) / self.scale
         P, dP = np.ones((2, *u.shape, self.degree + 1))
@@ -188,12 +185,13 @@ class Polynomial(PotentialBasis):
 
 
 class PolynomialMap(Potentials):
-    r"""r polynomials h(q) of k joints, from one table of monomials.
+    r"""r polynomials h(q) of k joints, evaluated from one table of weights of monomials.
 
-    With a factor z_0 = 1, h is homogeneous of degree d in ``z = (1, q − center)``. Its derivatives
-    ``w_i = ∂h/∂z_i`` are sums over monomials u^β of degree at most d − 1, with ``u = (q − center) /
-    scale``. By Euler's theorem ``h = Σ_i w_i z_i / d``, so one table serves values, gradients and
-    Hessians, here and in arm.c. The other joints of the arm have no effect.
+    If powers of ``z_0 = 1`` fill each term up to degree d, h is homogeneous of degree d in
+    ``z = (1, q − center)`` (k + 1,). Its derivatives ``w_i = ∂h/∂z_i`` are weighted sums of the
+    monomials u^β of degree below d, with ``u = (q − center) / scale``, and by Euler's theorem
+    ``h = Σ_i w_i z_i / d``. One table of these weights thus gives values, gradients and second
+    derivatives, here and in arm.c.
 
     Attributes
     ----------
@@ -201,10 +199,10 @@ class PolynomialMap(Potentials):
         Centre and scale of the coordinates u of the k joints.
     degree : int
         d, the highest total degree.
-    terms
-        Coefficients (r,) of the monomials of u, by the exponents of the monomials.
+    terms : dict of tuple to (r,) array
+        Coefficients of h by the exponents β, one per joint of the k, of the monomials u^β.
     joints : (k,) array of int
-        The joints, counted from 0.
+        Indices, from 0, of the k joints among those of the arm.
     n : int
         Number of joints of the arm.
     """
@@ -236,19 +234,13 @@ class PolynomialMap(Potentials):
         self._rising = [slice(*pair) for pair in pairwise(ends)]  # degrees 1, 2, …
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h(q), one number per potential: (r,).
-
-        The arm stays on the set h(q) = c, its leaf.
-        """
+        """Evaluate the r potentials h(q) at one q (n,): (r,)."""
         away = np.asarray(q, float)[self.joints] - self.center
         w = self._powers(away[None] / self.scale)[:, 0] @ self._weight.swapaxes(0, 1)
         return w @ np.append(1.0, away) / self.degree
 
     def gradients(self, Q: Array) -> Array:
-        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r).
-
-        V and J together determine the repeatable inverse.
-        """
+        """Evaluate V = ∂hᵀ/∂q, the gradients of the r potentials h, at Q (K, n): (K, n, r)."""
         U = (np.asarray(Q, float)[:, self.joints] - self.center) / self.scale
         gradients = np.zeros((len(U), self.n, self._weight.shape[1]))
         own = self._powers(U).T @ self._slopes
@@ -258,7 +250,7 @@ class PolynomialMap(Potentials):
     def hessian(self, q: Array) -> Array:
         """Evaluate the second derivatives of the r potentials h at q (n,): (n, n, r).
 
-        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k. Lie brackets, which test repeatability, need them.
+        Entry ``[i, k, j]`` is ∂²h_j/∂q_i∂q_k.
         """
         u = (np.asarray(q, float)[self.joints] - self.center) / self.scale
         M = self._powers(u[None])
@@ -273,10 +265,9 @@ class PolynomialMap(Potentials):
         return hessian
 
     def _powers(self, U: Array) -> Array:
-        """Evaluate the monomials u^β of the table at U (K, k): (count, K).
+        """Evaluate all monomials u^β of the table at the rows u of U (K, k): (monomials, K).
 
-        U are scaled coordinates of the k joints of the potentials. Each monomial is an earlier one,
-        its parent, times one coordinate.
+        Each is the product of an earlier monomial, its parent, and one coordinate.
         """
         M = np.ones((len(self._parent), len(U)))
         factors = U.T
@@ -285,7 +276,7 @@ class PolynomialMap(Potentials):
         return M
 
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART` of the polynomials, with which C evaluates them."""
+        """Create the struct :data:`PART`, from which the native library evaluates h and ∂h/∂q."""
         indices = {"joint": self.joints, "parent": self._parent, "factor": self._factor}
         reals = {"center": self.center, "scale": 1 / self.scale, "weight": self._weight}
         sizes = {
@@ -298,12 +289,10 @@ class PolynomialMap(Potentials):
 
 
 def _shares(terms: dict[_Powers, Array], degree: int, scale: Array) -> dict[_Powers, Array]:
-    """Differentiate polynomials with respect to z: the weights (r, k + 1) of each u^β in w.
+    """Compute the weights of the monomials u^β in ``w = ∂h/∂z``: β → (r, k + 1).
 
-    ``terms`` are the coefficients (r,) of the monomials u^β by their powers β. See
-    :class:`PolynomialMap` for z and ``w_i = ∂h/∂z_i``: weights are stored instead of coefficients,
-    because one table then gives values and all derivatives. ``degree`` and ``scale`` are those of
-    the map.
+    z and w are those of :class:`PolynomialMap`, as are ``terms``, the coefficients (r,) of h by the
+    exponents β, ``degree`` and ``scale`` (k,).
     """
     shares: dict[_Powers, Array] = {}
 
@@ -323,10 +312,10 @@ def _shares(terms: dict[_Powers, Array], degree: int, scale: Array) -> dict[_Pow
 def _monomials(
     expected: Iterable[_Powers], k: int
 ) -> tuple[list[_Powers], NDArray[np.intp], NDArray[np.intp]]:
-    """Order monomials so that each is an earlier one (its parent) times a variable.
+    """Order monomials so that each is an earlier one, its parent, times one of k variables.
 
-    One multiplication then evaluates each monomial. Monomials of k variables that are needed as
-    parents are added to the ``expected`` ones. Returns for each monomial, by rising degree, its
+    One multiplication then evaluates each monomial. Parents that are not among the ``expected``
+    monomials are added. Returns three sequences with an entry per monomial, by rising degree: its
     powers, the index of its parent, and the index of the variable.
     """
     needed = {(0,) * k}
@@ -343,10 +332,9 @@ def _monomials(
 
 
 def _lower(beta: _Powers) -> tuple[_Powers, int]:
-    """Divide a monomial by its last variable: return the remaining powers, and that variable.
+    """Divide a monomial by its last variable; return the remaining powers and the variable's index.
 
-    The powers have one number per variable, and the variable is given by its index. The monomial
-    must not be 1.
+    ``beta`` has the power of each variable, not all 0.
     """
     last = max(i for i, power in enumerate(beta) if power)
     return (*beta[:last], beta[last] - 1, *beta[last + 1 :]), last

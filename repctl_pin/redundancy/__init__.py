@@ -2,6 +2,7 @@
 
 J (m, n) is the Jacobian, N (n, r) an orthonormal basis of its null space, r = n − m, G an inverse
 with J G = I, and V (n, r) the gradients of r potentials. Nothing here depends on a robot model.
+Numbers in parentheses, such as (31), are equations of the paper, see ``docs/notation.md``.
 """
 
 from .augmented import augmented_inverse as augmented_inverse

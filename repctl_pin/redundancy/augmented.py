@@ -1,8 +1,9 @@
 """Augmented Jacobian J_V = [J; Vᵀ] (30), (37), its inverse (31), and the leaf margin.
 
 V are the gradients of the r potentials that a repeatable inverse keeps constant. At an algorithmic
-singularity J has full rank, but J_V is singular, and this inverse does not exist. The leaf margin
-is the distance from such singularities.
+singularity J has full rank, but J_V is singular, and the repeatable inverse does not exist. The
+leaf margin is the distance from such singularities. Numbers in parentheses are equations of the
+paper.
 """
 
 from __future__ import annotations
@@ -43,7 +44,8 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
     (m, n), r = J.shape[-2:], V.shape[-1]
     if m + r != n:
         raise InputError(
-            f"J_V = [J; Vᵀ] must be square, m + r = n; J is {m} × {n}, and V has {r} columns"
+            f"J_V = [J; Vᵀ] is not square: J is {m} × {n}, and V has {r} columns; "
+            f"give V with {n - m} columns, one potential per degree of redundancy"
         )
     J_V = np.empty((*np.broadcast_shapes(J.shape[:-2], V.shape[:-2]), n, n))
     J_V[..., :m, :], J_V[..., m:, :] = J, np.swapaxes(V, -1, -2)
@@ -65,10 +67,9 @@ def augmented_inverse(J: ArrayLike, V: ArrayLike) -> Array:
 def is_regular(A: Array, inverse: Array) -> NDArray[np.bool_]:
     """Test which square matrices are numerically regular, given their inverses.
 
-    The sine of the angle between row i of A and the span of the other rows is ``1 / (‖row_i of A‖
-    ‖column_i of A⁻¹‖)``. Its minimum over the rows must exceed 1e-6. The sine depends neither on
-    the units of the rows nor on the scale of a potential. The computed inverse of a nearly singular
-    matrix would be rounding error.
+    In a regular matrix, the sine of the angle between each row and the span of the other rows is
+    above 1e-6. For row i it is ``1 / (‖row_i of A‖ ‖column_i of A⁻¹‖)``, which depends neither on
+    the units of the rows nor on the scale of a potential.
 
     Parameters
     ----------
@@ -116,7 +117,8 @@ def repeatable_inverse(G_d: ArrayLike, N: ArrayLike, V: ArrayLike) -> Array:
         return G_d - N @ np.linalg.solve(V_T @ N, V_T @ G_d)  # (32)
     except np.linalg.LinAlgError:
         raise SingularityError(
-            "algorithmic singularity: Nᵀ V is singular",
+            "algorithmic singularity: a combination of the potentials' gradients V lies in the row "
+            "space of J (det Nᵀ V = 0)",
             remedy="choose another configuration, or other potentials",
         ) from None
 

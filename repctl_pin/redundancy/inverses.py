@@ -1,7 +1,8 @@
 """Generalized inverses G of J: pseudoinverse, weighted pseudoinverse, null-space component.
 
-An inverse has J G = I, so that ``q̇ = G ẋ`` moves the frame with ẋ. W is the component in the null
-space N of J: ``G = J⁺ + N Wᵀ`` (21), (22).
+An inverse has J G = I, so that ``q̇ = G ẋ`` moves the frame with ẋ. The columns of N (n, r) are an
+orthonormal basis of the null space of J; W (m, r) is the null-space component of G:
+``G = J⁺ + N Wᵀ``. Numbers in parentheses, such as (21), are equations of the paper.
 """
 
 from __future__ import annotations
@@ -67,7 +68,10 @@ def weighted_pseudoinverse(J: ArrayLike, M: ArrayLike) -> Array:
     try:
         L = np.linalg.cholesky(M)  # M = L Lᵀ
     except np.linalg.LinAlgError:
-        raise SingularityError("the weight M is not positive definite; give one that is") from None
+        raise SingularityError(
+            "the weight M has an eigenvalue of 0 or below; "
+            "give a positive definite M, such as diag(w) with all w > 0"
+        ) from None
     # In y = Lᵀ q̇ the weighted norm is the Euclidean one: J⁺_M = L⁻ᵀ (J L⁻ᵀ)⁺.
     L_inv_T = np.swapaxes(np.linalg.inv(L), -1, -2)
     return L_inv_T @ pseudoinverse(J @ L_inv_T)
@@ -106,7 +110,7 @@ def null_component(G: ArrayLike, N: ArrayLike) -> Array:
     """Evaluate the null-space component ``W = Gᵀ N``, (..., m, r), of an inverse G of J.
 
     G (..., n, m) is a generalized inverse, and N (..., n, r) is an orthonormal null-space basis.
-    Inverses of one J differ only in W: ``G = J⁺ + N Wᵀ``, equations (21) and (22).
+    Inverses of one J differ only in W: ``G = J⁺ + N Wᵀ`` (21), (22).
     """
     G, N = as_matrices(("G", G, "n m"), ("N", N, "n r"))
     return np.swapaxes(G, -1, -2) @ N
@@ -115,8 +119,8 @@ def null_component(G: ArrayLike, N: ArrayLike) -> Array:
 def from_null_component(J: ArrayLike, N: ArrayLike, W: ArrayLike) -> Array:
     """Build the generalized inverse ``G = J⁺ + N Wᵀ`` (..., n, m) from its component W (21).
 
-    W is (..., m, r), and N (..., n, r) an orthonormal basis of the null space of J. Each W gives an
-    inverse, and each inverse one W, so that W are the free parameters of a design.
+    J is (..., m, n), W (..., m, r), and N (..., n, r) an orthonormal basis of the null space of J.
+    Each W gives one inverse, and each inverse has one W.
     """
     J, N, W = as_matrices(("J", J, "m n"), ("N", N, "n r"), ("W", W, "m r"))
     return pseudoinverse(J) + N @ np.swapaxes(W, -1, -2)
@@ -131,9 +135,10 @@ def inverse_condition_number(J: Array) -> Array:
 def row_factor(
     J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced"
 ) -> tuple[Array, Array]:
-    """Factor ``Jᵀ = Q R``, and raise an error if J does not have full row rank.
+    """Factor ``Jᵀ = Q R``, with orthonormal columns of Q and R upper triangular; check J's rank.
 
-    J⁺ and the null space both come from this factorisation, so that one place tests the rank.
+    J⁺ and the null space are both computed from this factorisation. With ``mode="complete"``, Q is
+    square, and its last n − m columns span the null space of J.
 
     Returns
     -------
@@ -142,6 +147,8 @@ def row_factor(
 
     Raises
     ------
+    InputError
+        If J has more rows than columns.
     SingularityError
         If J loses rank; the message gives the number of rank-deficient matrices in the batch.
     """
@@ -149,8 +156,8 @@ def row_factor(
     m, n = J.shape[-2:]
     if m > n:
         raise InputError(
-            f"J is {m} × {n}: with fewer joints than coordinates there is no right inverse; "
-            "give m ≤ n"
+            f"J is {m} × {n}, with more coordinates than joints, so no G has J G = I; "
+            f"control at most {n} coordinates"
         )
     Q, R = np.linalg.qr(np.swapaxes(J, -1, -2), mode="complete")  # half the time of "reduced"
     R = R[..., :m, :]

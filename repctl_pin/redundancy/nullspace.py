@@ -1,4 +1,7 @@
-"""Null space of J: orthonormal basis N, smooth null vector for r = 1, alignment of bases."""
+"""Null space of J: orthonormal basis N, smooth null vector for r = 1, alignment of bases.
+
+J is (m, n), and r = n − m. Numbers in parentheses, such as (12), are equations of the paper.
+"""
 
 from __future__ import annotations
 
@@ -14,9 +17,9 @@ def nullspace(J: ArrayLike) -> Array:
     """Evaluate an orthonormal basis N of the null space of J: ``J N = 0``, ``Nᵀ N = I``.
 
     The columns of N are joint velocities that do not move the frame. N is the last r columns of Q
-    in the complete factorisation ``Jᵀ = Q R``, and is not continuous in q: signs and rotations jump
-    from point to point. Before you differentiate or compare bases, use :func:`align`, or use
-    :func:`null_vector`.
+    in the complete factorisation ``Jᵀ = Q R``. It is not continuous in q: at nearby configurations,
+    N can differ by a rotation or a sign. Before differentiating or comparing bases, apply
+    :func:`align`; for r = 1, :func:`null_vector` is smooth.
 
     Parameters
     ----------
@@ -39,9 +42,9 @@ def nullspace(J: ArrayLike) -> Array:
 def null_vector(J: ArrayLike) -> Array:
     """Evaluate the null vector that is smooth in q, for r = 1: the generalized cross product.
 
-    ``n_i = (−1)^i det(J without column i)``, i counted from 0. The vector n equals (12) and (18),
-    and √2 times (41). It is not normalised: ``‖n‖² = det(J Jᵀ)``, so n vanishes where J loses rank.
-    Bases from a factorisation change sign from point to point; this vector does not.
+    ``n_i = (−1)^i det(J without column i)``, i counted from 0. This vector is that of (12) and of
+    (18), and √2 times that of (41). It is not normalised: ``‖n‖² = det(J Jᵀ)``, so n is 0 where J
+    loses rank.
 
     Parameters
     ----------
@@ -55,7 +58,10 @@ def null_vector(J: ArrayLike) -> Array:
     (J,) = as_matrices(("J", J, "m n"))
     m, n = J.shape[-2:]
     if n != m + 1:
-        raise InputError(f"the null vector needs one column more than rows; J is {m} × {n}")
+        raise InputError(
+            f"J is {m} × {n}, but a null vector requires one column more than rows; "
+            "use nullspace(J)"
+        )
     minors = [np.linalg.det(np.delete(J, i, axis=-1)) for i in range(n)]
     return np.stack([(-1) ** i * minor for i, minor in enumerate(minors)], axis=-1)
 
@@ -63,9 +69,9 @@ def null_vector(J: ArrayLike) -> Array:
 def align(N: ArrayLike, reference: ArrayLike) -> Array:
     """Rotate a basis within its span to be closest to a reference basis (orthogonal Procrustes).
 
-    Bases at neighbouring configurations are then comparable. N becomes ``N U Vᵀ`` with the singular
-    value decomposition ``Nᵀ N_ref = U S Vᵀ``. The result is smooth in q wherever ``Nᵀ N_ref`` keeps
-    full rank.
+    N becomes ``N U Vᵀ`` with the singular value decomposition ``Nᵀ N_ref = U S Vᵀ``. If N spans the
+    null space of J(q) and N_ref is fixed, the result is smooth in q wherever ``Nᵀ N_ref`` has full
+    rank.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ class Box(Region):
     half_width : float or (n,) array
         Half-widths, rad (m for prismatic joints): one number for all joints, or one per joint.
     density : function, optional
-        Q (K, n) → (K,) weights ≥ 0 of configurations; by default all weights are equal.
+        Function Q (K, n) → (K,): weights ≥ 0 of the rows of Q; by default all weights are equal.
 
     Raises
     ------
@@ -76,8 +76,8 @@ class Box(Region):
         if not (low < high).all():
             bad = int(np.argmin(low < high))
             raise InputError(
-                f"a box needs lower < upper for every joint; "
-                f"joint {bad} goes from {low[bad]:g} to {high[bad]:g}"
+                f"a box requires lower < upper for every joint, but joint {bad} (from 0) "
+                f"has lower = {low[bad]:g} and upper = {high[bad]:g}; correct these bounds"
             )
         return cls((low + high) / 2, (high - low) / 2, density=density)
 
@@ -131,7 +131,7 @@ class Box(Region):
         return (np.abs(Q - self.center) / self.half_width).max(-1)
 
     def clip(self, Q: ArrayLike) -> Array:
-        """Move configurations (K, n) that lie outside onto the faces of the box."""
+        """Move the rows of Q (K, n) that lie outside to the nearest point of the box: (K, n)."""
         return np.clip(as_configurations(Q, self.n, "this box"), self.lower, self.upper)
 
     def shrunk(self, factor: float) -> Box:
@@ -141,9 +141,10 @@ class Box(Region):
         )
 
     def inside(self, lower: ArrayLike, upper: ArrayLike) -> Box:
-        """Intersect the box with limits, such as ``task.lower`` and ``task.upper``.
+        """Intersect the box with limits (n,), such as ``task.lower`` and ``task.upper``.
 
-        A design then does not spend its accuracy on configurations that the arm cannot reach.
+        A design over the result ignores configurations that the arm cannot reach. InputError is
+        raised if the intersection is empty.
         """
         low, high = (limits(values, self.n, "the limits of this box") for values in (lower, upper))
         return Box.between(

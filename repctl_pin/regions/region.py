@@ -43,7 +43,7 @@ class Region(ABC):
     center : (n,) array
         A configuration in the middle of the region.
     density : function or None
-        Q (K, n) → (K,) weights ≥ 0 of configurations; None if all weights are equal.
+        Function Q (K, n) → (K,): weights ≥ 0 of the rows of Q; None if all weights are equal.
     """
 
     if TYPE_CHECKING:
@@ -65,24 +65,24 @@ class Region(ABC):
 
     @abstractmethod
     def random(self, count: int, seed: int) -> Array:
-        """Draw quasi-random points of the region: (K, n), K ≥ ``count``, determined by the seed.
+        """Draw quasi-random points of the region: (K, n), with K ≥ ``count``.
 
-        A design uses the points as held-out nodes, and a search uses them as candidates.
+        The same seed gives the same points. A design evaluates its cost at such points.
         """
 
     @abstractmethod
     def ratio(self, Q: ArrayLike) -> Array:
         """Compute the scale at which the region's boundary passes through each row of Q: (K,).
 
-        The scale multiplies all widths of the region: it is below 1 for a row inside, above 1
-        outside. It shows where a motion leaves Ω, outside which repeatability is not guaranteed.
+        The scale multiplies all widths of the region: it is below 1 for a row of Q (K, n) inside,
+        above 1 for a row outside Ω, where repeatability is not guaranteed.
         """
 
     @abstractmethod
     def clip(self, Q: ArrayLike) -> Array:
-        """Move configurations (K, n) that lie outside to the boundary, or close to it.
+        """Move the rows of Q (K, n) that lie outside to the boundary, or close to it: (K, n).
 
-        A search of the region for singularities calls this method to keep its points inside.
+        A search for singularities in the region calls this method after each step.
         """
 
     @abstractmethod
@@ -101,7 +101,10 @@ class Region(ABC):
         return Q, self.weights(Q)
 
     def weights(self, Q: ArrayLike) -> Array:
-        """Compute the quadrature weights of points drawn by :meth:`random`: (K,), with sum 1."""
+        """Compute quadrature weights of points Q (K, n) from :meth:`random`: (K,), with sum 1.
+
+        They are proportional to the density.
+        """
         Q = as_configurations(Q, self.n, f"this {type(self).__name__}")
         return normalised(evaluate_density(self.density, Q))
 
@@ -144,8 +147,8 @@ def check_density(density: Density | None) -> None:
 def evaluate_density(density: Density | None, Q: Array) -> Array:
     """Evaluate a user-defined density at the rows of Q (K, n): (K,) finite weights ≥ 0.
 
-    Without a density all weights are 1. InputError is raised if the function returns anything else,
-    so that a mean is never taken with wrong weights.
+    Without a density all weights are 1. InputError is raised if the function fails, or returns
+    another shape, a negative number, or one that is not finite.
     """
     if density is None:
         return np.ones(len(Q))
@@ -153,14 +156,19 @@ def evaluate_density(density: Density | None, Q: Array) -> Array:
         values: Any = np.asarray(density(Q), float)
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"the density must be a function of Q (K, n) that gives (K,) numbers: {error}"
+            f"the density fails at an array Q of shape {Q.shape}: {error}; "
+            "give a function of Q (K, n) that returns K numbers"
         ) from error
     if values.shape != (len(Q),):
         raise InputError(
-            f"the density must give one number per row of Q, ({len(Q)},), not {values.shape}"
+            f"the density returns an array of shape {values.shape} for {len(Q)} configurations; "
+            f"return one number per configuration, ({len(Q)},)"
         )
     if not (np.isfinite(values).all() and (values >= 0).all()):
-        raise InputError("the density must be finite and 0 or more everywhere in the region")
+        raise InputError(
+            "the density is negative or not finite somewhere in the region; "
+            "return finite numbers of at least 0"
+        )
     return values
 
 

@@ -41,11 +41,11 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
     Parameters
     ----------
     n
-        Dimension; above :data:`_MOST_DIMENSIONS`, scipy draws the points.
+        Dimension of the cube; above :data:`_MOST_DIMENSIONS`, scipy draws the points.
     power
         Base-2 logarithm of the number of points, at most 30.
     seed
-        Random seed of the scrambling; from a number, scipy creates a generator.
+        Seed of the scrambling, or the generator from which it is drawn.
 
     Returns
     -------
@@ -73,10 +73,10 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
 
 @cache
 def _direction_digits() -> NDArray[np.uint32]:
-    """Tabulate the binary digits of the direction numbers of all dimensions; computed once.
+    """Tabulate the binary digits of the direction numbers: entries 0 or 1, cached.
 
-    The axes are [dimension, digit (most significant first), number]. The points of the sequence are
-    exclusive ors of direction numbers.
+    The axes are [dimension, digit (most significant first), direction number]. The digits of a
+    point are exclusive ors of those of direction numbers.
     """
     numbers = [[1] * _BITS]
     for row in _JOE_KUO.split(";"):
@@ -89,10 +89,10 @@ def _direction_digits() -> NDArray[np.uint32]:
 
 
 def _extended(polynomial: int, initial: list[int]) -> list[int]:
-    """Extend the numbers m_1, m_2, … of one dimension to 30, by its polynomial's recurrence.
+    """Extend the direction numbers m_1, m_2, … of one dimension, ``initial``, to 30 numbers.
 
-    The binary digits of ``polynomial`` are its coefficients over GF(2), as in the table of Joe and
-    Kuo. ``initial`` are the first numbers.
+    They follow from a recurrence with the primitive polynomial over GF(2) whose coefficients are
+    the binary digits of ``polynomial``, as in the table of Joe and Kuo.
     """
     degree = len(initial)
     m = list(initial)

@@ -29,19 +29,19 @@ _MOST_SAMPLES = 256
 class Tube(Region):
     """All q with ``|q_i − s_i| ≤ radius_i`` for some sample s: a box moved along a motion.
 
-    The mean over a tube is the average of the means over the samples' boxes. Parts of the motion
-    with closely spaced samples, such as slow ones, therefore have more weight. Quadrature nodes are
-    scrambled Sobol points for any n. A design for one path needs no larger region Ω.
+    The mean over a tube is the average of the means over the boxes around the samples. Parts of the
+    motion with closely spaced samples, such as slow ones, therefore have more weight. Quadrature
+    nodes are scrambled Sobol points.
 
     Parameters
     ----------
     samples : (S, n) array
-        Configurations along a motion, rad or m; at most 256 of them are used. Their spacing
-        should be below the radius.
+        Configurations along a motion, rad or m, spaced by less than the radius. Of more than 256,
+        256 evenly spaced ones are used.
     radius : float or (n,) array
         Radius, rad (m for prismatic joints): one number for all joints, or one per joint.
     density : function, optional
-        Q (K, n) → (K,) weights ≥ 0 of configurations; by default all weights are equal.
+        Function Q (K, n) → (K,): weights ≥ 0 of the rows of Q; by default all weights are equal.
 
     Raises
     ------
@@ -77,10 +77,7 @@ class Tube(Region):
 
     @property
     def bounds(self) -> Box:
-        """Smallest box around the tube.
-
-        Its half-widths scale the steps of searches.
-        """
+        """Smallest box around the tube."""
         return Box.between(self.samples.min(0) - self.radius, self.samples.max(0) + self.radius)
 
     def random(self, count: int, seed: int) -> Array:
@@ -97,7 +94,7 @@ class Tube(Region):
         return self._nearest(Q)[1]
 
     def clip(self, Q: ArrayLike) -> Array:
-        """Move configurations (K, n) that lie outside onto the box around the nearest sample."""
+        """Move the rows of Q (K, n) that lie outside into the box around the nearest sample."""
         Q = as_configurations(Q, self.n, "this tube")
         nearest = self.samples[self._nearest(Q)[0]]
         return np.clip(Q, nearest - self.radius, nearest + self.radius)
@@ -109,10 +106,9 @@ class Tube(Region):
         )
 
     def _nearest(self, Q: ArrayLike) -> tuple[NDArray[np.intp], Array]:
-        """Find the sample nearest to each row of Q: its index and its distance, (K,) each.
+        """Find the sample nearest to each row of Q (K, n): its index and its distance, (K,) each.
 
-        The distance is the maximum over the joints, in units of the radius: at most 1 inside the
-        tube.
+        The distance is ``max_i |q_i − s_i| / radius_i``, at most 1 inside the tube.
         """
         Q = as_configurations(Q, self.n, "this tube")
         distance, which = self._tree.query(Q / self.radius, p=np.inf)

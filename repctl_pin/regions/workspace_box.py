@@ -37,25 +37,25 @@ class WorkspaceBox(Region):
     """All q of a joint-space box that bring the frame into a box of the workspace.
 
     The frame's position p satisfies ``|p_i − position_i| ≤ half_width_i``. The mean over the region
-    is over the task coordinates x *and* the self-motion σ that reaches each x. By the coarea
-    formula, ``∫∫ … dσ dx = ∫ … √det(J Jᵀ) dq``, so each q has the weight ``√det(J Jᵀ)``.
+    is taken over the task coordinates x and, for each x, over the configurations σ that reach x. By
+    the coarea formula, ``∫∫ … dσ dx = ∫ … √det(J Jᵀ) dq``, so each q has weight ``√det(J Jᵀ)``.
 
     Parameters
     ----------
     task
         The task; the box bounds its frame's position, m.
     position, half_width : (3,) arrays
-        Centre and half-widths, m, base frame; two numbers for the tasks ``xy``, ``xz``, ``yz``. One
-        half-width is used for all axes.
+        Centre and half-widths of the workspace box, m, base frame; two numbers each for the tasks
+        ``xy``, ``xz``, ``yz``. One half-width stands for all axes.
     within : Box
-        Box in joint space; it selects among the configurations that reach the same position.
+        Box in joint space, from which the configurations of the region are taken.
     density : function, optional
-        Q (K, n) → (K,) factors ≥ 0 of the weights ``√det(J Jᵀ)``; by default 1.
+        Function Q (K, n) → (K,): factors ≥ 0 of the weights ``√det(J Jᵀ)``; by default 1.
 
     Attributes
     ----------
     center : (n,) array
-        Configuration with the frame in the workspace box, near the centre of ``within``.
+        Of 16 configurations in the region, the one nearest to the centre of ``within``.
 
     Raises
     ------
@@ -101,7 +101,8 @@ class WorkspaceBox(Region):
         check_density(density)
         if within.n != task.n:
             raise InputError(
-                f"within= has {within.n} joints; give a box in the {task.n} joints of the task"
+                f"within= is a box in {within.n} joints, but the task has {task.n}; "
+                f"give a box in the {task.n} joints of the task"
             )
         freeze(self, task=task, position=middle, half_width=half, within=within, density=density)
         reached = self.random(16, 0)
@@ -142,8 +143,7 @@ class WorkspaceBox(Region):
     def weights(self, Q: ArrayLike) -> Array:
         """Compute the quadrature weights of points Q from :meth:`random`: (K,), which sum to 1.
 
-        The weights are proportional to ``√det(J Jᵀ)`` and to the density. So the weighted sum is a
-        mean over poses and self-motions, not over joint angles.
+        The weights are proportional to ``√det(J Jᵀ)`` and to the density, see the class.
         """
         Q = as_configurations(Q, self.task.n, "this box")
         J = self.task.jacobians(Q)
@@ -162,7 +162,7 @@ class WorkspaceBox(Region):
         return np.maximum(away.max(-1), self.within.ratio(Q))
 
     def clip(self, Q: ArrayLike) -> Array:
-        """Move configurations (K, n) into ``within``; the frame can remain outside its box."""
+        """Move the rows of Q (K, n) into ``within``; the frame can stay outside its box: (K, n)."""
         return self.within.clip(Q)
 
     def shrunk(self, factor: float) -> WorkspaceBox:

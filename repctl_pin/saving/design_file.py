@@ -49,14 +49,16 @@ class FileKind(NamedTuple):
 
     Attributes
     ----------
-    content, result : type
-        Classes of the file's content, and of the design.
+    content : type
+        Class of the file's content, a subclass of :class:`.schema.Sealed`.
+    result : type
+        Class of the design.
     to_content, to_result : function
         Conversions: design → content, and (content, task) → design.
     check : function
-        (content, task) → names of quantities, such as "the masses", that a file of an older version
-        lacks. The user is warned that they were not compared. Raises InputError if a quantity that
-        the design depends on has changed since the file was written.
+        (content, task) → names, such as "the masses", of the quantities that cannot be compared
+        because an older file lacks them. InputError is raised if a quantity of the robot on which
+        the design depends has changed since the file was written.
     """
 
     content: type[Sealed]
@@ -69,9 +71,9 @@ class FileKind(NamedTuple):
 def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
     """Read the content of a design file, and check format, schema version and checksum.
 
-    ``kinds`` maps each value of ``format`` to a function that returns the :class:`FileKind`, so
-    that an extension is imported only for its own files. The result is an object of the kind's
-    class ``content``, not yet compared with a robot.
+    ``kinds`` maps each value of the file's key ``format`` to a function that imports and returns
+    the :class:`FileKind`. The result is an object of that kind's class ``content``; whether it fits
+    a robot is not checked.
 
     Raises
     ------
@@ -86,29 +88,31 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
         head = msgspec.json.decode(text, type=_Head)
         if head.format not in kinds:
             raise InputError(
-                f'{where} is not a design file: it lacks "format": "{next(iter(kinds))}"; '
-                "give a file of repctl design, repctl cell or rp.save"
+                f'{where} is not a design file: its "format" is {head.format!r}; '
+                "give a file written by repctl design, repctl cell or rp.save"
             )
         if head.schema > VERSION:
             raise InputError(
                 f"{where} was written by repctl-pin {head.written_by} with schema {head.schema}, "
-                f"and this is {__version__}, which reads {VERSION}; upgrade repctl-pin"
+                f"but repctl-pin {__version__} reads schema {VERSION}; "
+                "upgrade repctl-pin"
             )
         if head.schema < 1:
             raise InputError(
-                f"{where} is not a design file: there is no schema {head.schema}; design again"
+                f"{where} is not a design file: it has schema {head.schema}, but schemas begin "
+                "with 1; design again"
             )
         if head.schema < VERSION:
             raise InputError(
-                f"{where} has schema {head.schema}, and this version reads {VERSION}; "
-                "design again, or use the repctl-pin that wrote it"
+                f"{where} has schema {head.schema}, but repctl-pin {__version__} reads schema "
+                f"{VERSION}; design again, or install repctl-pin {head.written_by}, which wrote it"
             )
         content = msgspec.json.decode(text, type=kinds[head.format]().content)
     except msgspec.ValidationError as error:
         raise InputError(f"{where} is not a valid design file: {error}; design again") from None
     except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
         raise InputError(
-            f"{where} is not a design file: not valid JSON ({error}); give a file of "
+            f"{where} is not a design file: it is not valid JSON ({error}); give a file written by "
             "repctl design, repctl cell or rp.save"
         ) from None
     # no control characters, and unchanged since it was written
@@ -126,9 +130,10 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
 
 
 def head(kind: str, task: Task) -> dict[str, Any]:
-    """Create the fields that every file begins with (:class:`Sealed`), with an empty checksum.
+    """Create the values of the fields of :class:`.schema.Sealed` for a task, by name.
 
-    ``kind`` is the value of ``format``, such as "repctl design". :func:`write` adds the checksum.
+    ``kind`` is the value of ``format``, such as "repctl design". The checksum is empty until
+    :func:`write` replaces it.
     """
     return {
         "format": kind,
@@ -150,7 +155,10 @@ def _design_file(design: Design) -> DesignFile:
     figures = described(Figures, design)
     for name, value in msgspec.structs.asdict(figures).items():
         if isinstance(value, float) and not np.isfinite(value):
-            raise InputError(f"design.{name} = {value!r} is not finite; design again to save it")
+            raise InputError(
+                f"the design cannot be saved: its {name} is {value!r}, not finite; "
+                "design again over a smaller region"
+            )
     cycle = None if design.cycle is None else schema.cycle_file(design.cycle)
     desired = schema.desired_file(design.desired)
     potentials = schema.basis_file(design.potentials)
@@ -169,7 +177,7 @@ def _design_file(design: Design) -> DesignFile:
 
 
 def _design_of(content: DesignFile, task: Task) -> Design:
-    """Create a design from the content of a file, for the task (robot, frame, joints) of the file.
+    """Create a design from the content of a file and the task that it was made for.
 
     Raises
     ------
@@ -180,12 +188,15 @@ def _design_of(content: DesignFile, task: Task) -> Design:
     A = np.array(content.coefficients, dtype=float)
     if A.shape != (potentials.size, task.r):
         raise InputError(
-            f"the coefficients must be {potentials.size} × {task.r} numbers; "
-            f"they have shape {A.shape}; design again"
+            f"the coefficients have shape {A.shape}, not {(potentials.size, task.r)}, as "
+            f"{potentials.size} potentials and r = {task.r} require; design again"
         )
     region = schema.region_of(content.region, task)
     if len(region.center) != task.n or potentials.gradients(region.center[None]).shape[1] != task.n:
-        raise InputError(f"potentials and region must be for {task.n} joints; design again")
+        raise InputError(
+            f"the potentials or the region are not for the {task.n} joints of the task; "
+            "design again"
+        )
     inverse = RepeatableInverse(task, potentials.weighted(A), region=region)
     desired = schema.desired_of(content.desired, task)
     cycle = None if content.cycle is None else schema.cycle_of(content.cycle, task)
@@ -211,7 +222,7 @@ class _Head(msgspec.Struct):
 
 
 def _printable(value: Any) -> Any:
-    """Escape unprintable characters in all texts of plain data (nested dicts, lists and tuples).
+    """Escape unprintable characters in all texts of nested dicts, lists and tuples.
 
     Texts from a file are printed, and could contain control sequences for a terminal.
     """
@@ -223,10 +234,9 @@ def _printable(value: Any) -> Any:
 
 
 def _checksum_of(content: dict[str, Any]) -> str:
-    """Hash the content without its checksum: ``sha256:`` and 64 hex digits.
+    """Hash the content of a file without its checksum: ``sha256:`` and 64 hex digits.
 
-    Keys are sorted and blanks removed first, so that a file with other indentation is still
-    accepted.
+    The hash does not depend on the order of keys and on the indentation of the file.
     """
     rest = {key: value for key, value in content.items() if key != "checksum"}
     text = json.dumps(rest, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
@@ -234,11 +244,11 @@ def _checksum_of(content: dict[str, Any]) -> str:
 
 
 def _unchecked(content: DesignFile, task: Task) -> list[str]:
-    """Check that a robot has not changed since a file was written; ``check`` of :class:`FileKind`.
+    """Compare the robot with that of the file, as ``check`` of :class:`FileKind` requires.
 
-    Returns the names of the quantities that the file lacks. Raises InputError if joint limits,
-    frames of an arm angle or masses differ. Speed limits are compared only if the design has a
-    cycle with a period.
+    Returns the names of the quantities that an older file lacks. InputError is raised if joint
+    limits, frames of an arm angle or masses differ. Speed limits are compared only if the design
+    has a cycle, whose period depends on them.
     """
     timed = content.cycle is not None
     return [

@@ -25,18 +25,15 @@ from .task_identity import carrying_tool, compare, task_of, written_task
 
 
 def _extended(extension: Extension, module: str) -> FileKind:
-    """Import a kind of file from an extension: the constant ``KIND`` of one of its modules.
-
-    ``module`` is the name of the module.
-    """
+    """Import a kind of design file from an extension: the constant ``KIND`` of its ``module``."""
     kind: FileKind = extension.module(module).KIND
     return kind
 
 
 def _kinds() -> dict[str, Callable[[], FileKind]]:
-    """List the kinds of design files, by ``format``, as functions that return the kind.
+    """List the kinds of design files: value of ``format`` → function that returns the kind.
 
-    A kind of an extension is imported only if its function is called.
+    The module of an extension is imported only when its function is called.
     """
     return {FORMAT: lambda: KIND} | {
         name: partial(_extended, extension, module)
@@ -49,8 +46,9 @@ def save(design: Any, path: str | Path) -> Path:
     """Write a design to a file atomically.
 
     The JSON file contains a schema version, the task (robot, frame, kind, joints), the design with
-    its evaluation, and a checksum. A fingerprint covers all that the numbers depend on: kinematics,
-    joint limits, the frames of arm angles, masses and bodies. The output is deterministic.
+    its evaluation, and a checksum. A fingerprint of the robot covers all that the numbers depend
+    on: kinematics, joint limits, and, if the design uses them, frames of arm angles, masses and
+    collision bodies. Equal designs give equal files.
 
     Parameters
     ----------
@@ -98,21 +96,22 @@ def load(path: str | Path, task: Task | None = None) -> Any:
     Returns
     -------
     Design or CellDesign
-        The design as it was saved; its inverse gives bitwise the same results.
+        The design as it was saved, with an inverse that gives bitwise the same results; a
+        :class:`CellDesign` if the file holds the function of a cell.
 
     Raises
     ------
     InputError
         If the file is not a design file, was changed after it was written, has another schema
-        version, or is for another robot, frame, task kind or joints. Also if the robot was changed
-        since; the message names the difference.
+        version, or is for another robot, frame, task kind or joints; or if the robot has changed
+        since. The message names the difference.
 
     Warns
     -----
     UserWarning
-        If an older file lacks part of the fingerprint, if the certificate is dropped because it
-        belongs to another design, or if a cell's body distance is dropped, because the bodies have
-        changed.
+        If an older file lacks part of the fingerprint, if the proof in the file is dropped because
+        it belongs to another design, or if a cell's body distance is dropped because the collision
+        bodies have changed.
 
     Examples
     --------
@@ -146,7 +145,7 @@ def load_design(path: str | Path, task: Task | None = None, *, frame: str | None
     path, task
         As for :func:`load`.
     frame
-        Another link on the same body, to which the design is converted; see
+        Another link, rigidly connected to the design's frame, that the design shall control; see
         :meth:`Design.with_tool`.
 
     Returns
@@ -156,8 +155,8 @@ def load_design(path: str | Path, task: Task | None = None, *, frame: str | None
     Raises
     ------
     InputError
-        If the file holds a function over a cell, or the errors of :func:`load` occur. With
-        ``frame``, also if it is on another body, or the task is not a pose task.
+        If the file holds the function of a cell, or for the reasons of :func:`load`; with
+        ``frame``, also if a joint lies between the links, or the task is not a pose task.
 
     Examples
     --------
@@ -168,14 +167,14 @@ def load_design(path: str | Path, task: Task | None = None, *, frame: str | None
     design = load(path, task)
     if isinstance(design, Design):
         return design if frame is None else _on_frame(design, frame)
-    raise InputError(f"{path} holds a function over a cell; use rp.load_cell")
+    raise InputError(f"{path} holds the function of a cell, not a design; use rp.load_cell")
 
 
 def _on_frame(design: Design, frame: str) -> Design:
-    """Convert a design to another link on the same body, such as from a flange to a gripper's tip.
+    """Convert a design to another link, such as from the flange to the tip of a gripper.
 
-    ``frame`` is the name of the link. InputError is raised if the link is on another body, or the
-    design is not for a pose task.
+    ``frame`` is the name of the link. InputError is raised if a joint lies between the two links,
+    or the design is not for a pose task.
     """
     from ..design.with_tool import for_task  # few designs change their frame
 
@@ -192,17 +191,16 @@ def _on_frame(design: Design, frame: str) -> Design:
 def read_design(path: str | Path) -> Any:
     """Read the content of a design file of any kind, and check that it was not changed.
 
-    The result is an object of :mod:`.schema`, such as a ``DesignFile``. It is not yet compared with
-    a robot; :func:`made_of` does that.
+    The result is an object of :mod:`.schema`, such as a ``DesignFile``. :func:`made_of` compares it
+    with a robot and makes the design.
     """
     return read(path, _kinds())
 
 
 def made_of(content: Sealed, task: Task, where: str) -> Any:
-    """Create a design from the content of a file, for the task that it was made for.
+    """Create a Design or a CellDesign from the content of a file and the task that it was made for.
 
-    The result is a Design or a CellDesign. If the file is from an older version, a UserWarning
-    names what could not be compared.
+    If the file is from an older version, a UserWarning names what cannot be compared.
 
     Raises
     ------

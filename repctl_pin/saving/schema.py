@@ -52,7 +52,7 @@ _NULLS = dict.fromkeys(
 
 
 class Part(msgspec.Struct, forbid_unknown_fields=True):
-    """Base class of all parts of a file; a part with several kinds has a key ``kind``."""
+    """Base class of all parts of a file; alternatives, such as box and tube, have a ``kind``."""
 
 
 class PolynomialFile(Part, tag_field="kind", tag="polynomial"):
@@ -73,8 +73,9 @@ class PolynomialFile(Part, tag_field="kind", tag="polynomial"):
 class FourierFile(Part, tag_field="kind", tag="fourier"):
     """Potentials that are sines and cosines of integer combinations of the joints ``variables``.
 
-    The integers go up to ``order``, in units of 2π / ``period``. If ``cross`` is false, each
-    combination contains only one joint.
+    They are sin(k · u) and cos(k · u) with ``u_i = 2π q_i / period_i`` and integers k_i, whose
+    absolute values sum to at most ``order``. If ``cross`` is false, only one k_i is not 0. ``n`` is
+    the number of joints; ``variables`` are counted from 0.
     """
 
     n: int
@@ -87,10 +88,10 @@ class FourierFile(Part, tag_field="kind", tag="fourier"):
 class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
     """Arm angle as a potential: the rotation of the elbow about the line from shoulder to wrist.
 
-    ``frames`` are shoulder, elbow and wrist. The angle is 0 in the plane of the direction
-    ``reference``. With a direction ``singular``, it is the stereographic angle, else the
-    conventional one. ``points`` are the origins of the frames, m, at each check configuration of
-    the task, by which a frame that has moved is detected. Older files lack ``points``.
+    The keys are the attributes of :class:`repctl_pin.ArmAngle`; ``frames`` are shoulder, elbow and
+    wrist, and ``singular`` is null for the conventional angle. ``points`` are the origins of the
+    frames, m, at each check configuration of the task, by which a frame that has moved is detected.
+    Older files lack ``points``.
     """
 
     frames: tuple[str, str, str]
@@ -113,7 +114,7 @@ class BoxFile(Part, tag_field="kind", tag="box"):
 
 
 class TubeFile(Part, tag_field="kind", tag="tube"):
-    """Region Ω of a design, a tube: q within ``radius`` (rad or m) of a sample in each joint."""
+    """Region Ω of a design, a tube: ``|q_i − s_i| ≤ radius_i`` for one of the ``samples`` s."""
 
     samples: Rows
     radius: Row
@@ -131,14 +132,15 @@ class WorkspaceFile(Part, tag_field="kind", tag="workspace"):
 
 
 class PseudoinverseFile(Part, tag_field="kind", tag="pseudoinverse"):
-    """Desired inverse J⁺, the pseudoinverse: the design is the repeatable inverse closest to it."""
+    """Desired inverse J⁺, the pseudoinverse, which the design approximates."""
 
 
 class WeightedFile(Part, tag_field="kind", tag="weighted"):
-    """Desired inverse J⁺_M, which minimises q̇ᵀ M q̇: M is ``inertia``, a diagonal, or a matrix.
+    """Desired inverse J⁺_M, which minimises q̇ᵀ M q̇; ``weight`` is M.
 
-    If M is the robot's inertia, ``inertia`` has M at each check configuration of the task, kg m²
-    and kg, by which changed masses are detected. Older files lack this key.
+    ``weight`` is a list of n numbers, the diagonal of M; a matrix (n, n); or "inertia", for the
+    robot's joint-space inertia. The key ``inertia`` then has M at each check configuration of
+    the task, kg m² and kg, by which changed masses are detected. Older files lack this key.
     """
 
     weight: str | list[float | Row]
@@ -146,7 +148,7 @@ class WeightedFile(Part, tag_field="kind", tag="weighted"):
 
 
 class LimitsFile(Part, tag_field="kind", tag="limits"):
-    """Desired inverse: J⁺ weighted so that joints slow down near their limits.
+    """Desired inverse J⁺_M with a weight M by which joints slow down near their limits.
 
     ``gain`` and ``onset`` are attributes of :class:`repctl_pin.LimitWeight`.
     """
@@ -161,10 +163,10 @@ Desired = PseudoinverseFile | WeightedFile | LimitsFile
 
 
 class Check(Part):
-    """Placement ``[R p]`` (3, 4) of the frame at the configuration ``q``, m.
+    """Placement ``[R p]`` (3, 4), m, of the frame at ``q``, one of the check configurations.
 
     The placement is computed again when the file is loaded; a difference shows that the robot has
-    changed. The placements of F frames are stacked: (3 F, 4).
+    changed. For a task of F frames, the placements are stacked: (3 F, 4).
     """
 
     q: Row
@@ -193,12 +195,14 @@ class FrameFile(Part):
 class TaskFile(Part):
     """Robot and task of a design; the file is refused for any other robot.
 
+    ``catalogue`` is true if the robot is in the catalogue, and ``file`` is the name of its URDF.
+    ``lock`` lists the locked joints, ``task`` is the kind of task, such as ``pose``.
     ``fingerprint`` holds placements of the frame at several check configurations. ``limits`` are
     the limits of ``joints``; older files lack them. ``frames`` exists only for a task of several
-    frames, whose names and kinds are joined in ``frame`` and ``task``. ``tool`` is the placement
-    (4, 4) of a tool in the link ``frame``, if the task controls the tool. ``coordinates`` occurs in
-    older files only. It is null, or T (n, n) of joint coordinates ψ with q = T ψ; a file with T is
-    refused.
+    frames; ``frame`` and ``task`` then join the names and the kinds of all. ``tool`` is the
+    placement (4, 4) of a tool in the link ``frame``, if the task controls the tool. ``coordinates``
+    occurs in older files only: null, or a matrix T (n, n) of joint coordinates ψ with q = T ψ; a
+    file with T is refused.
     """
 
     robot: str
@@ -219,7 +223,7 @@ class TaskFile(Part):
 class PieceFile(Part):
     """Polynomial piece of a path from s = ``begin`` to ``end``; s runs from 0 to 1 along a cycle.
 
-    ``coefficients`` is described at :class:`repctl_pin.paths.pieces.Piece`.
+    The keys are the attributes of :class:`repctl_pin.paths.pieces.Piece`.
     """
 
     begin: float
@@ -284,10 +288,11 @@ class Figures(Part):
 
 
 class ClosingRadiusFile(Part):
-    """Closing radius: closed paths within it of a start or a path end in the initial configuration.
+    """Closing radius: closed paths within this radius of a start, or of a path, close.
 
-    The radius has a distance, m, and an angle, rad; the angle is null if the task commands no
-    orientation. The keys are the attributes of :class:`repctl_pin.base.certificate.ClosingRadius`.
+    The motion along such a path ends in its initial configuration. ``metres`` and ``radians`` are
+    the radius in position and orientation; ``radians`` is null if the task commands no orientation.
+    The keys are the attributes of :class:`repctl_pin.base.certificate.ClosingRadius`.
     """
 
     metres: float
@@ -307,10 +312,11 @@ class ClosingRadiusFile(Part):
 class ProofFile(Part):
     """Bounds that are proved over a whole region or cell; see :class:`repctl_pin.Proof`.
 
-    A null limit margin means that the robot has no limits. A null required bound means that no
-    bound was required. ``subject`` and ``seal`` identify what was proved. A proof without them,
-    from an older file, is dropped. ``seconds`` occurs in older files only; files no longer contain
-    it, so that equal proofs give equal files.
+    A null ``limit_margin`` means that the robot has no joint limits. A null ``asked_leaf_margin``
+    or ``asked_limit_margin`` means that no such bound was required. ``subject`` is a hash of what
+    is proved, and ``seal`` a hash of the whole proof; a proof without them, from an older file, is
+    dropped. ``seconds``, the computing time, occurs in older files only, so that equal proofs give
+    equal files.
     """
 
     what: str
@@ -333,9 +339,10 @@ class ProofFile(Part):
 
 
 class Sealed(Part):
-    """Fields that every design file begins with: format, schema version, checksum and task.
+    """Fields of every design file: format, schema version, checksum and task.
 
-    ``written_by`` is the version of repctl_pin. The checksum detects files that were edited.
+    ``written_by`` is the version of repctl_pin that wrote the file. The checksum detects files that
+    were edited.
     """
 
     format: str
@@ -346,11 +353,11 @@ class Sealed(Part):
 
 
 class DesignFile(Sealed):
-    """Repeatable inverse, by its potentials: h_j(q) = Σ_i φ_i(q) coefficients[i][j].
+    """Design of a repeatable inverse, whose motions keep h_j(q) = Σ_i coefficients[i][j] φ_i(q).
 
-    The φ_i are the functions of ``potentials``, in their order. ``desired`` is the inverse that the
-    design approximates. ``region`` is the part of joint space, and ``cycle`` the motion, for which
-    the design was made; ``cycle`` can be null.
+    The φ_i are the functions of the basis ``potentials``, in their order. ``desired`` is the
+    inverse that the design approximates. ``region`` is the part of joint space, and ``cycle`` the
+    motion, for which the design was made; ``cycle`` is null for a design without a path.
     """
 
     cycle: CycleFile | None
@@ -367,11 +374,11 @@ R = TypeVar("R", bound="DataclassInstance")
 
 
 def described(kind: type[P], thing: object, **others: Any) -> P:
-    """Create a part of a file, of class ``kind``, from the attributes of an object.
+    """Create a part of a file, of class ``kind``, from attributes with the names of its keys.
 
-    The attributes have the names of the part's keys. Arrays become lists. An infinity or NaN of
-    :data:`_NULLS` becomes null, because JSON has neither. ``others`` are values to use instead of
-    the object's attributes.
+    ``thing`` is the object that has the attributes. Arrays become lists; the attributes listed in
+    :data:`_NULLS` become null if they are not finite. ``others`` are values of further keys, or
+    values to use instead of the object's attributes.
     """
     own = {}
     for name in kind.__struct_fields__:
@@ -389,8 +396,8 @@ def described(kind: type[P], thing: object, **others: Any) -> P:
 def made(kind: type[R], part: msgspec.Struct, **others: Any) -> R:
     """Create an object of the dataclass ``kind`` from a part of a file; reverses :func:`described`.
 
-    Lists become arrays, and nulls the infinity or NaN of :data:`_NULLS`. ``others`` are values to
-    use instead of the file's, or for attributes that the file lacks.
+    Lists become arrays, and a null becomes the value of :data:`_NULLS`, or None. ``others`` are
+    values of further attributes, or values to use instead of those of the file.
     """
     own = {}
     for name in kind.__dataclass_fields__:
@@ -448,7 +455,7 @@ def basis_file(potentials: PotentialBasis) -> BasisFile:
         return JoinedFile([basis_file(part) for part in potentials.parts])
     raise InputError(
         f"{potentials!r} cannot be saved: a file holds no user-defined functions; "
-        "design with polynomials, Fourier series or arm angles"
+        "design with rp.Polynomial, rp.Fourier or rp.ArmAngle"
     )
 
 
@@ -472,8 +479,8 @@ def region_file(region: Region) -> RegionFile:
     """
     if isinstance(region, (Box, Tube, WorkspaceBox)) and region.density is not None:
         raise InputError(
-            "a region with a user-defined density cannot be saved, for a file holds no functions; "
-            "save dataclasses.replace(design, region=…) with the same region without a density"
+            "a design over a region with a density cannot be saved: a file holds no functions; "
+            "save dataclasses.replace(design, region=r), with r the region without density="
         )
     if isinstance(region, Box):
         return described(BoxFile, region)
@@ -482,8 +489,8 @@ def region_file(region: Region) -> RegionFile:
     if isinstance(region, WorkspaceBox):
         return described(WorkspaceFile, region, within=region_file(region.within))
     raise InputError(
-        f"a region {type(region).__name__} cannot be saved; "
-        "a file holds boxes, tubes and workspace boxes"
+        f"a region of type {type(region).__name__} cannot be saved; "
+        "design over an rp.Box, rp.Tube or rp.WorkspaceBox"
     )
 
 
@@ -498,9 +505,7 @@ def region_of(data: RegionFile, task: Task) -> Region:
 
 
 def desired_file(desired: Inverse) -> Desired:
-    """Convert a desired inverse to its part of a file.
-
-    A desired inverse G_d, with q̇ = G_d ẋ, is the one that a design approximates.
+    """Convert a desired inverse, such as J⁺, which a design approximates, to its part of a file.
 
     Raises
     ------
@@ -519,17 +524,14 @@ def desired_file(desired: Inverse) -> Desired:
             task = desired.task
             return WeightedFile(weight, task.inertias(check_configurations(task)).tolist())
     raise InputError(
-        f"a design whose desired inverse is a user-defined {type(desired).__name__} cannot be "
-        "saved, for a file holds no functions; save dataclasses.replace(design, "
-        "desired=rp.Pseudoinverse(design.task)) to keep the result alone"
+        f"a design with the user-defined desired inverse {type(desired).__name__} cannot be saved: "
+        "a file holds no functions; to save the repeatable inverse alone, save "
+        "dataclasses.replace(design, desired=rp.Pseudoinverse(design.task))"
     )
 
 
 def desired_of(data: Desired, task: Task) -> Inverse:
-    """Create a desired inverse, which a design approximates, from its part of a file.
-
-    It is a matrix function of q with q̇ = G_d ẋ, such as the pseudoinverse J⁺.
-    """
+    """Create a desired inverse, which a design approximates, from its part of a file."""
     if isinstance(data, PseudoinverseFile):
         return Pseudoinverse(task)
     weight = (
@@ -553,7 +555,7 @@ def cycle_file(cycle: Cycle) -> CycleFile:
 def _path_file(path: TaskPath) -> PathFile:
     """Convert the path of one frame to its part of a file, as polynomial pieces.
 
-    The path's name and command-line options are stored as well, so that it can be recreated.
+    Its display name and its options of the command line are stored, too.
     """
     return PathFile(
         path.name,
@@ -570,18 +572,19 @@ def cycle_of(data: CycleFile, task: Task) -> Cycle:
     Raises
     ------
     InputError
-        If the pieces do not lead from s = 0 to 1, or the period or the start cannot be used.
+        If a path's pieces do not lead from s = 0 to 1, there is not one path per frame, or the
+        period or the start is invalid.
     """
     others = [] if isinstance(data.others, msgspec.UnsetType) else data.others
     parts: list[CycleFile | PathFile] = [data, *others]
     paths = [_path_of(part) for part in parts]
     if len(paths) != len(task.frames):
         raise InputError(
-            f"the file must have one path per frame, {len(task.frames)}, not {len(paths)}; "
+            f"the file has {len(paths)} paths for the {len(task.frames)} frames of the task; "
             "design again"
         )
     if not (0 < data.period < np.inf):
-        raise InputError(f"the period must be above 0 s, not {data.period:g} s; design again")
+        raise InputError(f"the file's period is {data.period:g} s, not above 0 s; design again")
     path = paths[0] if len(paths) == 1 else joined(task, paths)
     return Cycle(task.check(data.start, "the start"), path, data.period)
 

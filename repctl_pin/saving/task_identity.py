@@ -37,11 +37,10 @@ _TOLERANCE = 1e-9
 
 
 def identity(task: Task) -> TaskFile:
-    """Convert a task to its part of a file: names, and placements at several configurations.
+    """Convert a task to its part of a file, which identifies robot, frame, joints and kinematics.
 
-    A file is refused for another robot, and for one that has changed since. The placements are the
-    fingerprint: they depend on each link and joint axis of the chain and on the locked joints.
-    Placements are compared with a tolerance of 1e-9, so rounding has no effect.
+    The kinematics are identified by placements of the frame at the check configurations, which
+    depend on each link and joint axis of the chain and on the locked joints.
     """
     robot = task.robot
     checks = [
@@ -97,7 +96,7 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
         kind = task_kind(made_for.task)
         task = robot.task(made_for.frame, kind, joints=made_for.joints)
     else:
-        frames = [_frame_asked_for(one) for one in made_for.frames]
+        frames = [_frame_argument(one) for one in made_for.frames]
         task = robot.task(frames, joints=made_for.joints)
     return carrying_tool(made_for, task)
 
@@ -106,20 +105,20 @@ def written_task(made_for: TaskFile) -> str:
     """Write the arguments of :meth:`Robot.task` that create a saved task, as Python text."""
     if isinstance(made_for.frames, msgspec.UnsetType):
         return f"{made_for.frame!r}, {made_for.task!r}"
-    return repr([_frame_asked_for(one) for one in made_for.frames])
+    return repr([_frame_argument(one) for one in made_for.frames])
 
 
-def _frame_asked_for(one: FrameFile) -> tuple[str, ...]:
-    """Convert one of several frames for ``Robot.task``: (link, kind), or (link, kind, base)."""
+def _frame_argument(one: FrameFile) -> tuple[str, ...]:
+    """Convert a frame of a file to an argument of ``Robot.task``: (link, kind[, base])."""
     given = (one.frame, one.task)
     return given if one.base is None else (*given, one.base)
 
 
 def carrying_tool(made_for: TaskFile, task: Task) -> Task:
-    """Add the tool of a file to a task whose frame is the link that carries the tool.
+    """Return the task of the file's tool, made from a task of the link that carries the tool.
 
-    A file can be made for a tool: a fixed placement in a link, which the URDF does not contain. A
-    task of any other frame is returned unchanged, as is every task if the file has no tool.
+    A tool is a fixed placement in a link, which the URDF does not contain. The task is returned
+    unchanged if the file has no tool, or the task's frame is another link.
     """
     if isinstance(made_for.tool, msgspec.UnsetType) or isinstance(task, ToolTask):
         return task
@@ -136,9 +135,9 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
     """
     if isinstance(made_for.coordinates, list):
         raise InputError(
-            f"{where} is in joint coordinates ψ, q = T ψ, which are no longer supported: a weight "
-            "replaces them; design again with --weight absolute, if ψ are absolute angles, or "
-            "with rp.WeightedInverse(task, np.linalg.inv(T @ T.T))"
+            f"{where} is in joint coordinates ψ with q = T ψ, which are no longer supported; "
+            "design again: with --weight absolute if ψ are absolute angles, else with the desired "
+            "inverse rp.WeightedInverse(task, np.linalg.inv(T @ T.T))"
         )
     # names first
     mine = identity(task)
@@ -150,11 +149,13 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
     }.items():
         one, other = getattr(made_for, key), getattr(mine, key)
         if one != other:
-            raise InputError(f"{where} is for the {name} {one!r}, not {other!r}; give that {name}")
+            raise InputError(
+                f"{where} is for the {name} {one!r}, not {other!r}; give a task with this {name}"
+            )
     if made_for.frames != mine.frames:
         raise InputError(
-            f"{where} has frames with other bases than the task",
-            remedy="give the task's frames the bases of the design",
+            f"{where} is for frames and bases that the task does not have",
+            remedy=f"use the task robot.task({written_task(made_for)})",
         )
     if made_for.joints != mine.joints:
         raise InputError(
@@ -188,9 +189,8 @@ def _ranges_of(task: Task) -> list[JointRange]:
 def require_ranges(made_for: TaskFile, task: Task, *, speeds: bool) -> list[str]:
     """Check that the joint limits are those of the file; with ``speeds``, also the speed limits.
 
-    Returns the names of what cannot be checked: ["the joint limits"] if the file is from an older
-    version without them, otherwise an empty list. Raises an InputError that names the joint if a
-    limit differs.
+    Returns ["the joint limits"] if the file is from an older version that lacks them, which cannot
+    be checked then; otherwise an empty list. InputError names the joint whose limit differs.
     """
     ranges = made_for.limits
     if isinstance(ranges, msgspec.UnsetType):
@@ -219,10 +219,10 @@ def require_ranges(made_for: TaskFile, task: Task, *, speeds: bool) -> list[str]
 def require_arm_angles(basis: BasisFile, made_for: TaskFile, task: Task) -> list[str]:
     """Check that the frames of arm angles are where they were when the design was saved.
 
-    An arm angle is a potential made of shoulder, elbow and wrist frames; ``basis`` can join it with
-    other potentials, which need no check. Returns the names of what cannot be checked:
-    ["the frames of the arm angle"] if the file is from an older version without their points,
-    otherwise an empty list. Raises InputError with the name of a frame that has moved.
+    An arm angle is a potential made of shoulder, elbow and wrist frames; other potentials of
+    ``basis`` are not checked. Returns ["the frames of the arm angle"] if the file is from an older
+    version that lacks their positions, otherwise an empty list. InputError names a frame that has
+    moved.
     """
     if isinstance(basis, JoinedFile):
         parts = [require_arm_angles(part, made_for, task) for part in basis.parts]
@@ -245,9 +245,8 @@ def require_arm_angles(basis: BasisFile, made_for: TaskFile, task: Task) -> list
 def require_masses(desired: Desired, made_for: TaskFile, task: Task) -> list[str]:
     """Check that the robot's inertia has not changed, if it weights the desired inverse.
 
-    Returns the names of what cannot be checked: ["the masses"] if the file is from an older version
-    without the inertia, otherwise an empty list. Raises an InputError if the relative difference of
-    the inertia exceeds 1e-9.
+    Returns ["the masses"] if the file is from an older version that lacks the inertia, otherwise an
+    empty list. InputError is raised if the relative difference of the inertia exceeds 1e-9.
     """
     if not isinstance(desired, WeightedFile) or desired.weight != "inertia":
         return []
@@ -270,7 +269,7 @@ def configurations(made_for: TaskFile) -> Array:
 def _like(rows: list[list[list[float]]], now: Array, what: str) -> Array:
     """Convert numbers of a file to an array, and check that it has the shape of ``now``.
 
-    ``what`` names the quantity in the InputError, which says that the file is damaged.
+    ``now`` are the present values of the same quantity, which ``what`` names in the InputError.
     """
     try:
         before = np.array(rows, float)

@@ -48,19 +48,19 @@ class _Inline:
 
 
 def inline(shown: Study | Figure | str, *, height: int = 640) -> _Inline:
-    """Display the animation, table and figures of a study in a notebook cell; write no files.
+    """Display a study (animation, table, figures), a figure or a page in a notebook cell.
 
     Parameters
     ----------
     shown
-        A study; or a figure, or the HTML of a page.
+        Study, matplotlib figure, or HTML of a page.
     height
         Height of the animation or page, pixels.
 
     Returns
     -------
-    Inline
-        The display.
+    _Inline
+        Object that a notebook cell shows if it is the last value of the cell; no file is written.
 
     Raises
     ------
@@ -80,7 +80,8 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> _Inline:
         return _Inline(_picture(shown, "Figure"), repr(shown))
     if not isinstance(shown, Study):
         raise InputError(
-            f"must be a study, a figure or the HTML of a page; got {type(shown).__name__}",
+            f"must be a study, a matplotlib figure or the HTML of a page; "
+            f"got {type(shown).__name__}",
             argument="shown",
         )
     page = frame(study_page(shown), height)
@@ -88,7 +89,7 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> _Inline:
 
 
 def table_and_figures(study: Study) -> str:
-    """Write the table and the figures of a study as HTML, to stand below its animation."""
+    """Write the table and the figures of a study as HTML, which a notebook shows below its page."""
     parts = (
         f'<pre style="{_TABLE}">{html.escape(study_table(study))}</pre>',
         _picture(drift_figure(drawn(study), ""), captions.drift_words(study)),
@@ -98,7 +99,7 @@ def table_and_figures(study: Study) -> str:
 
 
 def frame(page: str, height: int = 640) -> str:
-    """Embed a page, given as HTML, in a notebook cell: an inline frame with a height in pixels.
+    """Write the HTML of an inline frame, ``height`` pixels high, that shows a page given as HTML.
 
     The page's script runs in a sandbox and cannot access the notebook.
     """
@@ -110,7 +111,7 @@ def frame(page: str, height: int = 640) -> str:
 
 
 def _picture(figure: Figure, text: str) -> str:
-    """Embed a figure in a notebook cell, as HTML, at twice the resolution for sharp screens.
+    """Write the HTML of an image that shows a figure, at twice the resolution of the page.
 
     ``text`` is the alternative text, for readers who cannot see the figure.
     """

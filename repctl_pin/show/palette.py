@@ -18,17 +18,14 @@ _OWN = (PURPLE, SKY, YELLOW, INK)
 
 
 def luminance(colour: str) -> float:
-    """Compute the relative luminance of a colour ``#rrggbb``, as WCAG 2 defines it: 0 to 1.
-
-    The contrast of text is computed from two luminances: of the text and of its background.
-    """
+    """Compute the relative luminance of a colour ``#rrggbb``, as WCAG 2 defines it: 0 to 1."""
     parts = [int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)]
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts]
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 def readable(colour: str) -> str:
-    """Darken a colour ``#rrggbb`` until text in it has a contrast of 4.5:1 on white."""
+    """Darken a colour ``#rrggbb`` until its contrast to white is at least 4.5, as text requires."""
     parts = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
     for share in range(100, 0, -2):
         darker = "#" + "".join(f"{c * share // 100:02x}" for c in parts)
@@ -38,9 +35,9 @@ def readable(colour: str) -> str:
 
 
 def colours(study: Study) -> dict[str, str]:
-    """Return the colour ``#rrggbb`` of every strategy and of every row of a study, by key.
+    """Return the colour ``#rrggbb`` of every controller of a study, by the key of its row.
 
-    A user-defined controller gets the next free colour; after four, the colours repeat.
+    User-defined controllers share four colours, which repeat after the fourth.
     """
     own = [row.key for row in study.rows if row.key not in COLOURS]
     return COLOURS | {key: _OWN[k % len(_OWN)] for k, key in enumerate(own)}

@@ -114,9 +114,9 @@ def _compared(study: Study) -> list[tuple[str, Motion, str]]:
 
 
 def _figures(study: Study, maps: ReportMaps | None) -> Iterable[tuple[str, dict[str, object]]]:
-    """Yield the heading of each figure of the report, and its picture as :func:`framed` encodes it.
+    """Yield the heading of each figure of the report, and its picture, a result of :func:`framed`.
 
-    ``maps`` are values of the design over two joints; None leaves that figure out.
+    ``maps`` are values of the design over two joints; None leaves their figure out.
     """
     moved = drawn(study)
     # its first motion to the posture would hide the others
@@ -159,9 +159,9 @@ def _maps_figure(study: Study, maps: ReportMaps) -> Figure:
 
 
 def picture(figure: Figure, text: str) -> dict[str, object]:
-    """Draw a figure, cropped to its contents, as a picture that the report's template embeds.
+    """Draw a figure, cropped to its contents, and encode it as :func:`framed` does.
 
-    ``text`` is its description for readers who cannot see it; see :func:`framed` for the result.
+    ``text`` is its description for readers who cannot see it.
     """
     metadata = {"Software": None}
     picture = png(figure, DPI, bbox_inches="tight", pad_inches=0.05, metadata=metadata)
@@ -169,10 +169,10 @@ def picture(figure: Figure, text: str) -> dict[str, object]:
 
 
 def framed(picture: bytes, text: str) -> dict[str, object]:
-    """Encode a PNG file for a template of a page, with its size and description.
+    """Encode the bytes of a PNG file for a template of a page.
 
-    The keys are ``data`` (base64), ``width`` and ``height`` in pixels, and ``words``, the given
-    text. ``picture`` are the bytes of the file.
+    The result has the keys ``data`` (base64), ``width`` and ``height`` in pixels, and ``words``,
+    the given text, which describes the picture.
     """
     width, height = struct.unpack(">II", picture[16:24])  # as its header says
     return {
@@ -186,8 +186,8 @@ def framed(picture: bytes, text: str) -> dict[str, object]:
 def _in_full(study: Study) -> dict[str, str]:
     """Collect the settings with which the study can be repeated exactly, as text by label.
 
-    They are the start and the box around Ω, the design's region, to ten digits, the joints, and the
-    URDF's checksum.
+    They are the start and the smallest box around the design's region Ω, to ten digits, the names
+    of the joints, and the URDF's checksum.
     """
     center, width = study.region.bounds.center, study.region.bounds.half_width
     return {

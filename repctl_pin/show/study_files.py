@@ -61,18 +61,15 @@ def run_name(study: Study, checksum: str) -> str:
     """Name a run of a study by the checksum of its design file and a digest of its motions.
 
     The name is written into each file, so that the user sees which files belong together. Runs with
-    the same name have the same design and motions. The first part is the checksum in
-    ``control.json``, here ``checksum``.
+    the same name have the same design and motions. ``checksum`` is that of the design file,
+    ``control.json``; the name begins with its first 12 digits.
     """
     digest = hashlib.sha256(_motions(study).encode()).hexdigest()
     return f"{checksum.removeprefix('sha256:')[:12]}-{digest[:8]}"
 
 
 def with_run(page: str, run: str) -> str:
-    """Insert the name of a run into the head of an HTML page; an empty name changes nothing.
-
-    By this name, files of different studies in one folder can be distinguished.
-    """
+    """Insert the name of a run into the head of an HTML page; an empty name changes nothing."""
     return (
         page.replace("<head>", f'<head>\n<meta name="repctl-run" content="{run}">', 1)
         if run
@@ -92,8 +89,8 @@ def _motions(study: Study, run: str = "") -> str:
 def study_page(study: Study, *, seconds: float | None = None) -> str:
     """Write the animation page of a study: J⁺, custom controllers and the repeatable inverse.
 
-    Controllers with a posture task are not shown. ``seconds`` is the time of a cycle at normal
-    speed, by default that of the motion.
+    Controllers with a posture task are not shown. ``seconds`` is the duration of a cycle at normal
+    speed, s, by default the period of the motions.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Descent in a box from many starting points at once, each with its own adaptive step length."""
+"""Descent in a box from S starting points at once, each with its own adaptive step length."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _Rows = NDArray[np.intp]
 class StepLengths:
     """Parameters of the adaptive step lengths in :func:`descend_in_box`.
 
-    Lengths are in the unit of the trial steps, which the problem chooses.
+    The function ``trial`` of the problem defines the unit of the lengths.
 
     Attributes
     ----------
@@ -29,11 +29,11 @@ class StepLengths:
     shortest : float
         Step length at or below which the search from a starting point ends.
     longer : float
-        Factor of the step length after a step that lowered the function.
+        Factor of the step length after an accepted step, which lowered the function.
     shorter : float
         Divisor of the step length after a step that was rejected.
     steps : int
-        Maximum number of steps.
+        Maximum number of steps from each starting point.
     """
 
     first: float
@@ -65,17 +65,17 @@ def descend_in_box(
     value : (S,) array
         Values of the function at x.
     trial : function (rows (L,), lengths (L,)) → (L, n)
-        Trial points in the box: one step of the given length down the slope, from each of the given
-        rows of x.
+        Trial points in the box: from each of L rows of x, given by their indices, one step of the
+        given length down the slope of the function.
     evaluate : function (rows (L,), points (L, n)) → values (L,), allowed (L,)
-        Values of the function at trial points, and whether each point may be accepted.
+        Values of the function at trial points, and True where a point may be accepted.
     lengths
         Parameters of the step lengths.
     enough
-        Value of the function at or below which the whole search ends.
+        The search from all points ends when one value is at or below ``enough``.
     accepted : function (rows (L,), better (L,)), optional
-        Called after each step with the rows that were tried, and a mask of those whose trial point
-        was accepted.
+        Called after each step with the indices of the rows that were tried, and a mask: True where
+        the trial point was accepted.
     """
     length = np.full(len(x), lengths.first)
     for _ in range(lengths.steps):

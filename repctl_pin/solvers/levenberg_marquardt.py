@@ -30,7 +30,7 @@ _RELAXED = 100.0
 @dataclass(frozen=True, eq=False)
 @read_only
 class Point(Generic[D]):
-    """The objective at one x, with the intermediate values of its evaluation for the next step.
+    """The objective at one x, with intermediate values of its evaluation.
 
     Attributes
     ----------
@@ -41,8 +41,9 @@ class Point(Generic[D]):
     allowed : bool
         True if a step that ends at x may be accepted.
     data
-        Intermediate values from which :meth:`LeastSquares.model` computes g and H.
+        Intermediate values from which :meth:`_LeastSquares.model` computes g and H.
     x : array
+        Unknowns, an array of any shape.
     """
 
     merit: float
@@ -90,10 +91,7 @@ class _LeastSquares(Protocol[D, M]):
         """
 
     def model(self, at: Point[D]) -> M:
-        """Evaluate the gradient g and the Gauss–Newton matrix H at a point.
-
-        g and H predict the decrease of the merit by a step.
-        """
+        """Evaluate the model of the merit at a point: its gradient g and Gauss–Newton matrix H."""
 
     def step(self, model: M, damping: float) -> Step:
         """Solve ``(H + μ D) dx = −g`` with μ = ``damping``; the problem chooses the scaling D."""
@@ -243,12 +241,11 @@ def levenberg_marquardt(
 def _taken(
     problem: _LeastSquares[D, M], here: Point[D], step: Step, rules: Damping
 ) -> Point[D] | None:
-    """Backtracking line search: halve a step until the merit decreases sufficiently.
+    """Halve a step from ``here`` until the merit decreases sufficiently; return the accepted point.
 
-    Return the accepted point, or None if no length is accepted. The full step is usually accepted,
-    so it is evaluated with the intermediate values that the next model needs. ``rules`` has the
-    number of halvings and the sufficient decrease. ``here`` is the point from which the step
-    starts.
+    ``rules`` has the number of halvings and the sufficient decrease. The result is None if no
+    length is accepted. The full step is evaluated with the data of the next model, because it is
+    usually accepted.
     """
 
     def most(length: float) -> float:

@@ -48,13 +48,12 @@ def newton(
     iterations
         Maximum number of steps.
     contraction
-        If given, steps are never shortened. The first step may be at most ``longest``, and each
-        later one at most this factor times the step before. A longer step means that the iteration
-        leads to a different solution branch, and None is returned.
+        If given, steps are not shortened: the first step must be at most ``longest``, and each
+        later step at most ``contraction`` times the step before. Otherwise None is returned,
+        because longer steps can lead to a different solution branch.
     residual : function q → float, optional
-        ‖F(q)‖. If given, each step is halved until the residual falls; the iteration ends if it
-        never falls. The last call of ``residual`` before each call of ``correction`` is at the same
-        q.
+        ‖F(q)‖. If given, each step is halved until the residual decreases; the iteration ends if it
+        does not. ``residual`` is called at q before ``correction`` is called at the same q.
 
     Returns
     -------
@@ -91,10 +90,10 @@ def newton(
 def _line_search(
     residual: Callable[[Array], float], q: Array, dq: Array, scale: float, left: float
 ) -> tuple[Array, float]:
-    """Halve the step ``scale · dq`` until the residual falls below ``left``, the residual at q.
+    """Halve the step ``scale · dq`` until the residual is below ``left``, the residual at q.
 
-    Return the new q (n,) and its residual. If the residual never falls, down to a scale of 1e-6,
-    return q and ``left``, so that the caller sees that no progress is possible.
+    Returns the new q (n,) and its residual, or q and ``left`` if no scale above 1e-6 lowers the
+    residual.
     """
     while True:
         trial = q + scale * dq
@@ -119,8 +118,8 @@ def newton_rows(
     Parameters
     ----------
     correction : function (Q (L, n), rows (L,)) → dQ (L, n)
-        Newton's steps of the systems with the numbers ``rows``, at Q. Entries that are not finite
-        count as 0.
+        Newton's steps of the systems with the indices ``rows``, at their present configurations Q.
+        Entries that are not finite count as 0.
     start : (K, n) array
         The first q of each system.
     longest

@@ -16,9 +16,9 @@ from .strategy import described
 
 
 class CustomInverse:
-    """``q̇ = G(q) ẋ`` (3) with a user-defined G.
+    """``q̇ = G(q) ẋ`` with a user-defined matrix G.
 
-    ``J G = I`` is checked at every evaluation: with another G the frame does not follow its path.
+    ``J G = I`` is checked at every evaluation: otherwise the frame does not move with ẋ.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class CustomInverse:
     function
         Function q (n,) → G (n, m).
     tolerance : float
-        Maximum entry of ``J G − I``.
+        Maximum absolute entry of ``J G − I``.
 
     Raises
     ------
@@ -87,8 +87,9 @@ class CustomInverse:
         if residual.max() > self.tolerance:
             a, b = np.unravel_index(int(residual.argmax()), residual.shape)
             raise InputError(
-                f"J G = I does not hold, by {residual.max():.2g} (row {a}, column {b}), "
-                f"at q = {row(q)}; correct the function, for example G + J⁺ (I − J G)"
+                f"the function's G is no inverse: J G differs from I by {residual.max():.2g} in "
+                f"row {a}, column {b}, at q = {row(q)}; correct the function, for example by "
+                "returning G + J⁺ (I − J G)"
             )
         return G
 

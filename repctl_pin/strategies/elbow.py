@@ -2,8 +2,9 @@
 
 A repeatable inverse keeps its potentials h at the level c. Pose x and level c determine q, so a
 position of the elbow is chosen by a level. While the elbow moves towards the point, the frame
-rests: q̇ = N ż with J N = 0, where z are coordinates of the self-motion. The elbow is represented
-by the origin of a link.
+rests: q̇ = N ż with J N = 0, where z (r,) are coordinates of the self-motion. The elbow is the
+origin of a link. Ω is the design region of the inverse. The ratio of a configuration is the scale
+of Ω at which the boundary passes through it: 1 at the edge, below 1 inside.
 """
 
 from __future__ import annotations
@@ -51,10 +52,10 @@ of the order of its square."""
 
 
 class _Bounded(Protocol):
-    """The part of a region Ω that the search needs."""
+    """Interface of a region Ω, as far as the search needs it."""
 
     def ratio(self, Q: Array) -> Array:
-        """Compute the scaled distances (K,) from the middle of Ω, 1 at its edge."""
+        """Compute the ratios (K,) of the rows of Q (K, n)."""
 
 
 class _OnLeaves(Protocol):
@@ -68,7 +69,7 @@ class _OnLeaves(Protocol):
         """Region Ω, at whose edge the search stops; None without one."""
 
     def step(self, q: Array, target: pin.SE3, dt: float) -> Array:
-        """Compute the next q (n,) towards a target at the same level c."""
+        """Compute the next q (n,) towards a target, at the level of q; dt = 1 is a Newton step."""
 
     def leaf(self, q: Array) -> Array:
         """Evaluate the level c = h(q) (r,)."""
@@ -89,8 +90,8 @@ class ElbowLevel:
         Distance of the elbow from the point, m.
     unique : bool
         False if a self-motion hardly changes this distance: the point is on the line from shoulder
-        to wrist, or a self-motion does not move the elbow. The search then does not move along this
-        self-motion.
+        to wrist, or a self-motion does not move the elbow. The search then leaves the configuration
+        unchanged along this self-motion.
     """
 
     leaf: Array
@@ -101,11 +102,11 @@ class ElbowLevel:
 
 @dataclass(frozen=True)
 class _Regular:
-    """Bounds on how near a search may come to singularities and to the edge of Ω.
+    """Bounds that keep a search away from singularities and inside Ω.
 
-    If the start exceeds one of the usual bounds, its own value becomes the bound. ``condition`` is
-    the minimum of σ_min / σ_max of J, ``margin`` the minimum leaf margin, and ``ratio`` the maximum
-    scaled distance from the middle of Ω, 1 at its edge.
+    ``condition`` is the minimum of σ_min / σ_max of J, ``margin`` the minimum leaf margin, and
+    ``ratio`` the maximum ratio. If the start violates one of the usual bounds, its own value
+    becomes the bound.
     """
 
     condition: float
@@ -114,7 +115,7 @@ class _Regular:
 
     @classmethod
     def at(cls, inverse: _OnLeaves, q: Array) -> _Regular:
-        """Return the bounds of a search from q (n,)."""
+        """Choose the bounds of a search that starts at q (n,)."""
         condition = inverse_condition_number(inverse.task.jacobian(q))
         return cls(
             min(_REGULAR, float(condition)),
@@ -178,7 +179,10 @@ class Elbow:
         return np.asarray(self._drive.derivatives(J))
 
     def _velocity(self, frame: int) -> Array:
-        """Compute the Jacobian (6, N) of a frame of the model, world axes."""
+        """Return the Jacobian of the model's frame with index ``frame``, world axes.
+
+        Its shape is (6, joint velocities of the model).
+        """
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return np.asarray(pin.getFrameJacobian(self._model, self._data, frame, axes))
 
@@ -196,10 +200,10 @@ def leaf_toward(
 ) -> ElbowLevel:
     """Move along the self-motion to the minimum of ½ ‖p_elbow − p_e‖², by Newton's method.
 
-    The method uses the gradient and the second derivatives by z (r,), the step along the columns of
-    N. After a step q + N z, the frame is brought back to its pose. A joint at a limit stays there
-    unless the minimum is inside its limits. ``point`` (3,) is p_e, in the base frame, m, and
-    ``margin`` is the distance to keep from the joint limits.
+    The method uses first and second derivatives by z (r,), the step along the columns of N. After a
+    step to q + N z, the frame is brought back to its pose. A joint at a limit stays there unless
+    the minimum is inside its limits. ``point`` (3,) is p_e, in the base frame, m, and ``margin`` is
+    the distance to keep from the joint limits, rad or m.
     """
     task = inverse.task
     lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
@@ -253,12 +257,12 @@ def _derivatives(inverse: _OnLeaves, elbow: Elbow, q: Array, N: Array) -> tuple[
 def _newton_step(
     A: Array, H: Array, g: Array, N: Array, q: Array, lower: Array, upper: Array
 ) -> tuple[Array, bool]:
-    """Compute the step z (r,) to the minimum of the quadratic model within the joint limits.
+    """Compute the step z (r,) to the minimum of ``gᵀz + ½ zᵀHz`` within the joint limits.
 
-    A joint at or beyond its limit that would move farther outward is moved to the limit. The second
-    result is False if the model is too flat for a unique minimum. g (r,) and H (r, r) are the
-    gradient and the second derivatives of the model, A (3, r) is the derivative of the elbow's
-    position by z, and ``lower`` and ``upper`` (n,) are the limits.
+    g (r,) and H (r, r) are gradient and second derivatives of the squared distance, A (3, r) is the
+    derivative of the elbow's position by z, and ``lower`` and ``upper`` (n,) are the limits of q. A
+    joint at or beyond its limit that would move farther outward is moved to the limit. The second
+    result is False if the minimum is not unique, see :func:`_model_step`.
     """
     held = np.zeros(len(q), bool)
     goal = np.clip(q, lower, upper)
@@ -283,9 +287,10 @@ def _newton_step(
 def _model_step(A: Array, H: Array, g: Array, rows: Array, back: Array) -> tuple[Array, bool]:
     """Minimise ``gᵀz + ½ zᵀHz`` subject to ``rows z = back``, for the step z (r,).
 
-    A direction is flat if slope and curvature along it are small compared with ``‖A‖²``, where A is
-    the derivative of the elbow's position by z. z is 0 along flat directions. The second result is
-    True if no direction is flat.
+    ``rows`` (K, r) are the rows of N of K joints at limits, and ``back`` (K,) their motions to the
+    limits, rad or m. A direction is flat if slope and curvature along it are small compared with
+    ``‖A‖²``, where A is the derivative of the elbow's position by z. z is 0 along flat directions.
+    The second result is True if no direction is flat.
     """
     begin: Array = np.zeros(len(g))
     if len(rows):
@@ -314,9 +319,9 @@ def _accepted(
 ) -> Array | None:
     """Find a configuration along the step ``way`` (n,) with the elbow nearer to the point.
 
-    The step is halved until its end is within the joint limits, less :data:`_INSIDE`, and within
-    the bounds ``regular``; None if that fails. If q is beyond the limits, the step moves the joints
-    back, and may move the elbow away from the point.
+    The step from q is halved until its end keeps the ``limits`` (lower, upper), with the tolerance
+    :data:`_INSIDE`, and the bounds ``regular``; the result is None if no step does. If q is beyond
+    the limits, the step moves the joints back, and may move the elbow away from the point.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)
@@ -339,10 +344,10 @@ def _accepted(
 
 
 def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: Array) -> Array:
-    """Move joints that are beyond their limits back to them, with the frame at rest.
+    """Move joints of q (n,) that are beyond their limits back to them, with the frame at ``place``.
 
-    Return the configuration (n,). The joints stay where they are if that needs too long a step.
-    ``place`` is the placement of the frame.
+    Returns the configuration (n,). A step that moves a joint by more than :data:`_LONGEST` is not
+    made; the joints then stay beyond their limits.
     """
     for _ in range(_NEWTON):
         back = np.clip(q, lower, upper) - q
@@ -363,9 +368,9 @@ def _limit_distance(q: Array, lower: Array, upper: Array) -> float:
 
 
 def _retracted(inverse: _OnLeaves, q: Array, place: pin.SE3) -> Array:
-    """Bring the frame back to ``place`` by Newton's method, at the level of q (n,).
+    """Bring the frame back to ``place`` by Newton's method, from q (n,) and at its level.
 
-    Return the configuration (n,). SingularityError is raised if the method does not converge.
+    Returns the configuration (n,). SingularityError is raised if the method does not converge.
     """
     for _ in range(_NEWTON):
         before, q = q, inverse.step(q, place, 1.0)
@@ -384,5 +389,5 @@ def _margin(inverse: _OnLeaves, q: Array) -> float:
 
 
 def _ratio(inverse: _OnLeaves, q: Array) -> float:
-    """Evaluate the scaled distance of q from the middle of Ω, 1 at its edge; 0 without Ω."""
+    """Evaluate the ratio of q; 0 if the inverse has no region Ω."""
     return 0.0 if inverse.region is None else float(inverse.region.ratio(q[None])[0])

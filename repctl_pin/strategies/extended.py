@@ -20,24 +20,24 @@ from .repeatable import RepeatableInverse
 class ExtendedJacobian(RepeatableInverse):
     """``q̇ = G_r ẋ`` with ``V = ∂hᵀ/∂q``, ``h = Nᵀ ∇U``, the extended Jacobian.
 
-    U is a function to be kept stationary, such as the distance from a posture. On the leaf h = 0, U
-    is stationary among the configurations of the same x = f(q); the potentials h stay constant in
-    every motion, so that closed paths end in the configuration they began in. N is the null-space
-    basis closest to the basis at a reference configuration, so that h is a function of q alone. For
-    r = 1 the reference fixes the sign of the null vector; for r > 1 the leaves h ≠ 0 depend on it.
+    U is a function to be kept stationary, such as the distance from a posture; the r potentials
+    that the controller holds constant are h. On the leaf h = 0, U is stationary among the
+    configurations with the same x = f(q). N is a null-space basis that depends on q alone: for
+    r = 1 the unit null vector with ``det [J; Nᵀ] > 0``, for r > 1 the basis closest to the one at a
+    reference configuration, on which the leaves h ≠ 0 then depend.
 
     Parameters
     ----------
     task
         The task to control.
     potential
-        Potential U: a posture (n,), rad, for ``U = ½ ‖q − posture‖²``, or a function q (n,) → U.
+        U: a posture (n,), rad (m for prismatic joints), for ``U = ½ ‖q − posture‖²``, or a function
+        q (n,) → U.
     gradient, hessian
         Functions q → ∇U (n,) and q → ∂²U/∂q² (n, n), if U is a function. Without them U is
-        differentiated numerically, with a relative error of about 1e-9 and 1e-5.
+        differentiated numerically, with relative errors of about 1e-9 and 1e-5.
     reference : (n,) array, optional
-        Configuration at which the basis N is chosen; by default the posture, or the task's
-        reference.
+        Reference configuration of N for r > 1; by default the posture, or the task's reference.
 
     Raises
     ------
@@ -65,7 +65,7 @@ class ExtendedJacobian(RepeatableInverse):
             raise InputError(
                 f"the task is not redundant (r = {task.r}), "
                 "but an extended Jacobian requires r ≥ 1",
-                remedy="use another kind of task",
+                remedy="use a kind of task with fewer coordinates",
             )
         if callable(potential):
             for given, name in ((gradient, "gradient"), (hessian, "hessian")):
@@ -103,8 +103,9 @@ class _ExtendedMap(Potentials):
                   = \frac{\partial N}{\partial q_k}^T \nabla U + N^T \nabla^2 U e_k, \qquad
                   \frac{\partial N}{\partial q_k} = -J^+ H_k N + N Z_k,
 
-        with the antisymmetric :math:`Z_k` that keeps :math:`S = N^T N_{ref}` symmetric: :math:`Z_k
-        S + S Z_k = B_k - B_k^T`, :math:`B_k = -N^T H_k^T J^{+T} N_{ref}`.
+        with :math:`H_k = \partial J/\partial q_k`, the k-th unit vector :math:`e_k`, and the
+        antisymmetric :math:`Z_k` that keeps :math:`S = N^T N_{ref}` symmetric: :math:`Z_k S + S Z_k
+        = B_k - B_k^T`, :math:`B_k = -N^T H_k^T J^{+T} N_{ref}`.
         """
         Q = np.asarray(Q, float)
         J, H = self.task.jacobians(Q), self.task.hessians(Q)  # (K, m, n), (K, m, n, n)
@@ -128,12 +129,12 @@ class _ExtendedMap(Potentials):
         return V
 
     def _aligned(self, J: Array, Q: Array) -> tuple[Array, Array]:
-        """Evaluate the basis N (K, n, r) that is closest to N_ref, and ``S = Nᵀ N_ref`` (K, r, r).
+        """Evaluate a null-space basis N (K, n, r) that is smooth in q, and ``S = Nᵀ N_ref``.
 
-        N spans the null space of J, and N_ref is the basis at the reference configuration. A
-        factorisation returns an arbitrary basis, which jumps from q to q; this one is smooth. N is
-        chosen so that S is symmetric. A SingularityError is raised where the null space is
-        perpendicular to the reference.
+        J (K, m, n) are the Jacobians at the rows of Q. For r = 1, N is the unit null vector with
+        ``det [J; Nᵀ] > 0``; for r > 1, the basis closest to N_ref, the one at the reference
+        configuration. S (K, r, r) is symmetric. SingularityError is raised if a direction of the
+        null space is perpendicular to N_ref, for r > 1.
         """
         N = nullspace(J)
         alignment = np.swapaxes(N, -1, -2) @ self.N_reference
@@ -146,8 +147,8 @@ class _ExtendedMap(Potentials):
             at = row(Q[int(np.argmin(s[:, -1]))])
             raise SingularityError(
                 f"at q = {at}, a direction of the null space is perpendicular to the null space "
-                "at the reference",
-                remedy="choose reference= nearer to q",
+                "at the reference configuration",
+                remedy="choose a reference= nearer to this q",
             )
         return N @ U @ Vt, np.einsum("Kar,Ka,Kas->Krs", Vt, s, Vt)
 

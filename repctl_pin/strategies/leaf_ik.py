@@ -46,9 +46,10 @@ def solve(
     """Evaluate q = F(x; c) by Newton's method on ``[x − f(q); c − h(q)] = 0`` along a path from q0.
 
     Along the path, the frame moves in a straight line and rotates about one axis, from f(q0) to the
-    target, while the level changes linearly from h(q0) to c. The path is solved in parts. A part is
-    halved where Newton's method does not converge with short steps, or ``det J_V`` changes sign, so
-    that q stays on the solution branch of q0. Joint limits are not checked.
+    target, while the level changes linearly from h(q0) to c. The equation is solved at successive
+    points of the path. The distance to the next point is halved if Newton's method requires a long
+    step or does not converge, or if ``det J_V`` changes sign; so q stays on the solution branch of
+    q0. Joint limits are not checked.
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ def solve(
     Returns
     -------
     (n,) array
-        Configuration with both errors below 1e-12.
+        Configuration at which f(q) = x and h(q) = c hold within 1e-12.
 
     Raises
     ------
@@ -80,7 +81,7 @@ def solve(
     target = task.as_target(target, "the target")
     if not np.isfinite(target.homogeneous).all():
         raise InputError(
-            "the target has a number that is not finite; give a finite position, m, and rotation"
+            "the target contains nan or inf; give a finite position, m, and a rotation matrix"
         )
     c_start = potentials.value(q)
     c_end = c_start if leaf is None else vector(leaf, task.r, "the leaf c", "one per potential")
@@ -111,9 +112,9 @@ def _newton(
 ) -> Array | None:
     """Solve ``[x − f(q); c − h(q)] = 0`` near q by Newton's method, to a tolerance, rad or m.
 
-    ``step`` is the method of the inverse that computes the next q of a control loop; with dt = 1 it
-    is a Newton step. None if the first step is too long, the steps do not shrink, or J_V is
-    singular. ``target`` is the placement x.
+    ``step`` is :meth:`RepeatableInverse.step`, with dt = 1 a Newton step, and ``target`` is the
+    placement x. The result is None if the first step is too long, the steps do not shrink, or J_V
+    is singular.
     """
 
     def correction(q: Array) -> Array:
@@ -145,10 +146,10 @@ def _side(task: Task, potentials: Potentials, q: Array) -> int:
 def _line(
     task: Task, start: Sequence[pin.SE3], target: Any
 ) -> Callable[[float], pin.SE3 | Placements]:
-    """Create the function share → placements of the frames on straight lines to the target.
+    """Create the function s → placement on a straight line to the target, for s from 0 to 1.
 
-    The share runs from 0 to 1. ``start`` has one placement per frame; ``target`` is one placement,
-    or :class:`Placements` of several frames.
+    ``start`` has one placement per frame. ``target``, and the function's result, is one placement,
+    or :class:`Placements` for several frames.
     """
     if not isinstance(target, Placements):
         turn = _turn(task.kind, start[0], target)
@@ -161,9 +162,9 @@ def _line(
 
 
 def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
-    """Compute the rotation vector (3,) from start to target, base axes, rad.
+    """Compute the rotation vector (3,), rad, base axes, from start to target, for a kind of task.
 
-    The vector is 0 if the task does not control the orientation.
+    It is 0 if the task does not control the orientation.
     """
     if kind == "pose":
         return pin.log3(target.rotation @ start.rotation.T)
@@ -173,10 +174,10 @@ def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
 
 
 def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
-    """Interpolate the placement at the share s of the path, 0 to 1.
+    """Interpolate between the placements ``start`` (s = 0) and ``target`` (s = 1).
 
     The position moves in a straight line, and the orientation turns by s times the rotation vector
-    ``turn`` (3,), rad, in base axes. ``start`` and ``target`` are the placements at its ends.
+    ``turn`` (3,), rad, in base axes.
     """
     p = start.translation + s * (target.translation - start.translation)
     return pin.SE3(pin.exp3(s * turn) @ start.rotation, p)
@@ -185,10 +186,10 @@ def _between(start: pin.SE3, target: pin.SE3, turn: Array, s: float) -> pin.SE3:
 def _unreached(
     task: Task, potentials: Potentials, target: pin.SE3, q: Array, done: float
 ) -> InputError:
-    """Create the error for a target that cannot be reached on the leaf: the path ends at q.
+    """Create the error for a target that cannot be reached on the leaf; the path ends at q (n,).
 
-    The message gives the share of the path that was ``done`` (0 to 1), and says that J is nearly
-    singular at q or, if it is not, gives the leaf margin at q.
+    The message gives ``done``, the share of the path that was followed, 0 to 1. It says that J is
+    nearly singular at q, or else gives the leaf margin at q.
     """
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
     J = task.jacobian(q)

@@ -21,7 +21,7 @@ from .step_arguments import StepLimits, failure
 
 
 class NumPyLaw:
-    """The control law as in the formulas: ``J_V = [J; Vᵀ]`` (37), and its inverse (31).
+    """The control law by the formulas of the paper: ``J_V = [J; Vᵀ]`` (37), and its inverse (31).
 
     The class has the methods of :class:`NativeLaw`, whose results it must reproduce. Arguments are
     checked by the caller.
@@ -81,10 +81,10 @@ class NumPyLaw:
     ) -> Array:
         """Compute ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` (n,), the next q.
 
-        ``target`` is the placement x, ``twist`` the feed-forward (v, ω), m/s and rad/s, and
-        ``leaf`` the level c; without ``twist`` or ``leaf`` its term is omitted. ``gain`` is K, 1/s;
-        None removes the whole error in one step. With ``limits`` the step is damped near
-        singularities, and shortened to the joint speed limits.
+        ``target`` is the placement x, ``leaf`` the level c, and ``twist`` the velocity (v, ω) of
+        the target, m/s and rad/s, whose task coordinates are ẋ; without ``twist`` or ``leaf`` its
+        term is omitted. ``gain`` is K, 1/s; None removes the whole error in one step. With
+        ``limits`` the step is damped near singularities, and shortened to the joint speed limits.
         """
         task = self.task
         share = 1.0 if gain is None else gain * dt
@@ -110,10 +110,10 @@ class NumPyLaw:
         return q + x
 
     def report(self) -> tuple[float, float]:
-        """Return the damping λ of the last step with limits, and its speed-limit factor, 0 to 1.
+        """Return (λ, factor) of the last step that had ``limits``; (0, 1) before any such step.
 
-        The joint speed limits shortened the step by this factor; the result is (0, 1) before any
-        step.
+        λ is the damping, and the factor, 0 to 1, is that by which the step was shortened to the
+        joint speed limits.
         """
         return self._report
 
@@ -172,7 +172,7 @@ def _within(x: Array, x_task: Array, most: Array) -> tuple[Array, float]:
     x : (n,) array
         Shortened step.
     slowed : float
-        Smaller one of the two factors, of x_leaf and of the whole step.
+        The smaller of the two factors, 0 to 1, by which x_leaf and the whole step were scaled.
     """
     x_leaf = x - x_task
     left = np.where(x_leaf > 0, most - x_task, most + x_task)

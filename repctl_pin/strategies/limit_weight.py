@@ -17,9 +17,9 @@ class LimitWeight:
 
     with μ the distances of q_i from its lower and upper limit, and ρ_i = ``onset`` · half its
     range. w_i is about 1 in the middle of the range and 1 + gain at a limit and beyond, with a
-    continuous slope; it is 1 for joints without limits. An inverse near this one is near J⁺ and
-    slow near limits: ``‖G − J⁺‖² + Σ_i (w_i − 1) ‖e_iᵀ G‖²`` is, up to a constant,
-    ``‖G − J⁺_M‖²_M`` with M = diag w and e_i the i-th unit vector.
+    continuous slope; it is 1 for joints without limits. With M = diag w and e_i the i-th unit
+    vector, ``‖G − J⁺_M‖²_M`` is ``‖G − J⁺‖² + Σ_i (w_i − 1) ‖e_iᵀ G‖²`` up to a constant. So a
+    design near J⁺_M is near J⁺, but slow near limits.
 
     Parameters
     ----------

@@ -41,8 +41,9 @@ def holding_library() -> ctypes.PyDLL:
 def call_memory(task: Task, arm: Any, **more: Array) -> tuple[dict[str, Array], Any]:
     """Allocate the arguments of C functions for one thread: the struct Call of law_calls.c.
 
-    Returns the arrays by name, and the pointer to pass. ``more`` are further arrays. Allocating
-    them at each call would take longer than the arithmetic.
+    Returns the arrays by the names of the struct's members, and a pointer to the struct, the
+    argument of the C functions. ``more`` are arrays for further members. The memory is allocated
+    once, because allocation takes longer than the arithmetic of a step.
     """
     n, m, r = task.n, task.m, task.r
     sizes = {"q": n, "xdot": m, "twist": task.twist_size, "leaf": r, "limit": n}
@@ -62,9 +63,9 @@ class NativeLaw:
     Parameters
     ----------
     task, potentials
-        Task and potentials, for error messages.
+        Task and potentials h of the repeatable inverse.
     arm
-        Their struct Arm, from :func:`native_arm`.
+        Struct :data:`ARM` of both, see :func:`native_arm`.
     """
 
     def __init__(self, task: Task, potentials: Potentials, arm: Any) -> None:
@@ -192,10 +193,9 @@ class NativeLaw:
         return (self.inverses(Q) @ Xdot[..., None])[..., 0]
 
     def _run_rows(self, name: str, *arrays: Array) -> bool:
-        """Call a C function on all rows of arrays, the last of which receives the results.
+        """Call the C function ``name`` on all rows of arrays; the last array receives the results.
 
-        ``name`` is the function's name in the library. Returns True if the function succeeded at
-        all rows; it stops at a singular row.
+        Returns False if the function stopped at a row where it failed, such as a singular one.
         """
         native = library()
         assert native is not None

@@ -100,7 +100,8 @@ class WeightedInverse:
         self.task = redundant(task)
         if isinstance(weight, str) and weight != "inertia":
             raise InputError(
-                f"no weight named {weight!r}; give 'inertia', n numbers, a matrix or a function"
+                f"there is no weight named {weight!r}; give 'inertia', {task.n} numbers, "
+                f"a {task.n} × {task.n} matrix or a function of q"
             )
         if isinstance(weight, str):
             _check_inertia(self.task)
@@ -144,10 +145,10 @@ class WeightedInverse:
 def least_speed(
     task: Task, posture: Array | None = None, gain: float = 0.0
 ) -> Callable[[Array, Array], Array]:
-    """Create the function (q, ẋ) → ``q̇ = z + J⁺ (ẋ − J z)`` with ``z = K (q_p − q)``, per thread.
+    """Create the function (q, ẋ) → ``q̇ = z + J⁺ (ẋ − J z)`` with ``z = K (q_p − q)``.
 
-    The function is computed in C (least_speed.c). Without the native library NumPy computes it, and
-    also where C finds no result; NumPy's error then names the cause.
+    Each thread requires a function of its own. It is computed in C (least_speed.c), or in NumPy if
+    there is no native library or C fails; NumPy's error then names the cause.
 
     Parameters
     ----------
@@ -187,7 +188,7 @@ def least_speed(
 
 
 def _least_inverse(task: Task) -> Callable[[Array], Array]:
-    """Create the function q → J⁺ (n, m) for one thread, in C or else NumPy."""
+    """Create the function q → J⁺ (n, m), in C or else NumPy; each thread requires its own."""
     arm = library_arm(task)
 
     def plain(q: Array) -> Array:
@@ -219,12 +220,23 @@ def _positive(weight: ArrayLike, n: int) -> Array:
             f"the weight must be {n} numbers or a {n} × {n} matrix, not {shown(weight)}"
         )
     M = np.diag(M) if M.shape == (n,) else M
-    if M.shape != (n, n) or not np.isfinite(M).all() or not np.allclose(M, M.T):
+    if M.shape != (n, n):
         raise InputError(
-            f"the weight must be {n} numbers or a symmetric {n} × {n} matrix, all finite"
+            f"the weight has shape {M.shape}; give {n} numbers or a symmetric {n} × {n} matrix"
         )
-    if np.linalg.eigvalsh(M)[0] <= 0:
-        raise InputError("the weight must be positive definite; every joint needs a weight above 0")
+    if not np.isfinite(M).all():
+        raise InputError("the weight contains nan or inf; give finite numbers")
+    if not np.allclose(M, M.T):
+        raise InputError(
+            f"the weight M is not symmetric: it differs from M.T by {np.abs(M - M.T).max():.2g}; "
+            "give (M + M.T) / 2"
+        )
+    least = np.linalg.eigvalsh(M)[0]
+    if least <= 0:
+        raise InputError(
+            f"the weight is not positive definite: its smallest eigenvalue is {least:.3g}; "
+            "give every joint a weight above 0"
+        )
     return M
 
 
@@ -238,13 +250,13 @@ def _check_inertia(task: Task) -> None:
     if light.any():
         name = task.joint_names[int(np.argmax(light))]
         link = (
-            f"; link {task.robot.joints[name].child!r} needs an <inertial>"
+            f"; give link {task.robot.joints[name].child!r} an <inertial> in the URDF"
             if name in task.robot.joints
             else ""
         )
         raise InputError(
-            f"nothing that {name} moves has a mass or an inertia, "
-            f"so there is no 'inertia' weight{link}"
+            f"the weight 'inertia' is not positive definite: no link that {name} moves has a mass "
+            f"or an inertia{link}"
         )
 
 
@@ -261,7 +273,7 @@ def at_rows(task: Task, Q: ArrayLike, J: ArrayLike | None) -> tuple[Array, Array
 
 
 def redundant(value: Any) -> Task:
-    """Copy a task with separate scratch memory, and require r ≥ 0; see :func:`own_task`.
+    """Copy a task with memory of its own, see :func:`own_task`, and require n ≥ m.
 
     InputError is raised if the task has fewer joints than coordinates: then no G has J G = I.
     """
@@ -270,6 +282,6 @@ def redundant(value: Any) -> Task:
         raise InputError(
             f"{task.frame!r} is moved by {task.n} joints, "
             f"too few for a {task.kind} task (m = {task.m})",
-            remedy="use another kind of task",
+            remedy="use a kind of task with fewer coordinates",
         )
     return task

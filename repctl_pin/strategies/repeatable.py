@@ -2,7 +2,9 @@
 
 So a closed path ends in the configuration it began in, if it can be shrunk to a point through
 closed paths whose motions all stay in Ω, the region of joint space of the design. h are r
-potentials, functions of q; the set h(q) = c is a leaf, and c its level.
+potentials, functions of q, with the gradients V = ∂hᵀ/∂q; the set h(q) = c is a leaf, and c its
+level. The augmented Jacobian is J_V = [J; Vᵀ]. Numbers in parentheses, such as (31), are equations
+of the paper.
 """
 
 from __future__ import annotations
@@ -55,7 +57,7 @@ _EDGE = 1e-9
 class Bounded(Protocol):
     """A region of joint space that computes how far inside or outside configurations lie.
 
-    A controller only needs this method of its region Ω to warn when q is outside.
+    It is the interface of a region Ω by which a controller warns if q is outside.
     """
 
     def ratio(self, Q: Array) -> Array:
@@ -69,8 +71,7 @@ class Bounded(Protocol):
 class RepeatableInverse:
     """``q̇ = G_r ẋ`` with G_r the first m columns of ``[J; Vᵀ]⁻¹`` (31), (37), ``V = ∂hᵀ/∂q``.
 
-    h are r potentials, functions of q that stay constant in every motion. Closed paths of the frame
-    thus end in the configuration they began in. Several threads may use one object at the same
+    The r potentials h stay constant in every motion. Several threads may use one object at the same
     time.
 
     Parameters

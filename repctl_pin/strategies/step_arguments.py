@@ -100,13 +100,14 @@ def as_step_arguments(
 def _as_gain(gain: float, dt: float) -> float:
     """Check a feedback gain, 1/s, and convert it to a float.
 
-    A step removes the share gain · dt of the error, which must be from 0 to 2: above 2, each step
-    would increase the error. Otherwise InputError is raised.
+    A step multiplies the error by 1 − gain · dt. InputError is raised unless gain · dt is from 0 to
+    2: above 2, each step would increase the error.
     """
     value = gain if isinstance(gain, float) else positive(gain, "gain", "1/s", zero=True)
     if not 0.0 <= value * dt <= 2.0:
         raise InputError(
-            f"gain · dt must be from 0 to 2, beyond which feedback diverges; got {gain!r} · {dt!r}"
+            f"gain · dt must be from 0 to 2, beyond which feedback diverges; "
+            f"got {gain!r} 1/s · {dt!r} s; reduce the gain"
         )
     return value
 
@@ -114,8 +115,8 @@ def _as_gain(gain: float, dt: float) -> float:
 def failure(task: Task, q: Array, rhs: Array, singular: str = "") -> Exception:
     """Create the exception for a step without a finite solution, with q in its message.
 
-    The exception is an InputError if q or ``rhs`` is not finite, else a SingularityError with the
-    text ``singular``. The cause is searched only after a failure, so that good steps cost nothing.
+    It is an InputError if q (n,) or ``rhs``, the right-hand side of the equation for the step, is
+    not finite; else a SingularityError with the text ``singular``.
     """
     if not np.isfinite(q).all():
         return InputError(f"q must be {task.n} finite numbers; got {row(q)}")

@@ -1,9 +1,9 @@
 """Design of a repeatable inverse for a problem: in its region, or around its motion.
 
 A problem is an arm, its task, a start and a closed path. The region Ω is the part of joint space
-for which a design is made. If none is given, it is a tube: all configurations within a radius of
-the motion. G_d is the desired inverse, usually J⁺, which the design approximates. Starts are tried
-until a design works.
+for which a design is made. If none is given, Ω is a tube: all configurations within a radius of the
+motion. G_d is the desired inverse, usually J⁺, which the design approximates. A function ``say``
+receives the name of each step when it begins.
 """
 
 from __future__ import annotations
@@ -53,12 +53,10 @@ def design_for(
 ) -> tuple[Problem, Design]:
     """Design a repeatable inverse in the given region, or around the motion from the best start.
 
-    Studies and commands call this, so that an unsuitable default start is replaced without the
-    user's help. A start is good enough if the repeatable motion stays within the joint limits, no
-    bodies collide, and the extra joint speed is at most 5 %. Default starts are tried until one is
-    good enough. If none is, the start with the fewest kinds of violation is used; among equals, the
-    one with the lowest extra joint speed. A default start with violations adds a note to the
-    problem.
+    Default starts are tried until the repeatable motion keeps the joint limits, no bodies collide,
+    and its extra joint speed relative to J⁺ is at most 5 %. If there is no such start, the one with
+    the smallest key of :func:`_merit` is used; if its motion violates a limit or bodies collide, a
+    note is added to the problem. A given region or start is not replaced.
 
     Parameters
     ----------
@@ -73,18 +71,18 @@ def design_for(
     seed
         Random seed of the nodes, the configurations at which a design is fitted.
     say
-        Function that is called with the name of each step when it begins.
+        Function of a text, the name of a step, which is called when the step begins.
 
     Returns
     -------
     problem : Problem
-        The problem that was solved, with its start.
+        The problem with the start that was used.
     design : Design
 
     Raises
     ------
     SingularityError
-        If the design fails for every start; the message is that of the first start.
+        If the design fails for every start tried; the message is that of the first failure.
     """
     if problem.path is None or "region" in problem.given:
         return problem, _in_region(problem, make)
@@ -122,9 +120,9 @@ def timed_cycle(
 ) -> tuple[Cycle, list[str]]:
     """Choose the period of a design's cycle, so that no joint exceeds its speed limit.
 
-    The cycle (start, path and period) is saved with the design, and ``repctl follow`` uses it by
-    default. Returned are the cycle, and a list with a note if the usual period was increased. A
-    given period, s, is not changed.
+    Returns the cycle (start, path and period), and a list of notes. A given period, s, is not
+    changed. Otherwise the period is that of the path, or the default one, and is increased if
+    necessary, which a note says.
     """
     path = problem.cycle
     time = period or path.period or PERIOD
@@ -136,20 +134,18 @@ def timed_cycle(
 
 
 def shrunk_note(design: Design) -> tuple[str, ...]:
-    """Write a note on how far Ω was shrunk to avoid singularities: a tuple of one text.
+    """Write a note on how far Ω, the region of a design, was shrunk to avoid singularities.
 
-    The tuple is empty if Ω, the region of the design, was not shrunk. ``design.shrunk`` is the
-    remaining fraction of the half-width; 1 if Ω was not shrunk.
+    The result is a tuple of one text; it is empty if Ω was not shrunk.
     """
     share = f"Ω was shrunk to {percentage(design.shrunk)} of its half-width"
     return (f"{share} to keep clear of singularities",) if design.shrunk < 1 else ()
 
 
 def half_width_within(region: Region) -> str:
-    """Format the smallest half-width of a region's bounds, rad or m, rounded down to two digits.
+    """Format the smallest half-width of the box around a region, rad or m, to two digits.
 
-    A cube of this half-width lies within the bounds. An error message on a singular region suggests
-    it as a smaller region.
+    It is rounded down. The error on a region with a singularity suggests this number as ``region``.
     """
     width = float(region.bounds.half_width.min())
     digit = 10.0 ** (np.floor(np.log10(width)) - 1)
@@ -157,10 +153,10 @@ def half_width_within(region: Region) -> str:
 
 
 def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | None:
-    """Create the error of a design that cannot follow the cycle it was made for.
+    """Create the error of a design that cannot follow the cycle for which it was made.
 
-    The message says that the design is the cause, not the path. Returns None if J⁺ cannot follow
-    the path from q0 (n,) either, because then the path is the cause.
+    The message names the design as the cause. If J⁺ cannot follow the path from q0 (n,) either, the
+    path is the cause, and the result is None.
     """
     if plain_cycle(task, path, q0) is None:
         return None
@@ -171,11 +167,11 @@ def own_failure(task: Task, path: TaskPath, q0: Array) -> SingularityError | Non
 
 
 def _in_region(problem: Problem, make: _Make) -> Design:
-    """Design in the region Ω of a problem, and adapt the remedy if Ω contains a singularity.
+    """Design in the region Ω of a problem by ``make``, a function region → design.
 
-    The remedy in the SingularRegionError suggests a smaller region without singularities, in the
-    user's form (a half-width or an object). If there is no such region, it suggests another start.
-    ``make`` is as in :func:`design_for`.
+    If Ω contains a singularity, the remedy of the SingularRegionError suggests a smaller region
+    without singularities, as a half-width if the user gave one. If no smaller region is free of
+    singularities, it suggests another start.
     """
     region = problem.region
     try:
@@ -186,16 +182,15 @@ def _in_region(problem: Problem, make: _Make) -> Design:
         elif isinstance(problem._asked, float):
             error.remedy = f"pass region={half_width_within(error.free)}"
         else:
-            error.remedy = "pass that region"
+            error.remedy = "pass that region, which is the attribute free of this error"
         raise
 
 
 def _merit(problem: Problem, design: Design) -> tuple[int, float]:
     """Rate a design by its motion, as a sort key for choosing the start; the smallest is best.
 
-    The tuple holds the number of kinds of violation (joint limits, collisions), and the extra joint
-    speed of cycle 1 relative to J⁺, a fraction. Extra speed up to 0.05 counts as 0, because it is
-    no reason to try another start.
+    The key is a tuple: the number of kinds of violation (joint limits, collisions), 0 to 2, and the
+    extra joint speed in cycle 1 relative to J⁺, a fraction, where up to 0.05 counts as 0.
     """
     path, q0 = problem.cycle, problem.start
     motion = _own_cycle(design, path, q0, steps=96)
@@ -211,9 +206,8 @@ def _around_motion(
 
     The motion of a design depends on its tube, and the tube on the motion. The first tube is
     therefore around the motion of a design of degree 1. If the motion of the new design leaves its
-    tube, the design is repeated in a tube around that motion, at most twice. ``width`` is in rad or
-    m, None for the default; ``say`` receives the name of each step. ``make`` is as in
-    :func:`design_for`.
+    tube, the design is repeated in a tube around that motion, at most twice. The arguments are
+    those of :func:`design_for`.
     """
     path, q0 = problem.cycle, problem.start
     say("finding where the motion will be")
@@ -232,11 +226,11 @@ def _around_motion(
 def _tube_of_linear(
     desired: Inverse, path: TaskPath, q0: Array, width: float | None, seed: int
 ) -> Tube:
-    """Create the tube around the motion of a quick design of degree 1, as a first region.
+    """Create the tube around the motion of a design of degree 1, whose fit has 4096 nodes.
 
-    The motion of that design is closed. So it is nearer to the motion of the final design than that
-    of the desired inverse G_d, which drifts. If the design of degree 1 cannot follow the path, the
-    tube is around one cycle of G_d. ``width`` is the radius of the tube.
+    This motion is closed, and so nearer to that of the final design than the motion of G_d, which
+    drifts. If the design of degree 1 cannot follow the path, the tube is around one cycle of G_d.
+    ``width`` is the radius of the tube, see :func:`.problem.tube_around`.
 
     Raises
     ------
@@ -253,7 +247,7 @@ def _tube_of_linear(
 
 
 def _own_cycle(design: Design, path: TaskPath, q0: Array, **options: Any) -> Motion:
-    """Follow the path of a design for one cycle, from q0 (n,), with options of ``follow``.
+    """Follow a path with a design for one cycle, from q0 (n,), with ``options`` of ``follow``.
 
     Raises
     ------

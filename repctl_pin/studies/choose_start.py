@@ -81,20 +81,19 @@ class PathStart(NamedTuple):
 def starts(
     task: Task, start: ArrayLike | str | None, draw: PathOf | None, *, any_path: bool = False
 ) -> Iterator[PathStart]:
-    """Generate the usable starts, the best first.
-
-    If a design fails at one of them, the caller goes on to the next.
+    """Generate the usable starts, the best first, for a caller that takes the first that works.
 
     Parameters
     ----------
     task
         Task to carry out.
     start : (n,) array or str, optional
-        The only start to try, or a named pose of the robot; by default the default starts.
+        The only start to try, a configuration or the name of a pose of the robot; by default, the
+        default starts are tried.
     draw
-        Function (task, q0) → path, which draws the closed path from a start; None for no path.
+        Function (task, q0) → closed path; None for a problem without a path.
     any_path
-        True if the path is chosen by default; starts from which J⁺ drifts visibly then come first.
+        True if the user gave no path; starts from which J⁺ drifts visibly then come first.
 
     Raises
     ------
@@ -120,8 +119,8 @@ def starts(
 def default_starts(task: Task) -> Iterator[tuple[Array, str]]:
     """Generate starts: the reference pose, the ready pose, mid-range, and poses around mid-range.
 
-    They are used if the user gives no start. Named poses that are nearly singular, or less than
-    0.15 rad or m from a joint limit, are left out.
+    Named poses (the first three) that are nearly singular, or less than 0.15 rad or m from a joint
+    limit, are left out.
 
     Yields
     ------
@@ -145,9 +144,8 @@ def default_starts(task: Task) -> Iterator[tuple[Array, str]]:
 def _dexterous(task: Task) -> Iterator[Array]:
     """Generate up to 8 configurations (n,) far from singularities, the nearest to mid-range first.
 
-    They are selected from 512 quasi-random points within 2 rad of mid-range; each has at least half
-    of the best dexterity found. Any two of them differ by more than 0.5 rad or m in some joint, so
-    they are real alternatives.
+    They are selected from 512 quasi-random points within 2 rad or m of mid-range. Each has at least
+    half of the best dexterity found, and any two differ by more than 0.5 rad or m in some joint.
     """
     middle = task.from_robot(task.robot.poses["middle"])
     low, high = _inner_limits(task)
@@ -165,10 +163,7 @@ def _dexterous(task: Task) -> Iterator[Array]:
 
 
 def plain_cycle(task: Task, path: TaskPath, q0: Array) -> Motion | None:
-    """Follow one cycle of a path with J⁺ from q0 (n,), in 96 steps; None if it meets a singularity.
-
-    The motion is the reference by which starts and designs are compared.
-    """
+    """Follow one cycle of a path with J⁺ from q0 (n,), in 96 steps; None at a singularity."""
     try:
         return followed(Pseudoinverse(task), path, q0, cycles=1, steps=96)
     except SingularityError:
@@ -196,10 +191,10 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
 
 
 def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Iterator[PathStart]:
-    """Generate the starts of a problem without a path; those from which a circle fits come first.
+    """Generate the starts of a problem without a path, those with space for a circle first.
 
-    At those starts, no bodies collide either. The others follow in their given order. ``offers``
-    are configurations with their descriptions.
+    From these, the arm can follow a circle, and no bodies collide at the start. The others follow
+    in their given order. ``offers`` are pairs (configuration, description).
     """
     others: list[PathStart] = []
     for q0, name in offers:
@@ -220,10 +215,10 @@ def _reachable(
 ) -> Iterator[PathStart]:
     """Generate the starts at which J is not singular, and from which the whole path is reached.
 
-    ``offers`` are configurations with their descriptions, and ``draw`` makes the path from each. If
-    the path does not begin at the start, the start is moved to the path's first point. Searched
-    starts are then not tried, because the path does not depend on the start. ``remedy`` completes
-    the error of a singular start.
+    ``offers`` are pairs (configuration, description), and ``draw`` is the function (task, q0) →
+    path. If the path does not begin at a start, the start is moved to the path's first point. The
+    path then does not depend on the start, and starts found by a search are not tried. ``remedy``
+    is the remedy in the error of a singular start.
 
     Raises
     ------
@@ -253,10 +248,7 @@ def _reachable(
 
 
 def _check_regular(task: Task, q0: Array, remedy: str) -> None:
-    """Raise SingularityError if J is nearly singular at a start q0, where no inverse is usable.
-
-    ``remedy`` is the text that tells the user what to do instead.
-    """
+    """Raise SingularityError, with the given remedy, if J is nearly singular at a start q0 (n,)."""
     if dexterity_at(task, q0) < _SINGULAR:
         raise SingularityError(
             f"the start is a singularity of the {task.kind} task of {task.frame!r}",
@@ -266,11 +258,11 @@ def _check_regular(task: Task, q0: Array, remedy: str) -> None:
 
 
 def _best_first(task: Task, found: Iterable[PathStart], least: float) -> Iterator[PathStart]:
-    """Sort starts by their first cycle with J⁺, so that a study begins at the best one.
+    """Sort starts by the first cycle of J⁺ from each, the best first.
 
-    First come cycles without violations in which a part of the robot drifts by at least ``least``
-    (m). Cycles in which no part drifts so far follow, then cycles with a violated limit or a
-    collision. Last are those in which J⁺ drifts by more than 1 rad or fails.
+    First come starts without violations from which a part of the robot drifts by at least
+    ``least``, m. Starts from which no part drifts so far follow, then those with a violated limit
+    or a collision, and last those from which J⁺ drifts by more than 1 rad or m, or fails.
     """
     faint: list[PathStart] = []
     violating: list[PathStart] = []
@@ -292,8 +284,8 @@ def _best_first(task: Task, found: Iterable[PathStart], least: float) -> Iterato
 def _inner_limits(task: Task) -> tuple[Array, Array]:
     """Compute the lower and upper ends of the middle 80 % of the joint ranges: (n,) each, rad or m.
 
-    Starts are searched between them, away from the joint limits. A missing limit is replaced by one
-    at least 3 rad or m from 0 and from the reference pose.
+    Starts are searched between them. A missing limit is replaced by a value at least 3 rad or m
+    beyond 0 and beyond the reference pose.
     """
     low = np.where(np.isfinite(task.lower), task.lower, np.minimum(-3.0, task.reference - 3.0))
     high = np.where(np.isfinite(task.upper), task.upper, np.maximum(3.0, task.reference + 3.0))

@@ -46,19 +46,16 @@ def choose_desired(task: Task, weight: ArrayLike | str | None) -> tuple[Inverse,
         from ..model.absolute_angles import absolute_angles
 
         links = WeightedInverse(task, absolute_angles(task))
-        return links, "J⁺ weighted by absolute angles (least speeds of the links)"
+        return links, "J⁺ weighted by absolute angles (minimum speeds of the links)"
     desired = WeightedInverse(task, weight)
     if isinstance(weight, str):
-        return desired, "J⁺ weighted by the inertia (least kinetic energy)"
+        return desired, "J⁺ weighted by the inertia (minimum kinetic energy)"
     numbers = ", ".join(f"{x:g}" for x in np.ravel(weight))
     return desired, f"J⁺ weighted by {numbers}"
 
 
 def _design_seconds(task: Task, degree: int) -> float:
-    """Estimate the processor time, s, of a design with polynomials, within a factor of 3.
-
-    The estimate is used to choose a degree that does not take too long.
-    """
+    """Estimate the processor time, s, of a design with polynomials, within a factor of 3."""
     N = math.comb(task.n + degree, degree) - 1
     nodes = max(1.0, 32 * (N - task.r) * task.r / task.m / NODES)
     return nodes * N**2 * task.r * (task.r + 1) / 2 / _RATE
@@ -67,9 +64,8 @@ def _design_seconds(task: Task, degree: int) -> float:
 def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
     """Choose the degree of a study's polynomials: as given, else 2, or 1 if 2 would take long.
 
-    Returns the degree, and a list with a note on the time, empty if a design takes at most a
-    minute. A study that would take over ten minutes even at degree 1 is refused unless the degree
-    was given.
+    Returns the degree, and a list of notes: one on the time if a design takes more than a minute. A
+    study that would take over ten minutes even at degree 1 is refused unless the degree was given.
 
     Raises
     ------

@@ -28,10 +28,10 @@ def problem_of(
 ) -> Problem:
     """Create the problem that a design solves, from its task, region and cycle.
 
-    The problem has the start and the path of a motion with the design. Another start or path can be
-    given. With a start at the first pose of the design's path, that path is kept. With any other
-    start, and if the design has no path, the path is the largest circle inside the region. With
-    ``path=False``, the default start is the centre of the region.
+    By default, start and path are those of the design's cycle. If only another start is given, the
+    design's path is kept if it begins at the pose of that start; otherwise, and if the design has
+    no path, the path is the largest circle inside the region. With ``path=False``, the problem has
+    no path, and the default start is the centre of the region.
 
     Parameters
     ----------
@@ -43,8 +43,8 @@ def problem_of(
     Raises
     ------
     InputError
-        If no circle lies inside Ω, the region of the design, or the path cannot be followed from
-        the start.
+        If no circle lies inside the region Ω of the design, or the path cannot be followed from the
+        start.
     """
     if not isinstance(design, Design):
         kinds = dict(parts("problem"))
@@ -73,9 +73,9 @@ def problem_of(
 
 
 def _begins(cycle: Cycle, task: Task, start: Array) -> bool:
-    """Test whether a cycle's path begins at the pose of a start (n,), so that the path can be kept.
+    """Test whether a cycle's path begins at the pose of a start (n,), within 1e-6 m and rad.
 
-    Only the pose of the frame is compared, to 1e-6 m and rad; the joints may differ by self-motion.
+    The start can differ from that of the cycle by a self-motion.
     """
     gap = task.error(start, cycle.path.placement(0.0))
     return bool(np.abs(gap).max() < SAME)

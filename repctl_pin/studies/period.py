@@ -16,9 +16,8 @@ _SHARE = 0.9
 def choose_period(usual: float, motions: Mapping[str, Motion | None]) -> tuple[float, list[str]]:
     """Choose a period for which the first cycle of every motion is within the speed limits.
 
-    A study calls this before it compares motions. The joint path does not depend on the period, so
-    no motion is computed again. A motion that leaves its path in the first cycle is ignored.
-    Returned are the period, s, and a list with a note if it was increased.
+    A motion that leaves its path in the first cycle is ignored. Returns the period, s, and a list
+    of notes: one if the period was increased.
 
     Parameters
     ----------

@@ -206,8 +206,7 @@ class Problem:
     def alternatives(self) -> Iterator[Problem]:
         """Generate this problem, then copies with the other default starts, the best first.
 
-        If a design fails for one of them, the next is tried. With a given start, there are no
-        copies.
+        A problem with a given start has no copies.
         """
         yield self
         if "start" in self.given:
@@ -229,19 +228,18 @@ class Problem:
         )
 
     def _begin(self, start: PathStart) -> None:
-        """Set the start, its description, the path from there, and the note on a moved start.
+        """Set the start, its description, the path from there, and a note if the start was moved.
 
-        The start is moved if a path given by the user begins at another pose.
+        The search moves a start if the user's path begins at another pose.
         """
         moved = ("the start was moved to the first point of the path",) if start.moved else ()
         freeze(self, start=start.q0, start_is=start.name, path=start.path, moved=moved)
         freeze(self, _violates=start.violates)
 
     def _with(self, **changes: Any) -> Problem:
-        """Copy the problem with some attributes changed, given by name.
+        """Copy the problem with other values of attributes, given by name.
 
-        The problem itself cannot be changed. If the start is one of these attributes, the copy
-        computes its own region Ω around it.
+        If ``start`` is one of them, the copy computes its own region Ω.
         """
         other = copy.copy(self)
         if "start" in changes:
@@ -253,8 +251,8 @@ class Problem:
 def tube_around(motion: Motion, width: float | None = None) -> Tube:
     """Create the tube around a motion's first cycle, the default region Ω of a design.
 
-    The tube holds all configurations within a radius of the motion, in each joint: ``width``, rad
-    or m, by default 0.1 rad or 0.05 m.
+    The tube has all configurations whose joints are within a radius of the same configuration of
+    the motion: ``width``, rad or m, by default 0.1 rad or 0.05 m.
     """
     radius = np.where(motion.task.revolute, 0.1, 0.05) if width is None else width
     return Tube(motion.cycle(0), radius)

@@ -53,16 +53,17 @@ class Quantity:
     unit : str
         ``m``, ``s``, :data:`JOINTS`, ``joints/s``, :data:`SHARE`, or empty.
     of : function of a motion, optional
-        Computes the value, or None if there is none. Without a function, the value is the attribute
-        ``key`` of a row.
+        Computes the value; its result None means that the motion has no such value. Without a
+        function, the value is the attribute of the controller's :class:`.Row` with the name
+        ``key``.
     bad : function of a motion
-        Returns whether the value is bad; tables then mark it.
+        Returns True if the value is bad; tables then mark it.
     lacking, stopped : str
-        Texts in tables where there is no value, and where the motion stopped.
+        Texts in tables in place of a value of None, and if the controller stopped.
     cycles : int
-        Smallest number of cycles for which tables list it.
+        Smallest number of cycles for which tables list the quantity.
     meaning : str
-        Sentence of the legend.
+        Sentence of the legend that explains the quantity.
     """
 
     key: str

@@ -175,10 +175,10 @@ def _designed(
     *,
     quiet: bool,
 ) -> tuple[Problem, Design]:
-    """Design the repeatable inverse nearest to ``desired``, and complete the problem by its region.
+    """Design the repeatable inverse nearest to ``desired``; return problem and design.
 
-    If ``quiet``, the steps of the fit are not reported. ``degree`` is that of the polynomials.
-    Return the completed problem, and the design.
+    The solved problem can have another default start, see :func:`design_for`. ``degree`` is that of
+    the polynomials. ``say`` receives the name of each step; if ``quiet``, not those of the fit.
     """
     designing = f"designing the nearest repeatable inverse, degree {degree}"
 
@@ -201,7 +201,7 @@ def _designed(
 
 
 def _evaluated(row: Row) -> Row:
-    """Evaluate the motion of a row, and add figures of extensions, such as ``cycle_time``."""
+    """Add to a row the figures of its motion, and those of extensions, such as ``cycle_time``."""
     row = evaluated(row)
     for addition in parts("study_row"):
         row = addition(row)
@@ -211,7 +211,10 @@ def _evaluated(row: Row) -> Row:
 def _notes(
     problem: Problem, design: Design, rows: list[Row], long: list[str], slower: list[str]
 ) -> list[str]:
-    """Collect the notes of a study; ``long`` are notes on the degree, ``slower`` on the period."""
+    """Collect the notes of a study in their order.
+
+    ``long`` are those of :func:`choose_degree`, and ``slower`` those on the period and the start.
+    """
     task = problem.task
     return [
         *problem.warnings,
@@ -240,10 +243,9 @@ def _rows(
     """Follow the path with every controller of a study, and choose the period, the same for all.
 
     Controllers are J⁺, J⁺ with two postures, ``custom`` by name, and the design's inverse, in this
-    order. If ``period`` is None, it is chosen so that no joint exceeds its speed limit. Returned
-    are the rows, the period, s, and the notes on the period and on a start on an edge between two
-    motions (see :func:`edge_warning`). ``cycles`` and ``steps`` are the numbers of cycles, and of
-    steps per cycle.
+    order. ``cycles`` and ``steps`` are the numbers of cycles, and of steps per cycle. If ``period``
+    is None, it is chosen so that no joint exceeds its speed limit under J⁺ and the design's
+    inverse. Returns the rows, the period, s, and notes on the period and of :func:`edge_warning`.
     """
     q0 = problem.start
     path = problem.cycle
@@ -285,7 +287,10 @@ def _rows(
 
 
 def _postures(task: Task, q0: Array) -> tuple[PostureControl, PostureControl]:
-    """Make J⁺ with two postures: q0 (n,), and a configuration near it along the self-motion."""
+    """Make two controllers with a posture task: at q0 (n,), and at a configuration beside q0.
+
+    The second posture differs from q0 by a step in the null space of J.
+    """
     N = align(nullspace(task.jacobian(q0)), np.eye(task.n)[:, : task.r])
     away = np.clip(q0 + _POSTURE_OFFSET * N[:, 0], task.lower, task.upper)
     near, other = (PostureControl(task, posture, _POSTURE_GAIN) for posture in (q0, away))
@@ -295,10 +300,10 @@ def _postures(task: Task, q0: Array) -> tuple[PostureControl, PostureControl]:
 def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
     """Follow the path with the design's inverse from q0 (n,), and return its row of the study.
 
-    The motion gets the region Ω of the design, and the proved closing radius, within which every
-    closed path closes in joint space. Tables use both to state where repeatability is guaranteed.
-    If the motion stops on a path that J⁺ can follow, the row's reason names the design as the
-    cause. ``options`` are passed to ``follow``.
+    The motion has the region Ω of the design, and the proved closing radius, within which every
+    closed path closes in joint space. If the design cannot follow a path that J⁺ can follow, the
+    attribute ``stopped`` of the row names the design as the cause. ``options`` are passed to
+    ``follow``.
     """
     row = _run("repeatable", design.inverse, path, q0, options)
     if row.motion is not None:
@@ -314,11 +319,10 @@ def edge_warning(
 ) -> list[str]:
     """Write a warning if the motion changes when its start moves by 1e-6 along the self-motion.
 
-    In a self-motion the joints move and the frame does not. A start whose motion changes lies on an
-    edge between two motions, and its results depend on rounding errors. The shift is in rad or m.
-    ``row`` is the result of ``strategy`` from q0 (n,), and ``options`` are passed to ``follow``.
-    The list has one text; the list is empty if the two motions stay within 1000 times that
-    distance, or both stop.
+    The results from a start whose motion changes depend on rounding errors. ``row`` is the result
+    of ``strategy`` from q0 (n,), and ``options`` are passed to ``follow``. The list has one text;
+    it is empty if the motions from q0 and from the moved start, 1e-6 rad or m beside it, end cycle
+    1 within 1e-3 rad or m, or if both stop.
     """
     task = strategy.task
     beside = q0 + _EDGE * nullspace(task.jacobian(q0))[:, 0]
@@ -339,8 +343,7 @@ def edge_warning(
 def _custom_controls(task: Task, controls: Mapping[str, _Control]) -> dict[str, Strategy]:
     """Convert the user's controllers, given by name, to strategies for a task, by name.
 
-    A strategy is an object that computes q̇ from q and ẋ. InputError is raised if the controllers
-    are not in a dictionary.
+    InputError is raised if the controllers are not in a dictionary, or one cannot be converted.
     """
     what = "a dictionary that gives each controller a name, such as {'mine': control}"
     require_type(controls, Mapping, "controls", what)
@@ -348,21 +351,19 @@ def _custom_controls(task: Task, controls: Mapping[str, _Control]) -> dict[str, 
 
 
 def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
-    """Convert a custom controller to a strategy for a task; a strategy is returned as it is.
-
-    A controller is a strategy, or a function (q, ẋ) → q̇. Its name must not be that of a strategy
-    of the study.
+    """Convert a custom controller, a function (q, ẋ) → q̇ or a strategy, to a strategy for a task.
 
     Raises
     ------
     InputError
-        If the name is taken or not a name, or the strategy is for a different task.
+        If the name is empty, no text, or that of another controller of the study, or if the
+        strategy is for a different task.
     """
     if not isinstance(name, str) or name in (*LABELS, *LABELS.values()) or not name.strip():
         raise InputError(
-            f": {name!r} is taken by the study, or is not a name",
+            f": {name!r} is the name of a controller of the study, or is not a name",
             argument="controls",
-            remedy="give your controller another name",
+            remedy="give the custom controller another name",
         )
     if not isinstance(control, Strategy):
         from ..strategies.custom import FunctionStrategy
@@ -383,8 +384,8 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
 def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
     """Follow the path with one controller from q0 (n,), and return its row of the study.
 
-    At a singularity the row has no motion, and the reason is in ``stopped``, so that the study
-    continues. ``key`` is the strategy's name in files; ``options`` are passed to ``follow``.
+    If the motion stops at a singularity, the row has no motion, and the reason is in ``stopped``.
+    ``key`` is the controller's name in files; ``options`` are passed to ``follow``.
     """
     label = LABELS.get(key, key)
     try:
@@ -394,10 +395,9 @@ def _run(key: str, strategy: Strategy, path: TaskPath, q0: Array, options: dict[
 
 
 def _resolved(row: Row, strategy: Strategy) -> Row:
-    """Return a row, without its motion if its drift depends on the number of steps.
+    """Remove the motion of a row if its drift depends on the number of steps; return the row.
 
-    Such a drift is an integration error near a singularity, and cannot be compared. The reason is
-    then in ``stopped``.
+    Such a drift is an integration error near a singularity. The reason is then in ``stopped``.
     """
     why = "" if row.motion is None else unresolved(strategy, row.motion)
     return replace(row, motion=None, stopped=why) if why else row

@@ -69,7 +69,7 @@ def unlimited_speeds(task: Task) -> list[str]:
 
 
 def _looked_at(rows: Sequence[Row]) -> list[str]:
-    """Write a note per controller whose collisions between the samples are not ruled out."""
+    """Write a note per controller whose motion was checked for collisions at its samples only."""
     return [
         f"{row.label}: collisions checked{words}, not between them, because "
         f"{' and '.join(row.motion.clearance.undecided or ())} stay close together"
@@ -98,9 +98,9 @@ def _path_losses(rows: Sequence[Row]) -> list[str]:
 
 
 def violation_texts(row: Row) -> list[str]:
-    """Write which joint exceeds its limits, or which links collide, and when: one text for each.
+    """List the violations of a motion as texts: exceeded joint limits, collisions, speed limits.
 
-    Joints that exceed their speed limits are included. The list is empty without violations.
+    Each text names the joint or the links; the list is empty without violations.
     """
     motion, said = row.motion, [str(violation) for violation in row.violations]
     if motion is not None and motion.speed_ratio > TOO_FAST:
@@ -112,10 +112,9 @@ def violation_texts(row: Row) -> list[str]:
 def _drift_elsewhere(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
     """Write a note on a plane in which J⁺ drifts more, if J⁺ hardly drifts on the study's path.
 
-    Without this note, the user may believe that the arm needs no repeatable controller. ``plain``
-    is J⁺, and ``motion`` is its motion from q0 (n,), or None if it stopped. First a circle of the
-    same size in another plane is tried, then small loops in all planes. The list has at most one
-    text.
+    ``plain`` is J⁺, and ``motion`` is its motion from q0 (n,), or None if it stopped. First circles
+    of the same size in other planes are tried, then small loops in all planes. The list has at most
+    one text.
     """
     task = plain.task
     if motion is None or task.m < 3:
@@ -171,7 +170,8 @@ def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
 
     The note splits the extra speed into two parts: one relative to J⁺ at the same configurations,
     and one because J⁺ drifts to configurations where the path needs less joint speed. ``plain`` is
-    the motion of J⁺, ``closed`` the repeatable one. The list is empty if one of them is missing.
+    the motion of J⁺, ``closed`` the repeatable one. The list is empty if one of them is None or
+    leaves its path.
     """
     if plain is None or closed is None or plain.path_loss or closed.path_loss:
         return []
@@ -193,10 +193,10 @@ def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
 def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
     """Write the notes that compare a design's motion with closed motions of minimum joint speed.
 
-    The notes say how much joint speed a better design, or a better start, could save. One note
-    compares with the minimum from the start q0 (n,), the other with that from a free start nearby.
-    The list is empty if the design's motion violates a limit, or no closed motion of minimum speed
-    is found.
+    The first note compares the joint speed with the minimum from the start q0 (n,); the second, if
+    it matters, with the minimum from a free start nearby. The list is empty if the design's motion
+    violates a limit, leaves the path or is not closed, or if no closed motion of minimum speed is
+    found.
     """
     lock = LeafLock(4)
     try:
@@ -221,9 +221,8 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
 def _from_anywhere(least: Motion) -> float:
     """Find the minimum joint speed (rms) of closed motions with a free start near a given motion.
 
-    The result, rad/s or m/s, shows whether another elbow position needs less joint speed. The
-    motions have at least half of the given motion's joint-limit margin. The result is infinite if
-    no such motion is found, or bodies collide in it.
+    ``least`` is the given motion, of which the others keep at least half of the joint-limit margin.
+    The result is in rad/s or m/s; it is infinite if no such motion is found, or bodies collide.
     """
     margin = float(least.limit_margin.min()) / 2
     try:

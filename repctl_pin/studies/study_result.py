@@ -270,14 +270,14 @@ class Study:
 
 
 def picked(thing: object, *names: str) -> dict[str, Any]:
-    """Collect the named attributes of an object in a dictionary, by name."""
+    """Collect attributes of an object, given by ``names``, in a dictionary by name."""
     return {name: getattr(thing, name) for name in names}
 
 
 def region_dict(region: Region) -> dict[str, Any]:
     """Describe a region of joint space by its centre, half-width and name in plain types, for JSON.
 
-    ``half_width`` (n,), rad or m, belongs to the box around the region.
+    ``half_width`` (n,), rad or m, is that of the smallest box around the region.
     """
     return {
         "center": region.center.tolist(),
@@ -289,9 +289,10 @@ def region_dict(region: Region) -> dict[str, Any]:
 def bodies_dict(motion: JointMotion) -> dict[str, Any]:
     """Collect the minimum body distance and the first collision in plain Python types, for JSON.
 
-    ``body_distance`` is in m. ``nearest_bodies`` and ``first_touch`` have the time in cycles, with
-    fractions, and the two links. ``between_samples`` is True if the values hold between the samples
-    too. Values are None if no bodies are checked.
+    ``body_distance`` is in m. ``nearest_bodies`` and ``first_touch`` have the two ``links`` and the
+    time in cycles, such as 1.25, as ``cycle``. ``between_samples`` is True if the values hold
+    between the samples, too. All values are None if no bodies are checked, and ``first_touch`` is
+    if none collide.
     """
     keys = "body_distance", "nearest_bodies", "first_touch", "between_samples"
     least = motion.clearance.distance
@@ -310,8 +311,8 @@ def bodies_dict(motion: JointMotion) -> dict[str, Any]:
 def limits_dict(motion: Motion) -> dict[str, Any]:
     """Collect the minimum joint-limit margin and the first violation in plain types, for JSON.
 
-    The keys are ``limit_margin``, rad or m, None without limits, and ``first_violation``, None or
-    the time in cycles, with fractions, and the joint.
+    The keys are ``limit_margin``, rad or m, None without limits, and ``first_violation``, which has
+    the ``joint`` and the time in cycles, such as 1.25, as ``cycle``; None without a violation.
     """
     violation = motion.first_violation
     return {

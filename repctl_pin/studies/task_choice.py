@@ -32,15 +32,15 @@ _RANK = 1e-4
 def choose_task(robot: Robot, frame: str | Sequence[Any] | None, kind: str | None) -> Task:
     """Create the task of a robot at a frame: of the given kind, or of the first redundant kind.
 
-    ``frame`` is None for the robot's default frame, a name, or a list for several frames. Kinds are
-    tried in the order pose, position, xy, xz, yz, until one has a degree of redundancy r = n − m of
-    at least 1; without redundancy there is no drift to study.
+    ``frame`` is None for the robot's default frame, a name, or a list for several frames, for which
+    the default kind is pose. For one frame, the default is the first of the kinds pose, position,
+    xy, xz, yz that is redundant.
 
     Raises
     ------
     InputError
-        If the task is not redundant (r = 0), or the Jacobian J never reaches full rank; the message
-        names the kinds that are redundant.
+        If the task of one frame is not redundant, or its Jacobian J never has full rank; the
+        message names the kinds of task that are redundant.
     """
     frame = robot.default_frame if frame is None else frame
     if not isinstance(frame, str):
@@ -61,9 +61,9 @@ def choose_task(robot: Robot, frame: str | Sequence[Any] | None, kind: str | Non
 
 
 def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
-    """Find the task kinds that a frame can carry out: name → degree of redundancy r = n − m.
+    """Find the kinds of task for which J of a frame has full row rank somewhere: name → r = n − m.
 
-    These are the kinds for which J reaches full row rank; r = 0 is included.
+    Kinds with r = 0, which are not redundant, are included.
     """
     kinds: dict[str, int] = {}
     for kind in KINDS.values():
@@ -92,10 +92,10 @@ def kind_note(task: Task) -> list[str]:
 
 
 def _redundant(robot: Robot, task: Task) -> Task:
-    """Return a task if it is redundant and J reaches full row rank; else raise InputError.
+    """Return a task if it is redundant and J has full row rank somewhere; else raise InputError.
 
-    The error says which of the two is missing, and names the kinds of task that are redundant for
-    the frame.
+    The error says which condition fails, and names the kinds of task that are redundant for the
+    frame.
     """
     if task.r >= 1 and _reaches_full_rank(task):
         return task
@@ -125,8 +125,8 @@ def _redundant_frame(robot: Robot) -> str | None:
 def _reaches_full_rank(task: Task) -> bool:
     """Test whether J has full row rank at one of 32 random configurations within the limits.
 
-    Otherwise the joints cannot move the frame in all coordinates of the task. Lengths are divided
-    by that of the arm, so that m and rad are comparable.
+    The rank is numerical: σ_min / σ_max of J, with lengths divided by that of the arm, must exceed
+    a tolerance. False also if r < 0.
     """
     J = task.jacobians(random_configurations(task, _SAMPLES, np.random.default_rng(0)))
     if task.m > 2:

@@ -42,7 +42,10 @@ def test_a_singular_region_names_the_option_that_helps(tmp_path, monkeypatch, ca
     assert 1 <= tries <= 3
     with pytest.raises(rp.SingularRegionError, match=r"; pass region=0\.\d+$"):
         rp.study(rp.Problem("planar3r", start=[0.3, 0.6, 0.5], region=10.0), degree=1)
-    with pytest.raises(rp.SingularRegionError, match=r"; pass that region$"):
+    with pytest.raises(
+        rp.SingularRegionError,
+        match=r"; pass that region, which is the attribute free of this error$",
+    ):
         rp.study(
             rp.Problem("planar3r", start=[0.3, 0.6, 0.5], region=rp.Box([0.3, 0.6, 0.5], 3.0)),
             degree=1,
@@ -53,7 +56,7 @@ def test_a_singular_region_names_the_option_that_helps(tmp_path, monkeypatch, ca
 def test_too_high_a_degree_is_lowered(command: list[str], tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     error = refused(capsys, *command, "--degree", "9")
-    told = "makes 11439 potentials, but the maximum is 5000; lower the degree"
+    told = "have 11439 potentials, but the maximum is 5000; lower the degree"
     assert error.strip().endswith(f"degree 9 in 7 joints {told}")
     assert "variables" not in refused(capsys, "design", "panda", "--fourier", "30", "--degree", "1")
     assert list(tmp_path.iterdir()) == []

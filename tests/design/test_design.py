@@ -951,7 +951,7 @@ def nan_beyond(q: np.ndarray) -> float:
             lambda t: rp.nearest_repeatable(
                 rp.Pseudoinverse(t), rp.Polynomial(np.zeros(3), 1), rp.Box(Q0, 0.4)
             ),
-            "the potentials are of 3 joints, but the task has 7",
+            "the potentials are functions of 3 joints, but the task has 7",
         ),
         (lambda t: quadratic(t, samples=5), "too few"),
         (lambda t: quadratic(t, samples=0), "samples"),
@@ -980,7 +980,7 @@ def nan_beyond(q: np.ndarray) -> float:
                 rp.Box(Q0, 0.4),
                 degree=1,
             ),
-            "J G = I does not hold",
+            "J G differs from I by",
         ),
         (
             lambda t: rp.nearest_repeatable(

@@ -81,7 +81,7 @@ def test_paths_of_several_frames_are_checked(hands):
         rp.several_paths(task, q0, [circle])
     with pytest.raises(rp.InputError, match="holds every frame still"):
         rp.several_paths(task, q0, [None, None])
-    with pytest.raises(rp.InputError, match="must be per frame a closed path"):
+    with pytest.raises(rp.InputError, match="must have for each frame a closed path"):
         rp.several_paths(task, q0, [circle, 3])
     with pytest.raises(rp.InputError, match="2 placements, one per frame"):
         rp.follow(
@@ -185,7 +185,7 @@ def test_a_csv_names_the_frames_that_move(hands, tmp_path):
     ("header", "message"),
     [
         ("gripper.x,gripper.y,gripper.z", "more than one frame"),
-        ("left.x,left.y,left.z", "name no frame of l_gripper_tool_frame"),
+        ("left.x,left.y,left.z", "is part of no frame's name .l_gripper_tool_frame"),
         ("l_.x,l_.y,z", "column 'z' names no frame"),
         ("l_.x,l_.y,l_.w", "name them x, y, z"),
     ],

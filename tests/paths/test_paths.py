@@ -245,7 +245,7 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
         lambda: rp.TaskPath(
             "mine", lambda s: np.array([s, 0, 0]), lambda s: np.array([1, 0, 0]), np.eye(3)
         ),
-        "mine is open: p.1. differs from p.0. by 1 m",
+        "mine is open: point.1. differs from point.0. by 1 m",
     ),
     "slope": (
         lambda: rp.TaskPath("mine", _round, lambda s: 6 * _round(s + 0.25), np.eye(3)),
@@ -253,7 +253,7 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "turn": (
         lambda: rp.TaskPath("mine", _round, _rate, lambda s: pin.exp3(np.array([0, 0, s]))),
-        "R.1. differs from R.0. by 1 rad",
+        "rotation.1. differs from rotation.0. by 1 rad",
     ),
     "spin": (
         lambda: rp.TaskPath("mine", _round, _rate, nodding, spin=lambda s: np.ones(3)),
@@ -271,7 +271,7 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
         lambda: rp.TaskPath("mine", lambda s: _round(s) if s < 0.5 else None, _rate, np.eye(3)),
         r"mine: point\(0.\d+\) must be three finite numbers",
     ),
-    "mirror": (lambda: rp.TaskPath("mine", _round, _rate, np.diag([1, 1, -1])), "det R = 1"),
+    "mirror": (lambda: rp.TaskPath("mine", _round, _rate, np.diag([1, 1, -1])), "det R = −1"),
     "not three": (
         lambda: rp.TaskPath("mine", lambda s: np.zeros(2), _rate, np.eye(3)),
         "three finite numbers",
@@ -282,9 +282,9 @@ WRONG: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "rotations": (
         lambda: rp.waypoints(LOOP, [np.eye(3)] * 4),
-        "6 waypoints require 1 or 6 rotations, not 4",
+        "6 waypoints require 1 or 6 rotations, but rotation= has 4",
     ),
-    "no rotations": (lambda: rp.waypoints(LOOP), "without orientations require rotation="),
+    "no rotations": (lambda: rp.waypoints(LOOP), "have no orientations; add rotation="),
     "both": (lambda: rp.waypoints([pin.SE3.Identity()] * 3, np.eye(3)), "omit rotation="),
     "no function": (
         lambda: rp.TaskPath("mine", None, _rate, np.eye(3)),

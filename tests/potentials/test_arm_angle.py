@@ -99,7 +99,7 @@ def test_wrong_arguments() -> None:
     task = rp.Robot.load("panda").task("panda_hand_tcp", "pose")
     with pytest.raises(rp.InputError, match="no_such"):
         rp.ArmAngle(task, "panda_link2", "no_such", "panda_link6")
-    with pytest.raises(rp.InputError, match="across the reference"):
+    with pytest.raises(rp.InputError, match="singular= is parallel to reference="):
         rp.ArmAngle(task, *FRAMES, singular=(0, 0, 1))
     with pytest.raises(rp.InputError, match="three finite numbers"):
         rp.ArmAngle(task, *FRAMES, reference=(0, 0))

@@ -77,7 +77,7 @@ def test_a_joined_basis_on_the_ppr_arm() -> None:
         (lambda: rp.Fourier(3, 1, variables=[3]), "0 to 2"),
         (lambda: rp.Fourier(3, 1, period=-1), "period .* above 0"),
         (lambda: rp.Fourier(3, 1, period=[1.0, 2.0]), "period"),
-        (lambda: rp.Fourier(30, 9), "lower the order"),
+        (lambda: rp.Fourier(30, 9), "use a lower order"),
     ],
 )
 def test_bad_input_gets_one_clear_line(make, message: str) -> None:

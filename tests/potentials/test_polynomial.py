@@ -79,7 +79,7 @@ def test_weighted_sum_is_the_sum_of_the_basis(potentials: rp.Polynomial) -> None
         (lambda: rp.Polynomial([0.0, 1.0], 2, -1.0), "scale .* above 0"),
         (lambda: rp.Polynomial([0.0, 1.0], 2, [1.0, 1.0, 1.0]), "scale"),
         (lambda: rp.Polynomial([0.0, 1.0], 2, variables=[2]), "0 to 1"),
-        (lambda: rp.Polynomial(np.zeros(30), 6), "lower the degree"),
+        (lambda: rp.Polynomial(np.zeros(30), 6), "use a lower degree"),
     ],
 )
 def test_bad_input_gets_one_clear_line(make, message: str) -> None:
@@ -90,5 +90,5 @@ def test_bad_input_gets_one_clear_line(make, message: str) -> None:
 
 def test_too_many_potentials_are_counted_in_the_refusal() -> None:
     """C(7 + 9, 9) − 1: the constant is no potential."""
-    with pytest.raises(rp.InputError, match="degree 9 in 7 joints makes 11439 potentials"):
+    with pytest.raises(rp.InputError, match="degree 9 in 7 joints have 11439 potentials"):
         rp.Polynomial(np.zeros(7), 9)

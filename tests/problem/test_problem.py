@@ -148,7 +148,10 @@ def test_an_error_of_a_cell_keeps_its_parts_when_copied() -> None:
             ["study", "ppr", "--path", "loop.csv", "--plane", "xy"],
             "--plane: the points of loop.csv",
         ),
-        (["design", "planar4r", "--fourier", "99", "--degree", "1"], "--fourier 99: order 99 in 4"),
+        (
+            ["design", "planar4r", "--fourier", "99", "--degree", "1"],
+            "--fourier 99: a Fourier basis of order 99 in 4",
+        ),
     ],
 )
 def test_the_command_line_names_options(

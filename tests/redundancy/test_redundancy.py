@@ -182,5 +182,5 @@ def test_regular_is_told_by_the_sine_between_rows() -> None:
 
 def test_the_null_vector_is_of_one_redundant_joint() -> None:
     for m, n in ((2, 2), (1, 3)):
-        with pytest.raises(InputError, match=f"one column more than rows; J is {m} × {n}"):
+        with pytest.raises(InputError, match=f"J is {m} × {n}, but a null vector requires"):
             redundancy.null_vector(np.ones((m, n)))

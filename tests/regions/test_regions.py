@@ -185,7 +185,10 @@ def test_boxes_are_cut_to_limits(panda_pose: rp.Task) -> None:
         (lambda: rp.Box([0.0, 0.0], np.inf), "above 0"),
         (lambda: rp.Box([0.0, 0.0], [0.1, 0.1, 0.1]), "half-width"),
         (lambda: rp.Box("ab", 1.0), "center"),
-        (lambda: rp.Box.between([0.0, 1.0], [1.0, 0.5]), "joint 1 goes from 1 to 0.5"),
+        (
+            lambda: rp.Box.between([0.0, 1.0], [1.0, 0.5]),
+            "joint 1 .* has lower = 1 and upper = 0.5",
+        ),
         (lambda: rp.Box.between([0.0, 1.0], [1.0, 1.0]), "lower < upper"),
         (
             lambda: rp.Box.between([0.0, 1.0], [1.0]),
@@ -209,7 +212,7 @@ def test_boxes_are_cut_to_limits(panda_pose: rp.Task) -> None:
         ),
         (
             lambda: rp.Box([0.0], 1.0, density=lambda Q: 1.0).weights(np.zeros((3, 1))),
-            "one number per row",
+            "one number per configuration",
         ),
     ],
 )

@@ -349,12 +349,14 @@ def test_a_file_without_a_fingerprint_is_refused(saved) -> None:
 
 
 def test_a_newer_schema_is_refused_with_a_remedy(saved) -> None:
-    with pytest.raises(rp.InputError, match=r"schema 3.*reads 2; upgrade repctl-pin"):
+    with pytest.raises(rp.InputError, match=r"schema 3, but .* reads schema 2; upgrade repctl-pin"):
         rp.load(edited(saved, schema=3, written_by="9.0"))
 
 
 def test_an_older_schema_is_refused_by_name(saved) -> None:
-    with pytest.raises(rp.InputError, match=r"schema 1, and this version reads 2; design again"):
+    with pytest.raises(
+        rp.InputError, match=r"schema 1, but repctl-pin .* reads schema 2; design again"
+    ):
         rp.load(edited(saved, schema=1))
 
 
@@ -447,7 +449,7 @@ def test_wrong_content_with_a_right_checksum_is_refused_too(tmp_path, small, pan
         ('{"format": "repctl design", "schema": true}', "schema"),
         ('{"format": "repctl design", "schema": 2, "schema": 2}', "written_by"),
         ('{"format": "repctl design", "schema": 2, "x": NaN}', "not valid JSON"),
-        ('{"format": "repctl design", "schema": 0}', "no schema 0"),
+        ('{"format": "repctl design", "schema": 0}', "it has schema 0, but schemas begin with 1"),
         ("[" * 100_000, "not a .*design file"),
     ],
 )

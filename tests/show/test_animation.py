@@ -134,10 +134,10 @@ def test_what_cannot_be_shown_is_named(motions: dict[str, rp.Motion]) -> None:
         steps=40,
     )
     for given, words in (
-        ({}, "there are none"),
+        ({}, "motions is empty"),
         ({"q": motions["a"].q}, r"motions\['q'\] must be a motion"),
         ({"a": motions["a"], "b": other}, "motions are of planar3r and ppr"),
-        ({"a": motions["a"], "b": short}, "equal numbers of cycles and steps"),
+        ({"a": motions["a"], "b": short}, "differ in the number of cycles or steps"),
         (motions["a"], "motions by name, as in"),
         ("panda", "got 'panda'"),
     ):

@@ -188,7 +188,9 @@ def test_a_figure_and_a_page_are_shown_too(study: rp.Study) -> None:
 
 
 def test_what_cannot_be_shown_is_said(study: rp.Study) -> None:
-    with pytest.raises(rp.InputError, match="a study, a figure or the HTML of a page; got Design"):
+    with pytest.raises(
+        rp.InputError, match="a study, a matplotlib figure or the HTML of a page; got Design"
+    ):
         inline(study.design)  # type: ignore[arg-type]
 
 

@@ -68,6 +68,15 @@ def test_h_is_the_gradient_along_the_null_space(task: rp.Task) -> None:
     assert np.abs(inverse.potentials.value(Q0)).max() < 1e-15
 
 
+def test_the_reference_matters_for_several_degrees_of_redundancy_only(task: rp.Task) -> None:
+    q, other = some_q(1)[0], Q0 + [0.5, 0.4, -0.6, 0.3, 0.7, -0.4, 0.6]
+    here, there = (
+        rp.ExtendedJacobian(task, Q0, reference=reference).potentials.value(q)
+        for reference in (Q0, other)
+    )
+    assert np.allclose(here, there, atol=1e-12) == (task.r == 1)
+
+
 def test_numerical_derivatives_come_close(panda_pose: rp.Task) -> None:
     exact = rp.ExtendedJacobian(
         panda_pose, bowl, gradient=bowl_gradient, hessian=bowl_hessian, reference=Q0

@@ -335,8 +335,8 @@ def test_controls_that_cannot_be_used_are_named() -> None:
     other = rp.Pseudoinverse(rp.Robot.load("panda").task("panda_hand_tcp", "position"))
     problem = rp.Problem("panda", region=0.2)
     for controls, words in (
-        ({"repeatable": other}, "'repeatable' is taken"),
-        ({"J⁺": other}, "'J⁺' is taken"),
+        ({"repeatable": other}, "'repeatable' is the name of"),
+        ({"J⁺": other}, "'J⁺' is the name of"),
         (other.velocity, r"controls must be a dictionary .*\{'mine': control\}"),
         (
             {"mine": other},

@@ -80,16 +80,15 @@ class Animation:
 def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = None) -> Animation:
     """Show motions of one robot side by side, with paths, traces and the drift after each cycle.
 
-    J⁺ and the nearest repeatable inverse have fixed colours. Other motions have a warm colour if
-    they drift, and a cool one if they are closed.
+    Motions named as in a study, such as J⁺, have the colours of a study. Others have a warm colour
+    if they drift, and a cool one if they are closed.
 
     Parameters
     ----------
     motions
         The motions by name, all with the same number of cycles and of steps; or a study.
     seconds
-        Time of a cycle at normal speed, s; by default the period of the first motion, which is real
-        time.
+        Duration of a cycle at normal speed, s; by default the period of the first motion.
 
     Returns
     -------
@@ -113,7 +112,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
     named = "motions by name, as in {'mine': motion}, or a study"
     require_type(motions, Mapping, "motions", named)
     if not motions:
-        raise InputError("an animation requires motions, but there are none; give at least one")
+        raise InputError("an animation requires motions, but motions is empty; give at least one")
     for name, motion in motions.items():
         require_type(
             motion, Motion, f"motions[{name!r}]", "a motion, such as rp.follow(control, path, q0)"
@@ -126,7 +125,7 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
     if other is not None:
         raise InputError(
             f"an animation shows one robot, but the motions are of {robot.name} and {other.name}; "
-            "make an animation of each"
+            "make one animation per robot"
         )
     colours = _colours({name: motion.drift[-1] for name, motion in motions.items()})
     tracks = [
@@ -149,10 +148,10 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
 
 
 def _colours(drifts: Mapping[str, float]) -> list[str]:
-    """Choose a colour ``#rrggbb`` for each motion, in the order of ``drifts``, its drift by name.
+    """Choose a colour ``#rrggbb`` for each motion, from the final drifts by name, in their order.
 
-    A name that is the label of a strategy of a study, such as J⁺, has that strategy's colour.
-    Others have a warm colour if they drift, and a cool one if they are closed.
+    A name that is the label of a controller of a study, such as J⁺, has that controller's colour.
+    Other motions have a warm colour if they drift, and a cool one if they are closed.
     """
     limit = max(_BACK * max(drifts.values()), 1e-6)
     known = {name: COLOURS[KEYS[name]] for name in drifts if name in KEYS}

@@ -25,29 +25,27 @@ def body_drift(
 ) -> tuple[tuple[Array, ...], Array]:
     """Compute the displacement of each body from its placement at the same moment of cycle 1.
 
-    It is 0 in a repeatable motion. The page colours the bodies by their displacement.
-
     Parameters
     ----------
-    bodies : sequence of (P, 3) arrays
-        Corners of the convex hull of each body, m, see :func:`.visuals.corners`.
+    bodies : sequence of S (P, 3) arrays
+        Corners of the convex hull of each body in its own frame, m; P differs between bodies.
     placements : (T, S, 4, 4) array
         Placements of S bodies at T samples, cycle by cycle.
     per_cycle
         Number of samples of one cycle, including both ends.
-    directions
-        Number of directions for each body in which the outermost corners are kept; 8 if None. With
-        128, the page measures displacements in a visitor's own motions with an error of at most 0.7
-        %, and of 0.05 % on average.
+    directions : sequence of S int, optional
+        For each body, the number of directions in which its outermost corners are kept; by default
+        8. With 128, the page measures displacements in a visitor's own motions with an error of at
+        most 0.7 %, and of 0.05 % on average.
 
     Returns
     -------
-    points : tuple of (P, 3) arrays
-        For each body, in its own frame, m: the corners that are displaced most at any sample, and
-        the outermost corners.
+    points : tuple of S (K, 3) arrays
+        For each body, in its own frame, m, the corners that are displaced most at any sample, and
+        the outermost corners; K differs between bodies.
     off : (T, S) array
-        Displacement of S bodies at T samples, m. At the end of a cycle, displacement is measured
-        from the start of cycle 1.
+        Largest displacement of a corner of each body, m; 0 in a repeatable motion. The end of a
+        cycle is compared with the start of cycle 1.
     """
     first = np.arange(len(placements)) % per_cycle
     first[per_cycle - 1 :: per_cycle] = 0
@@ -60,11 +58,10 @@ def body_drift(
 
 
 def _outermost(body: Array, directions: int) -> NDArray[np.intp]:
-    """Find the corners of a body (P, 3), by index, that lie farthest in some directions.
+    """Find the corners of a body (P, 3) that lie farthest in some directions: indices, increasing.
 
-    The page measures the displacement in a visitor's own motions at these few points. The
-    directions are the eight diagonals; if more are requested, as many points of a spiral on the
-    sphere are added.
+    The directions are the eight space diagonals and, if ``directions`` exceeds 8, also
+    ``directions`` points of a spiral on the sphere.
     """
     ways = np.array(list(product((-1.0, 1.0), repeat=3)))
     if directions > 8:

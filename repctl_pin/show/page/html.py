@@ -8,10 +8,10 @@ For the browser's console and for tests, the page has an object ``repctl`` with 
 - ``ready``: true once the scene is drawn; ``errors``: list of messages
 - ``seek(cycles)``, ``play()``, ``pause()``
 - ``set(what, bool)``: show or hide ``"traces"``, ``"ghost"``, ``"fan"`` or ``"drift"``
-- ``drift(arm, name)``: displacement of a body, by its name, from its ghost, m, and its colour
+- ``drift(arm, name)``: displacement, m, of a named body from its ghost, and the body's colour
 - ``picture()``, ``seen()``: data URL of a PNG of the scene, and of the page
 - ``record(seconds)``: start a film; return the function ``stop`` and the promise ``done`` of a Blob
-- ``still()``: canvas, for print
+- ``still()``: canvas element with a picture of the scene, for print
 - ``pane(arm)``: position and size of an arm's pane, as fractions of the picture
 
 Traces are the paths of frames and elbows. The ghost is the repeatable arm at the same time or,
@@ -70,11 +70,12 @@ def page(
     Parameters
     ----------
     scene
-        Data for the page's script, including title and caption, in plain Python types.
+        Data for the page's script in plain Python types, see :mod:`.scene`, with title and caption.
     commands
-        Commands for meshcat's viewer, each encoded as msgpack.
+        Commands for meshcat's viewer, each encoded as msgpack, see :mod:`.meshes`.
     motion : sequence of (T, W) arrays
-        Poses and points, in the order that ``scene`` describes; T and W differ between arrays.
+        Series of W numbers at T samples, such as poses and points, in the order that the script
+        expects; T and W differ between arrays.
     headline
         Headline above the animation.
     """
@@ -98,7 +99,7 @@ def page(
 def render(template: str, **parts: Any) -> str:
     """Fill in a template, a file of the folder ``assets``, with the given parts.
 
-    Text is escaped for HTML, except :class:`markupsafe.Markup`.
+    Texts are escaped for HTML, unless they are :class:`markupsafe.Markup`.
     """
     return _templates().get_template(template).render(parts)
 
@@ -124,9 +125,9 @@ def _dense(style: str) -> str:
 
 @cache
 def _script() -> str:
-    """Join the page's JavaScript modules into one script with one scope, without comments.
+    """Join the page's JavaScript modules, in the order of ``SCRIPTS``, into one script.
 
-    So the page needs no other files. The order is that of ``SCRIPTS``.
+    Comments, indentation, imports and exports are removed; all modules share one scope.
     """
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS]
@@ -149,12 +150,12 @@ def pack(data: bytes) -> str:
 
 
 def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
-    """Encode series of numbers as bytes that compress well; return the bytes and the resolution.
+    """Encode (T, W) arrays as bytes that compress well; return the bytes and the resolution.
 
-    A page is small only if its poses are stored compactly. Numbers are rounded to the resolution:
-    0.1 µm, or more for coordinates beyond 100 m. The third differences along the columns of each
-    (T, W) array are small for smooth motions. Each has 32 bits, of which the lowest is the sign.
-    The lowest bytes of all numbers are written first, the highest last, for the page's script.
+    Numbers are rounded to multiples of the resolution: 1e-7, or more if a number exceeds 100. The
+    third differences along the columns of each array, small for smooth motions, become integers of
+    32 bits, the lowest of which is the sign. The lowest bytes of all integers are written first,
+    the highest bytes last.
     """
     most = max((np.abs(series).max(initial=0.0) for series in motion), default=0.0)
     unit = max(1e-7, float(most) / 2**30)

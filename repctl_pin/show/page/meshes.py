@@ -47,19 +47,19 @@ _IDENTITY = np.eye(4).ravel().tolist()
 def record(
     shapes: Iterable[Shape], surfaces: Surfaces
 ) -> tuple[list[bytes], dict[Key, int], list[str]]:
-    """Record the commands that fill a viewer's library with every distinct body of some shapes.
+    """Record the commands that fill the viewer's library with each distinct body of some shapes.
 
-    A shape is a body's mesh or primitive at one place on the robot. The output is deterministic.
-    ``surfaces`` are the contents of the mesh files, by path.
+    A shape is a mesh or primitive at one place on the robot; equal shapes share one body.
+    ``surfaces`` are the contents of the mesh files, by path. The output is deterministic.
 
     Returns
     -------
     commands : list of bytes
         Commands, each encoded as msgpack.
     library : dict
-        Number of each body in the library, by its :func:`key`; without unreadable bodies.
+        Number k of each body in the library, by its :func:`key`; unreadable bodies have none.
     problems : list of str
-        Messages about unreadable bodies.
+        Error messages, one per unreadable body.
     """
     commands = [
         {"type": "set_property", "path": name, "property": "visible", "value": False}
@@ -123,14 +123,15 @@ def _object(shape: Shape, surfaces: Surfaces) -> _Element:
         }
         return _plain(cylinder, _UPRIGHT)
     raise InputError(
-        f"shape {shape.name!r} has kind {shape.kind!r}; use mesh, box, cylinder, sphere or capsule"
+        f"shape {shape.name!r} has the unknown kind {shape.kind!r}; "
+        "use mesh, box, cylinder, sphere or capsule"
     )
 
 
 def _plain(geometry: _Element, matrix: list[float] = _IDENTITY) -> _Element:
     """Make a three.js object of one geometry in meshcat's default material.
 
-    ``matrix`` is its 4 × 4 placement, column by column.
+    ``matrix`` is the placement of the geometry, 4 × 4, as 16 numbers column by column.
     """
     return _scene(geometry, _material(), matrix)
 
@@ -144,7 +145,7 @@ def _painted(surface: Surface) -> _Element:
 def _scene(geometry: _Element, material: _Element, matrix: list[float]) -> _Element:
     """Make a three.js scene of one mesh, in JSON format, from its geometry, material and placement.
 
-    ``matrix`` is the placement, 4 × 4, column by column.
+    ``matrix`` is the placement, 4 × 4, as 16 numbers column by column.
     """
     return {
         "metadata": {"version": 4.5, "type": "Object"},
@@ -195,9 +196,9 @@ def _triangles(surface: Surface) -> _Element:
 
 
 def lifted(color: ArrayLike) -> NDArray[np.float64]:
-    """Map a colour from the range 0 to 1 to the range 0.06 to 0.96, for a page.
+    """Map the components of a colour from the range 0 to 1 to the range 0.06 to 0.96.
 
-    Pure black and pure white would hide the shading, which shows the shape.
+    On pure black or white, shading, which shows the shape, would be invisible.
     """
     return 0.06 + 0.9 * np.asarray(color, float)
 
@@ -208,7 +209,7 @@ def _array(
     """Encode an array for a three.js geometry as a typed array of JavaScript.
 
     ``kind`` is the name of the JavaScript type, such as ``Float32Array``, and ``size`` the number
-    of values per point. If ``normalized``, three.js scales integers to fractions.
+    of values per point. If ``normalized``, three.js divides integers by the largest of their type.
     """
     code, dtype = _ARRAYS[kind]
     data = umsgpack.Ext(code, np.ascontiguousarray(values).astype(dtype).tobytes())
@@ -219,7 +220,7 @@ def _capsule(radius: float, length: float) -> _Element:
     """Make the three.js geometry of a capsule along y.
 
     ``radius`` is the radius of the capsule, ``length`` the length of its cylinder, both in m. The
-    geometry is an outline, listed from below, that is rotated about y.
+    geometry is an outline, a list of points from bottom to top, that three.js rotates about y.
     """
     angles = np.linspace(-np.pi / 2, np.pi / 2, _RINGS)
     x = radius * np.cos(angles)

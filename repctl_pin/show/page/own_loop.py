@@ -40,25 +40,24 @@ _Numbers = dict[str, Any]
 def own_loop(
     motion: Motion, strategies: Sequence[Strategy], closes: ClosingRadius | None = None
 ) -> _Numbers | None:
-    """Collect the numbers for a loop that a visitor of the page draws, in plain Python types.
-
-    The page contains the numbers as JSON, and computes the motions in the browser.
+    """Collect the numbers with which the page follows a visitor's loop, in plain types for JSON.
 
     Parameters
     ----------
     motion
-        A motion of the study; its start, speed along the path and steps are used for the loop.
+        A motion that the page shows. The visitor's loop is followed from its start, at its speed
+        along the path, and with its number of steps per cycle.
     strategies
-        Controllers of the panes, in order.
+        Controllers, one per pane of the page, in order.
     closes
-        Proved closing radius of the repeatable controller, within which every closed path closes in
-        joint space; None if there is none.
+        Proved closing radius of the repeatable controller: every closed path within this radius
+        closes in joint space. None if no radius is proved.
 
     Returns
     -------
     dict or None
         None if a controller or a potential is user-defined, one of several frames has a ``base`` of
-        its own, or the potentials have too many terms. The visitor then cannot draw a loop.
+        its own, or the potentials have more than 2000 terms. The visitor then cannot draw a loop.
     """
     task, q0 = motion.task, motion.q[0]
     # the laws of the controllers, which the page evaluates in JavaScript
@@ -138,8 +137,8 @@ def _carried(frame: CarriedFrame) -> _Numbers:
 def study_loop(study: Study) -> _Numbers | None:
     """Collect the numbers for a visitor's own loop on the page of a study.
 
-    The numbers describe J⁺ and the nearest repeatable inverse, each if it has a motion. Return None
-    if :func:`own_loop` returns None, no motion is shown, or a user-defined controller has a pane.
+    They describe J⁺ and the nearest repeatable inverse, each if it has a motion. Returns None if
+    :func:`own_loop` does, no motion is shown, or the page also shows a user-defined controller.
     """
     laws: dict[str, Strategy] = {
         "pseudoinverse": Pseudoinverse(study.task),
@@ -160,11 +159,10 @@ def study_loop(study: Study) -> _Numbers | None:
 
 
 def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
-    """Round the proved closing radius of a design down to two digits, m.
+    """Return the proved closing radius around the start q0 (n,), m, rounded down to two digits.
 
-    Every closed path within this radius of the start q0 (n,) closes in joint space; the page states
-    this for a visitor's loop. A radius around a path is also valid around its start. Return None
-    without a radius, or if the radius belongs to another start.
+    Every closed path within this radius closes in joint space. A radius around a path is also valid
+    around its start. None if no radius is proved, or only one around another start.
     """
     if not closes or not np.allclose(closes.start, q0, rtol=0, atol=1e-9):
         return None
@@ -173,10 +171,10 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
 
 
 def _path(motion: Motion) -> list[int | None] | None:
-    """List, for each frame, the index of the drawn path that it follows; None if it stands still.
+    """List, for each frame, the index of its path on the page; None for a frame that stands still.
 
-    If a visitor changes the start, the page follows the same path from there. The result is None if
-    a frame rotates along its path, because the page cannot compute that.
+    If a visitor changes the start, the page follows these paths from the new start. The result is
+    None if a frame rotates along its path, which the page cannot compute.
     """
     paths = paths_of(motion.path)
     if any(np.abs(path.twist(s)[3:]).max() > 1e-12 for path in paths for s in (0.1, 0.4, 0.7)):
@@ -193,10 +191,10 @@ def _finite(values: Array) -> list[float | None]:
 
 
 def _first_axis(task: Task) -> _Numbers | None:
-    """Describe the axis of the first joint by direction, origin (m) and name; None if prismatic.
+    """Describe the axis of the first joint by ``axis`` (direction), ``origin``, m, and ``name``.
 
-    A motion along a loop that winds around this axis need not close, and the page says so. On a
-    workpiece, the first joint is the one next to it.
+    A motion along a loop that winds around this axis need not close. If the task is on a workpiece,
+    the first joint is the one next to the workpiece. None if the joint is prismatic.
     """
     first = 0 if len(task.frames) > 1 else int(np.argmin(task._first))
     if not task.revolute[first]:
@@ -206,11 +204,10 @@ def _first_axis(task: Task) -> _Numbers | None:
 
 
 def _law(strategy: Strategy) -> list[_Numbers] | None:
-    """Describe a controller for the page by its potentials, a list of dictionaries.
+    """Describe a controller by its potentials, a list as of :func:`_potentials`; empty for J⁺.
 
-    Potentials are functions of the joints that the controller holds constant; for J⁺ the list is
-    empty. The result is None if the page cannot compute the controller: it is of another class, its
-    potentials are user-defined, or they have more than 2000 terms.
+    The result is None if the page cannot compute the controller: it is neither J⁺ nor a
+    :class:`RepeatableInverse`, its potentials are user-defined, or they have more than 2000 terms.
     """
     if type(strategy) is Pseudoinverse:
         return []
@@ -224,9 +221,10 @@ def _law(strategy: Strategy) -> list[_Numbers] | None:
 
 
 def _potentials(h: Potentials) -> list[_Numbers] | None:
-    """Describe potentials as a sum of polynomials and Fourier series, one dictionary for each.
+    """Describe potentials h as a sum of polynomials and Fourier series, one dictionary per term.
 
-    The page's script evaluates their gradients. The result is None for any other potentials h.
+    The keys are attributes of :class:`PolynomialMap` or :class:`FourierMap`. The result is None for
+    any other potentials.
     """
     if isinstance(h, SumMap):
         found: list[_Numbers] = []

@@ -57,15 +57,15 @@ class Playback:
     label, color : str
         Title of the pane, and colour as ``#RRGGBB``.
     Q : (T + 1, nq) array
-        Configurations of the whole robot, rad or m; T = cycles · steps.
+        Configurations of the whole robot, all nq joints, rad or m; T is the number of steps.
     cycles : int
         Number of cycles.
     drift : (cycles,) array
-        ‖q − q₀‖ after each cycle.
+        ‖q − q₀‖ after each cycle, in ``unit``.
     unit : str
-        Unit of the drift.
+        Unit of the drift, such as ``rad``.
     t : (T + 1,) array or None
-        Time, s; None if unknown.
+        Times of the configurations, s; None if unknown.
     motion : JointMotion or None
         The motion of the task's joints; None for a motion read from a file.
     """
@@ -89,7 +89,7 @@ class TracedChain:
     task : Task
         Task whose frame is traced.
     elbow : int
-        Index of the joint of the task whose origin is traced.
+        Index, among the task's joints, of the elbow joint, whose origin is traced.
     """
 
     task: Task
@@ -128,12 +128,12 @@ def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None)
     robot
         The robot that moves.
     cycles
-        Number of cycles, for a file that does not contain this number; None means 1.
+        Number of cycles, used if the file does not contain this number; by default 1.
 
     Raises
     ------
     InputError
-        If the file cannot be used.
+        If the file cannot be read as motions of this robot.
     """
     turns = {joint.name: joint.kind != "prismatic" for joint in robot.description.joints}
     tracks = []
@@ -162,8 +162,6 @@ def playback_page(
 ) -> str:
     """Write the HTML page of several motions, side by side, each in a pane.
 
-    Every animation is made here, whether its motions come from a study, a design or a CSV file.
-
     Parameters
     ----------
     chains
@@ -173,17 +171,17 @@ def playback_page(
     paths : sequence of (P, 3) arrays, optional
         Paths to draw, m; by default the paths of the frames in cycle 1 of the first motion.
     name
-        Name of the path.
+        Display name of the path.
     stopped
-        Sentences about motions that stopped.
+        Sentences on controllers that stopped, for the headline.
     seconds
         Time of a cycle at normal speed, s; by default the period of the first motion, or 4 s if the
         period is unknown.
     headline
         Headline of the page; by default, which part has drifted, and how far.
     own
-        Numbers with which a visitor's own closed path is followed, see
-        :func:`.own_loop.own_loop`; None leaves that out.
+        Numbers with which the page follows a closed path that its visitor draws, see
+        :func:`.own_loop.own_loop`; None if the visitor cannot draw a path.
     """
     cycles = _common_cycles(tracks)
     visuals = Visuals.of(chains[0].task.robot)
@@ -244,8 +242,8 @@ def _common_cycles(tracks: Sequence[Playback]) -> int:
     """
     if len({(track.cycles, len(track.Q)) for track in tracks}) != 1:
         raise InputError(
-            "motions can be shown side by side only if all have equal numbers of cycles and steps",
-            remedy="follow them with equal cycles and steps",
+            "the motions differ in the number of cycles or steps, so they cannot be shown together",
+            remedy="follow the path with equal cycles and steps in every motion",
         )
     return tracks[0].cycles
 
@@ -255,7 +253,8 @@ def _joint_origins(
 ) -> list[Array]:
     """Compute the joint origins of every chain at the start of each motion: (n, 3) arrays, m.
 
-    They are in the root frame, in which ``base`` (1, 4, 4) is the placement of the base.
+    They are relative to the robot's root link, where ``base`` (1, 4, 4) is the placement of the
+    tasks' base.
     """
     return [
         on_base(base, chain.task.joint_origins(chain.task.from_robot(track.Q[0]))[None])[0]
@@ -265,10 +264,10 @@ def _joint_origins(
 
 
 def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
-    """Describe the tasks of the chains, one line per kind of task.
+    """Describe the tasks of the chains by kind, joints and redundancy, in lines of text.
 
-    ``together`` is the task of all chains, whose redundancy is the last line; None if they have
-    no common task. Each chain then has a line of its own.
+    ``together`` is the task of several frames that has all chains: its frames are grouped by kind,
+    and its redundancy is the last line. If it is None, each chain has a line of its own.
     """
     if together is None:
         tasks = [chain.task for chain in chains]
@@ -281,19 +280,22 @@ def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
 
 
 def _hand(name: str, kind: Kind) -> str:
-    """Write the label of a hand's distance: its name, and the rotation left free by its task."""
+    """Write the label of a hand on the page: its name, and which rotation its task leaves free.
+
+    Such as ``hand, free to turn:`` for a task that controls the position only.
+    """
     if kind.turns and not kind.tool_axes:
         return name
     return f"{name}, free to {'spin' if kind.turns else 'turn'}:"
 
 
 def _redundancy(task: Task) -> str:
-    """Write how many joints a task has, and how many are redundant, to follow the task's name."""
+    """Write the numbers of joints and of redundant joints: ``, 7 joints, 1 redundant``."""
     return f", {task.n} joints, {task.r} redundant"
 
 
 def _cycle_time(track: Playback) -> float:
-    """Return the duration of one cycle on the page, s; 4 s if the times are unknown."""
+    """Return the duration of one cycle of a motion, s; 4 s if its times are unknown."""
     span = 0.0 if track.t is None else float(track.t[-1] - track.t[0])
     return span / track.cycles if span > 0 else 4.0
 
@@ -310,9 +312,9 @@ def _arm(
     """Make the arm of one pane of the page, which shows one motion.
 
     ``played`` has the motion of each chain, and ``frames`` the samples to show. ``drawn`` has the
-    visuals, their corners, and the links of the arm, whose displacement counts. ``start`` (4, 4) is
-    the placement of the base for which the paths are drawn. ``any_way`` is True if the page also
-    measures the displacement of a visitor's own motions; more corners are then kept.
+    robot's visuals, the corners of each, m, and the links of the arm, the only ones whose
+    displacement is shown. ``start`` (4, 4) is the base's placement at the start, where the paths
+    are drawn. ``any_way`` is True if the visitor can draw a path; more corners are then kept.
     """
     (visuals, bodies, own), rows = drawn, track.Q[frames.index]
     placements = visuals.placements(rows)
@@ -348,10 +350,10 @@ def _arm(
 
 
 def _played(chain: TracedChain, track: Playback) -> JointMotion:
-    """Extract the motion of a chain's joints from a playback of the whole robot.
+    """Return the motion of a chain's joints in a playback of the whole robot.
 
-    If the playback has a motion of the same task, this motion is returned. If times are unknown,
-    configurations are assumed to be 1 s apart.
+    It is the playback's own motion if that is of the same task; else it is extracted from ``Q``. If
+    times are unknown, configurations are assumed to be 1 s apart.
     """
     if track.motion is not None and _is_of(chain.task, track.motion.task):
         return track.motion
@@ -363,21 +365,18 @@ def _played(chain: TracedChain, track: Playback) -> JointMotion:
 
 
 def _is_of(chain: Task, task: Task) -> bool:
-    """Test whether two tasks have the same robot, frame, kind and joints.
-
-    Two objects can describe the same task, with the same motions.
-    """
+    """Test whether two tasks have the same robot, frame, kind and joints."""
     same = ("robot", "frame", "kind", "joint_names")
     return all(getattr(chain, name) == getattr(task, name) for name in same)
 
 
 def _broken(played: Sequence[JointMotion], track: Playback, rows: Array) -> FirstViolation | None:
-    """Find the first limit violation or collision of a motion, for the page to mark; else None.
+    """Find the first limit violation or collision of a motion, which the page marks; else None.
 
-    ``played`` holds the motion of each chain, ``rows`` (T, nq) the shown configurations. Speed
-    limits count if the motion is timed. Collisions count if there is one chain, or if the motion's
-    task has all chains. The page marks the origin of the joint's child link, or of the first link
-    that collides.
+    ``played`` has the motion of each chain, ``rows`` (T, nq) the shown configurations of the robot.
+    Speed limits are checked if the motion has times; collisions, if there is one chain or one task
+    for all chains. The mark is at the origin of the violating joint's child link, or of one of the
+    colliding links.
     """
     description = played[0].task.robot.description
     child = {joint.name: joint.child for joint in description.joints}
@@ -407,10 +406,10 @@ def _summary(
 ) -> MotionSummary:
     """Summarise a motion for the headline of the page.
 
-    ``played`` holds the motion of each chain; ``moved`` is the most displaced link, and its
-    displacement, m. If several chains were played, each quantity is the worst one, except the joint
-    speed, which is that of all joints together. Body distances and other end effectors are then
-    left out, because the chains move each other's bodies.
+    ``played`` has the motion of each chain; ``moved`` is the most displaced link, and its
+    displacement, m. For several chains, each quantity is that of the worst chain, but the joint
+    speed is a norm over the joints of all. Body distances and other end effectors are then left
+    out, because each chain moves bodies of the others.
     """
     alone = len(played) == 1
     summaries = [motion_summary(track.label, one, moved, bodies=alone) for one in played]
@@ -431,7 +430,7 @@ def _summary(
 
 
 def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
-    """Compute the positions (T, 3), m, of a chain's frame and of its elbow, relative to its base.
+    """Compute the positions of a chain's frame and of its elbow: (T, 3) each, m, in its base frame.
 
     ``rows`` (T, nq) are configurations of the whole robot.
     """

@@ -78,9 +78,10 @@ class FirstViolation:
     at : float
         Time in cycles: 1.25 is a quarter into the second cycle.
     cycle : int
-        The cycle, counted from 1.
+        Number of the cycle, from 1.
     origin : (T, 3) array
-        Origin of the joint, or of one of the links, at the shown samples, m, root frame.
+        Origin of the joint's child link, or of one of the colliding links, at the T shown samples,
+        m, relative to the robot's root link.
     """
 
     words: str
@@ -100,19 +101,20 @@ class Arm:
     ----------
     label : str
         Name of the controller, such as ``J⁺``.
-    shapes : tuple of Shape
-        Shapes of the arm, as they are drawn.
+    shapes : tuple of S Shape
+        All shapes to draw: those of the robot and of its surroundings.
     placements : (T, S, 4, 4) array
-        Rigid, unscaled transforms of S shapes at T samples.
+        Rigid, unscaled transforms of the shapes, m, relative to the robot's root link.
     tip, elbow : (T, K, 3) arrays
-        Positions, m, root frame, of the frame and the elbow of each of K chains, one per frame.
+        Positions, m, relative to the root link, of the frame and the elbow joint of each of K
+        chains, one per frame of the task.
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, in ``unit``.
-    points : tuple of (P, 3) arrays
-        Corners of each shape in its own frame, m, see :func:`.body_points.body_drift`.
+    points : tuple of S (P, 3) arrays
+        Some corners of each shape in its own frame, m, see :func:`.body_points.body_drift`.
     off : (T, S) array
-        Displacement of each shape since the same moment of cycle 1, m; 0 for shapes that are not
-        on the arm.
+        Displacement of each shape from its placement at the same moment of cycle 1, m; 0 for shapes
+        that the chains do not move.
     color : str
         Colour of the label and the traces, ``#RRGGBB``.
     unit : str
@@ -120,7 +122,8 @@ class Arm:
     broken : FirstViolation or None
         First violated joint limit, or first collision.
     carried : (T, 4, 4) array or None
-        Motion of the workpiece, and of the paths on it, since the start; None if they do not move.
+        Displacement of the base since the start, a rigid transform, if the base is a workpiece that
+        other joints move; the drawn paths move with it. None if the base does not move.
     """
 
     label: str
@@ -140,9 +143,9 @@ class Arm:
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    A page with all samples would be too large. If there are more than 24 cycles, only the first,
-    the last, and every k-th cycle before the last are shown. Within a cycle, the samples are evenly
-    spaced if its number of steps has a suitable divisor, and nearly so otherwise.
+    A page with all samples would be too large. Of more than 24 cycles, only the first, the last,
+    and every k-th cycle before the last are shown. Within a cycle, the samples are evenly spaced if
+    a divisor of the number of steps is at least half of the maximum, and nearly evenly otherwise.
 
     Parameters
     ----------
@@ -154,8 +157,8 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     steps, rest = divmod(samples - 1, cycles)
     if rest or steps < 1:
         raise InputError(
-            f"{samples} samples do not fit {cycles} cycles of equal steps: "
-            f"the number must be 1 plus a multiple of {cycles}"
+            f"{samples} samples cannot be divided into {cycles} cycles of equal steps; "
+            f"give 1 + {cycles} k samples, with a whole number k of steps per cycle"
         )
     stride = -(-(cycles - 1) // (_SHOWN - 1)) or 1
     numbers = np.unique(np.r_[1, np.arange(cycles, 0, -stride)])
@@ -176,10 +179,10 @@ class JointRows:
     ----------
     task : Task
         Task to which the joints belong.
-    rows : tuple of (cycles · per_cycle, n) arrays
-        Joint values of each arm, rad or m.
+    rows : tuple of (shown cycles · per_cycle, n) arrays
+        Joint positions of each arm, rad or m.
     per_cycle : int
-        Number of samples per cycle, both ends included.
+        Number of plotted samples per cycle, both ends included.
     """
 
     task: Task
@@ -188,9 +191,10 @@ class JointRows:
 
     @staticmethod
     def of(task: Task, shown: Sequence[Array], frames: Frames) -> JointRows:
-        """Select the rows to plot: configurations of each arm, evenly spaced in each shown cycle.
+        """Select the rows to plot, evenly spaced in each shown cycle, from the samples of each arm.
 
-        ``shown`` has an array (T, nq) per arm, which ``frames`` indexes.
+        ``shown`` has an array (T, nq) per arm, the robot's configurations at the samples of
+        ``frames``.
         """
         count = min(_JOINT_ROWS, frames.per_cycle)
         within = np.rint(np.linspace(0, frames.per_cycle - 1, count)).astype(int)
@@ -199,7 +203,7 @@ class JointRows:
         return JointRows(task, rows, count)
 
     def described(self) -> dict[str, Any]:
-        """Describe the joints in plain types: names, limits (None if unlimited), type, samples."""
+        """Describe the joints, without the rows, in plain types for JSON; None for no limit."""
         lower, upper = self.task.lower, self.task.upper
         return {
             "names": list(self.task.joint_names),
@@ -239,11 +243,10 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
 
 
 def _missed(Q: Array, frames: Frames) -> float:
-    """Evaluate the largest error, rad or m, of a motion as the page draws it.
+    """Evaluate the largest error, rad or m, of the cubics that the page draws between samples.
 
-    The error shows whether there are enough samples. The page draws a cubic through neighbouring
-    samples; the error is evaluated half-way between them. ``Q`` (T + 1, nq) holds all
-    configurations of the robot. ``frames`` are the samples that the page holds.
+    The error is evaluated half-way between neighbouring samples of ``frames``. ``Q`` (T + 1, nq)
+    has all configurations of the robot in the motion.
     """
     index = frames.index.reshape(-1, frames.per_cycle)
     if index.shape[1] < 4:
@@ -275,9 +278,9 @@ def animation_page(
     hands: Sequence[str] = ("hand",),
     joints: JointRows | None = None,
 ) -> str:
-    """Write a self-contained HTML page with one pane per arm, which repeats the shown cycles.
+    """Write a self-contained HTML page with one pane per arm: an animation, or the live viewer.
 
-    All pages with arms are made here: animations of motions, and the live viewer.
+    An animation repeats the shown cycles.
 
     Parameters
     ----------
@@ -290,28 +293,28 @@ def animation_page(
     surfaces
         Contents of the arms' mesh files.
     seconds
-        Time of one cycle at normal speed.
+        Duration of one cycle at normal speed, s.
     title, caption
         Texts that name the robot and the task. Line breaks of the caption are kept.
     part : (str, str)
-        Link and display name of the part that the page points at, usually the one that drifts most.
+        Link and display name of the part that the page marks, usually the most displaced one.
     planar
-        True if the arms are seen from above, as in a drawing.
+        True to show the arms from above, as in a drawing.
     headline
         Headline above the panes.
     live
-        True if a :class:`~repctl_pin.show.page.viewer.Viewer` sends the poses; the arms then hold
-        examples of poses.
+        True if a :class:`~repctl_pin.show.page.viewer.Viewer` sends the configurations; those of
+        the arms then only serve to find the shapes that move.
     names
-        Display name of the part that each shape belongs to, by the name of the shape; only for live
-        poses.
+        Display name of the arm's part to which a shape belongs, by the name of the shape; used if
+        ``live``.
     own
         Numbers with which the page follows a closed path that its visitor draws, see
-        :func:`.own_loop.own_loop`; None leaves that out.
+        :func:`.own_loop.own_loop`; None if the visitor cannot draw a path.
     hands
         Display names of the traced frames.
     joints
-        Joints of every arm over the shown cycles; None for none.
+        Joint positions for a plot over time; None for no plot.
 
     Returns
     -------
@@ -348,11 +351,10 @@ def animation_page(
 
 
 def _links(own: dict[str, Any] | None, arm: Arm) -> list[Any]:
-    """List, for each shape, the index of the joint that carries its link, and the part's name.
+    """List, for each shape, [index of the joint that moves its link, display name of its part].
 
-    The index is −1 for a link fixed to the base; None stands for a shape of the surroundings.
-    ``own`` holds the numbers for a visitor's own loop, see :func:`.own_loop.own_loop`; without
-    these numbers, all indices are None.
+    The index is −1 for a link fixed to the base; a shape of the surroundings has None instead of a
+    list. ``own`` are the numbers of :func:`.own_loop.own_loop`; without them, all entries are None.
     """
     return [None] * len(arm.shapes) if own is None else own["links"]
 
@@ -367,13 +369,13 @@ def _describe(
 ) -> dict[str, Any]:
     """Describe an arm in plain types for the page's script, and append its arrays to ``parts``.
 
-    ``library`` holds the number of each body in the viewer's library, ``link`` is the link of the
-    part that the page points at. ``rides`` (S,) marks shapes that can move, even if they do not
-    move in this motion.
+    ``frames`` are the samples of its motion, ``library`` has the number of each body in the
+    viewer's library, and ``link`` is the link of the part that the page marks. ``rides`` (S,) is
+    True for shapes that can move, even if they do not move in this motion.
 
-    The first array has the poses of M moving bodies (T, M, 7), a moving workpiece last. Tips and
-    elbows (T, K, 3) follow, then the origin of a violation (T, 3), if there is one, and the points
-    (P, 3) of each moving body. ``frames`` are the samples of its motion.
+    The first appended array has the poses of the M moving shapes (T, M, 7), then that of a moving
+    workpiece. Tips and elbows (T, K, 3) of K chains follow, then the origin of a violation (T, 3),
+    if there is one, and the points (P, 3) of each moving shape in one row.
     """
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)
@@ -424,19 +426,12 @@ def _describe(
 
 
 def is_planar(points: Array) -> bool:
-    """Test whether points (K, 3), m, lie in one horizontal plane.
-
-    The points are those of a robot and its path; a planar robot is shown from above, as in a
-    drawing.
-    """
+    """Test whether points (K, 3), m, of a robot and its path lie in one horizontal plane."""
     return bool(np.ptp(points[:, 2]) < 1e-9)
 
 
 def moving_of(placements: Array) -> NDArray[np.bool_]:
-    """Find which of S shapes move, from placements (T, S, 4, 4) at T samples: mask (S,).
-
-    For a shape that stands still, the page stores a single pose.
-    """
+    """Find which of S shapes move, from placements (T, S, 4, 4) at T samples: (S,), True if so."""
     return (
         np.ptp(placements, axis=0).reshape(placements.shape[1], -1).max(axis=1, initial=0.0) > 1e-12
     )
@@ -445,9 +440,8 @@ def moving_of(placements: Array) -> NDArray[np.bool_]:
 def poses_of(placements: Array) -> Array:
     """Convert rigid transforms (T, S, 4, 4) to positions and unit quaternions (T, S, 7).
 
-    The page stores quaternions because they are shorter than matrices. The order is x y z, qx qy qz
-    qw. A rotation has two quaternions, ±q; the one nearer to the previous sample's is used, so that
-    the page can interpolate.
+    The order is x, y, z, qx, qy, qz, qw. Of the two quaternions ±q of a rotation, the one nearer to
+    that of the previous sample is used, so that the page can interpolate.
     """
     R, p = placements[..., :3, :3], placements[..., :3, 3]
     q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:-2], 4)

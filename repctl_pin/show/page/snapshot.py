@@ -26,15 +26,17 @@ _START = "#9aa4ae"
 
 
 def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the arm at q (n,) as a polyline, for a drawing as a stick figure: (n + 1, 3), m.
+    """Compute the points of a stick figure of the arm at q (n,): (n + 1, 3), m, base frame.
 
-    Its points are the origins of the joints and of the task's frame, in the base frame.
+    They are the origins of the joints and of the task's frame.
     """
     return np.vstack([task.joint_origins(q), task.positions(q[None])])
 
 
 def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = False) -> Axes:
     """Draw the arm at the start (grey) and at the end of a motion, the path, and the elbow's trace.
+
+    Returns the axes.
 
     Parameters
     ----------
@@ -91,10 +93,10 @@ def still_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
 
 
 def viewed(figure: Figure, axes: list[Any], stations: NDArray[np.float64], flat: bool) -> Figure:
-    """Label all axes of a figure, and set the same view, in which arm and path are seen best.
+    """Label all axes of a figure, and give them the same view and limits; return the figure.
 
-    ``stations`` (P, 3), m, are points of the arm and of the path; ``flat`` is True for drawings of
-    x and y only. All axes get equal limits, so that the panels can be compared.
+    ``stations`` (P, 3), m, are points of the arm and of the path, from which the view is chosen;
+    ``flat`` is True for drawings of x and y only.
     """
     for ax in axes:
         ax.set_xlabel("x (m)")
@@ -109,10 +111,10 @@ def viewed(figure: Figure, axes: list[Any], stations: NDArray[np.float64], flat:
 
 
 def _same_room(axes: list[Any], flat: bool) -> None:
-    """Set equal limits on all axes, with one scale for all directions, to make panels comparable.
+    """Set the same limits on all axes, with one scale for all directions.
 
-    ``flat`` leaves out z. Each direction has at least a fifth of the largest range, so that its
-    tick labels do not overlap.
+    ``flat`` leaves out z. The range of each direction is at least a fifth of the largest range, so
+    that tick labels do not overlap.
     """
     names = "xy" if flat else "xyz"
     # (d, axes, 2)
@@ -139,8 +141,8 @@ def _same_room(axes: list[Any], flat: bool) -> None:
 def _azimuth(stations: NDArray[np.float64]) -> float:
     """Choose the azimuth of the view, degrees, from the side on which the arm works.
 
-    ``stations`` (P, 3) are points of the arm and the path; the last one counts as the place where
-    the arm works.
+    ``stations`` (P, 3) are points of the arm and, last, of the path. The side is the direction from
+    their mean to the last point.
     """
     tip = stations[-1]
     middle = stations.mean(axis=0)

@@ -143,27 +143,26 @@ class Viewer:
         target: ArrayLike | None = None,
         cycles: int = 0,
     ) -> None:
-        """Send a configuration (n,) for each name, in order, to the browser; returns at once.
+        """Send a configuration (n,) per controller, in the order of ``names``, and return at once.
 
         Parameters
         ----------
         configurations
             Current configuration of each controller.
         before
-            Configurations to compare with, one for each name, shown as grey outlines; by default
-            the first ones sent.
+            Configurations, one per controller, with which the current ones are compared; shown as
+            grey outlines. By default, those of the first call.
         out_of_reach
             True to show on the page that the target is out of reach.
         target : (3,) array, optional
             Target of the frame, m, base axes, which is drawn, and can be dragged.
         cycles
-            Number of cycles that are finished.
+            Number of completed cycles.
 
         Raises
         ------
         InputError
-            If the number of configurations differs from that of the names, or one has the wrong
-            size.
+            If there is not one configuration per controller, or one has the wrong size.
         """
         now = self._each(configurations)
         self._first = now if self._first is None else self._first
@@ -184,7 +183,7 @@ class Viewer:
             self._loop.call_soon_threadsafe(self._send)
 
     def _placements(self, Q: Array) -> Array:
-        """Place the shapes at Q (T, n) relative to the task's base: (T, S, 4, 4), m."""
+        """Compute the placements of S shapes at Q (T, n), relative to the base: (T, S, 4, 4), m."""
         rows = self.task.to_robot(Q)
         placements = self._visuals.placements(rows)
         if self.task.robot.base is None:
@@ -236,10 +235,10 @@ class Viewer:
         self.close()
 
     def _page(self, q0: Array, path: TaskPath | None) -> str:
-        """Write the HTML page of the viewer, and note which bodies move.
+        """Write the HTML page of the viewer, and set ``_moving``: the mask (S,) of moving shapes.
 
-        Moving bodies are found from three configurations: the start q0 (n,), and two that are
-        shifted by 0.3 rad or m in each joint. Only these bodies are sent later.
+        A shape moves if its placement differs between the start q0 (n,) and two configurations
+        that are shifted by 0.3 rad or m in each joint. Only placements of these shapes are sent.
         """
         task = self.task
         # which bodies move: those that differ between three configurations
@@ -319,8 +318,8 @@ class Viewer:
     def _moved(self, message: str) -> None:
         """Move the target by a message of the page, in JSON: ``"home"``, or [x, y, z], m.
 
-        Each move may be at most 0.1 m, and the target at most an arm's length away. An invalid
-        message is ignored.
+        A message with a component above 0.1 m, or an invalid one, is ignored. Each component of
+        ``offset`` is limited to the arm's length.
         """
         try:
             move = json.loads(message)
@@ -337,9 +336,10 @@ class Viewer:
 
 
 def _only_this_host(request: RequestHandler) -> None:
-    """Refuse, with status 403, a request that names a host other than this one.
+    """Refuse, with status 403, a request whose header Host is neither this host nor localhost.
 
-    Otherwise another site could make its name point here, and its pages could read the poses.
+    Otherwise another site could let its name point to this host, and its pages could read the
+    configurations.
     """
     if request.request.host_name not in (_HOST, "localhost"):
         request.send_error(403)
@@ -359,7 +359,7 @@ class _Page(RequestHandler):
 
 
 class _Poses(WebSocketHandler):
-    """Websocket of one browser, which receives poses and sends moves of the target."""
+    """Websocket to one browser, which sends it poses and receives moves of the target."""
 
     prepare = _only_this_host
 
@@ -384,10 +384,10 @@ class _Poses(WebSocketHandler):
             self.viewer._moved(message)
 
     def give(self, poses: bytes) -> None:
-        """Send the newest poses to the browser, unless an earlier message is still on its way.
+        """Send poses, as encoded by :meth:`Viewer.show`, unless an earlier message is being sent.
 
-        A slow browser misses some poses, but always gets the last. ``poses`` are the bytes of
-        :meth:`Viewer.show`.
+        When that message has been sent, the newest poses follow: a slow browser misses some poses,
+        but always receives the last ones.
         """
         if self.busy or poses is self.sent:
             return

@@ -86,7 +86,7 @@ def _bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) ->
 
 
 def _least_over_cycles(ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], cycles: int) -> None:
-    """Draw lines of a minimum per cycle, and shade the range below 0 in grey: a violation.
+    """Draw the minimum of a quantity in each cycle; the range below 0, a violation, is grey.
 
     Each line is a label, a colour and an array (cycles,), such as the minimum body distance, m.
     """
@@ -107,7 +107,7 @@ def _least_over_cycles(ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], c
 def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
     """Find the minimum of values in each cycle of a motion, both ends included: (cycles,).
 
-    ``values`` are at equal steps over the whole motion, with one more value at the end.
+    ``values`` (cycles · K + 1,) are given at equal steps over the whole motion, K per cycle.
     """
     steps = (len(values) - 1) // motion.cycles
     return np.array([values[k * steps : (k + 1) * steps + 1].min() for k in range(motion.cycles)])

@@ -73,16 +73,14 @@ _VARIATION = 0.05
 
 
 def varies(values: NDArray[np.float64], top: float | None = None) -> bool:
-    """Check whether values over two joints vary enough to be drawn as a map: by 5 % of the scale.
-
-    A map of a single colour would show nothing.
+    """Test whether values over two joints vary enough to be drawn as a map: by 5 % of ``top``.
 
     Parameters
     ----------
-    values : (l, k) array
+    values : (rows, columns) array
         Values; nan where the quantity is undefined.
     top
-        Largest value of the colour scale; by default the largest of the values.
+        Upper end of the colour scale; by default the largest absolute value.
     """
     shown = values[np.isfinite(values)]
     return shown.size > 0 and bool(np.ptp(shown) >= _VARIATION * (top or np.abs(shown).max()))
@@ -108,9 +106,10 @@ def joint_map(
     design
         Design whose Ω is mapped.
     grid
-        Indices of the two joints, horizontal and vertical, and their positions on the grid.
-    values : (l, k) array
-        Values, one row for each position of the vertical joint; nan stays blank.
+        Grid, with the indices of the horizontal and the vertical joint, and their positions.
+    values : (k, k) array
+        Values in the order of ``grid.distance``: one row per position of the vertical joint. Where
+        a value is nan, the map is blank.
     label
         Label of the colour bar, with the unit.
     top
@@ -182,14 +181,15 @@ def design_figure(
 
 
 _Map = tuple[NDArray[np.float64], str, float | None]
-"""Values over two joints, their label, and the best value if large is good, else None."""
+"""Values over two joints, their label, and their largest possible value if large values are good;
+None if small values are good."""
 
 
 def maps_that_vary(*maps: _Map) -> list[_Map]:
-    """Select the maps that vary enough to be drawn; the first one if none does.
+    """Select the maps that vary enough to be drawn; the first map if none does.
 
-    Each map has its values over two joints, its label, and the best value; None as best value means
-    that small values are good.
+    A map is a tuple of its values over two joints, their label, and their largest possible value if
+    large values are good, else None.
     """
     return [one for one in maps if varies(one[0], one[2])] or [maps[0]]
 

@@ -153,9 +153,9 @@ _LEAST = 1e-17
 
 
 def _top(curves: Sequence[_Curve]) -> float | None:
-    """Choose the upper end of a linear axis so that one large drift does not flatten the rest.
+    """Choose the upper end of a linear axis from the curves that :func:`_near` keeps.
 
-    Curves that :func:`_near` leaves out then exceed the axis. Return None if no curve is left out.
+    The other curves then exceed the axis. The result is None if all curves are kept.
     """
     kept = {label for label, _, _ in _near([curve[:3] for curve in curves])}
     if len(kept) == len(curves):
@@ -164,11 +164,11 @@ def _top(curves: Sequence[_Curve]) -> float | None:
 
 
 def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion, str]]:
-    """Leave out motions that would hide the drift of the others on a linear scale.
+    """Select the motions that can be drawn on one linear scale.
 
-    These motions move far away in cycle 1, to more than four times the others' drift, and stay
-    there, such as under a controller with a posture task. ``motions`` lists the label, motion and
-    colour of each.
+    Motions are left out that drift in cycle 1 by more than four times the drift of the others, and
+    hardly further, as under a controller with a posture task. ``motions`` lists the label, motion
+    and colour of each.
     """
     rest = max((float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)), default=0.0)
     return [
@@ -179,9 +179,9 @@ def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion,
 
 
 def _stays(drift: NDArray[np.float64]) -> bool:
-    """Check whether nearly all of a drift (cycles,) occurs in the first of several cycles.
+    """Test whether nearly all of a drift (cycles,) occurs in the first of several cycles.
 
-    Such a motion moves to another configuration and is closed from there on.
+    Such a motion moves to another configuration and is closed from then on.
     """
     return len(drift) > 1 and bool(drift[-1] < 1.1 * drift[0])
 
@@ -231,10 +231,10 @@ def _end_words(curve: _Curve, high: float) -> str:
 
 
 def _apart(rising: Sequence[float], heights: Sequence[float]) -> list[float]:
-    """Shift labels so that none covers another or leaves the axes; return their new positions.
+    """Shift labels vertically so that none covers another; return the positions of their centres.
 
-    ``rising`` has the sorted heights at which the lines end, and ``heights`` the heights of the
-    texts, all as fractions of the axes.
+    ``rising`` has the positions at which the lines end, in increasing order, and ``heights`` the
+    heights of the texts, all as fractions of the axes' height.
     """
     places = []
     floor = -np.inf
@@ -395,9 +395,9 @@ def plain(text: str) -> str:
 
 
 def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
-    """Draw a figure as the bytes of a PNG file, with options of matplotlib's ``savefig``.
+    """Draw a figure as the bytes of a PNG file; ``options`` are those of ``Figure.savefig``.
 
-    The layout is computed first, without drawing, so that nothing is drawn twice.
+    The layout is computed first, so that matplotlib does not draw twice.
     """
     layout = figure.get_layout_engine()
     if layout is not None and "bbox_inches" not in options:
@@ -432,20 +432,19 @@ _PAD = 0.045
 def _arrange(
     figure: Figure, axes: NDArray[np.object_], *, top: float, bottom: float, gap: float = 0.0
 ) -> None:
-    """Place a grid of axes (rows, columns) in a figure, with the given margins in inches.
+    """Place a grid of axes in a figure, with space for tick labels on the left, texts on the right.
 
-    The space left of the axes fits their tick labels, and the space on the right fits their notes.
-    Each text is measured once. matplotlib's constrained layout measures everything four times, and
+    Each text is measured once. matplotlib's constrained layout measures each four times, which
     takes longer than all drawing.
 
     Parameters
     ----------
-    figure, axes
-        Figure, and its axes.
+    figure : Figure
+    axes : (rows, columns) array of Axes
     top, bottom
-        Space above the first row, and below the last row.
+        Space above the first row, and below the last row, inches.
     gap
-        Space between two rows.
+        Space between two rows, inches.
     """
     (rows, columns), (width, height) = axes.shape, figure.get_size_inches()
     high = (height - top - bottom - (rows - 1) * gap) / rows

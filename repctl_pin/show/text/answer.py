@@ -54,7 +54,7 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     study
         The study.
     files
-        Lines on the files that were written, printed at the end.
+        Lines of text on the files that were written, which follow the notes.
 
     Returns
     -------
@@ -94,10 +94,7 @@ def _title(row: Row) -> str:
 
 
 def _about(study: Study) -> str:
-    """Write one line that names the arm, its task, its path and the number of cycles.
-
-    The line follows the first sentence of the answer.
-    """
+    """Write one line that names the arm, its task, its path and the number of cycles."""
     moved = (row.motion for row in study.rows if row.motion is not None)
     cycles = next((motion.cycles for motion in moved), 0)
     times = counted(cycles, "cycle")
@@ -108,10 +105,9 @@ def _about(study: Study) -> str:
 
 
 def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
-    """Format the short table, with a column for each compared strategy, such as J⁺.
+    """Format the short table, with one column per strategy, as spans to print one after the other.
 
-    Values are spans with the tones ``bad`` and ``good``, which are shown as colours. A line below
-    the table counts the bodies that are not checked for collisions, if there are any.
+    A line below the table gives the number of bodies that are not checked for collisions, if any.
     """
     header = ["", *("\n".join(textwrap.wrap(_title(row), NARROW + 4)) for row in rows)]
     cells = [[Span(name), *line] for name, line in _cells(study, rows)]
@@ -124,9 +120,8 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
 def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
     """Format the displacements of the hand and of the farthest part, for every controller.
 
-    The report puts these two rows above its table. The rows are the maximum distance of the hand
-    from its path, and the final displacement of the part that drifted most. Each row is a name, and
-    a text per controller.
+    Each of the two rows is a name, and a text per controller: the maximum distance of the hand, the
+    task's frame, from its path; and the displacement of the most displaced part.
     """
     rows = _cells(study, study.rows)[:2]
     return [(name, [cell.text for cell in line]) for name, line in rows]
@@ -135,8 +130,8 @@ def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
 def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     """List the rows of the short table: name of a quantity, and its value for every controller.
 
-    A value is a span, a text with a tone. A controller that stopped has the word ``stopped`` in
-    each row. The distance of the closest links is left out if no body could be checked.
+    A controller that stopped has the word ``stopped`` in each row. The row of the body distance is
+    left out if no body has a collision shape.
     """
     summaries = [row_summary(row) for row in rows]
     some = next((row.motion for row in rows if row.motion is not None), None)
@@ -173,7 +168,7 @@ def _column(
     """Format the values of one controller, in the order of the rows of the short table.
 
     ``usual`` is the summary of J⁺, with which the joint speed is compared; None if J⁺ stopped.
-    ``ends`` holds the link of another end effector that does not end where it began, or nothing.
+    ``ends`` lists links of further end effectors whose displacement has a row: none or one.
     """
     off = float(motion.tracking_error.max())
     drift = number(float(motion.drift[-1]))
@@ -192,7 +187,8 @@ def _column(
 def _part(summaries: Sequence[MotionSummary | None]) -> str:
     """Name the most displaced part; "farthest part" if it differs between the controllers.
 
-    Motions in which all parts return are ignored. A summary of None means that a strategy stopped.
+    Motions that end with all parts where they began are ignored, as are controllers that stopped,
+    whose summary is None.
     """
     names = {one.part for one in summaries if one is not None and not one.back}
     return names.pop() if len(names) == 1 else "farthest part"
@@ -201,8 +197,8 @@ def _part(summaries: Sequence[MotionSummary | None]) -> str:
 def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
     """Format the extra joint speed relative to J⁺, such as ``+3 %``; a dash if it is meaningless.
 
-    The extra speed is meaningless for J⁺ itself, whose summary is ``usual``, if J⁺ stopped, or if
-    either motion leaves its path.
+    It is meaningless for J⁺ itself, whose summary is ``usual``; if J⁺ stopped (``usual`` is None);
+    and if either motion leaves its path.
     """
     if usual is None or summary is usual or not usual.speed > 0:
         return Span("–")
@@ -224,7 +220,7 @@ def _limits(summary: MotionSummary) -> Span:
 
 
 def _links(summary: MotionSummary) -> Span:
-    """Format the minimum body distance of a motion, ``collide!``, or ``not checked``."""
+    """Format the minimum body distance: ``collide!`` below 0, ``not checked`` if it is None."""
     if summary.body_distance is None:
         return Span("not checked", "near")
     if summary.collision_cycle:
@@ -233,11 +229,10 @@ def _links(summary: MotionSummary) -> Span:
 
 
 def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
-    """List the notes of a study that the sentence and the lines above do not contain yet.
+    """List the notes of a study, except those on violations, which have lines of their own.
 
-    First come the reasons of strategies that stopped, except J⁺ and the repeatable one, then the
-    others, sorted by :func:`_rank`. The last ones are left out if the terminal has no space for
-    all.
+    First come the reasons why controllers stopped, except J⁺ and the repeatable one, which the
+    headline names; then the other notes, sorted by :func:`_rank`.
     """
     said = {f"{row.label}: {violation}" for row in rows for violation in violation_texts(row)}
     notes = [note for note in study.notes if note not in said]
@@ -250,10 +245,7 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
 
 
 def _rank(note: str) -> int:
-    """Rank a note by its first words: 0 is listed first, 2 last.
-
-    If the terminal has too few rows, the last notes are left out.
-    """
+    """Rank a note by its first words: notes of rank 0 are listed first, of rank 2 last."""
     return 0 if note.startswith(_FIRST) else 2 if note.startswith(_LAST) else 1
 
 
@@ -266,9 +258,9 @@ def _meanings(study: Study) -> list[str]:
 
 
 def _as_many(notes: Sequence[str], rows: int) -> list[str]:
-    """Select as many notes as fit into a number of terminal rows, and add how many are left out.
+    """Select as many notes as fit into ``rows`` terminal rows, and add how many are left out.
 
-    Without this, the sentence and the table would scroll out of a small terminal.
+    More rows would let the sentence and the table scroll out of a small terminal.
     """
     taken = list(notes)
     if _height_of(taken) <= rows:

@@ -1,9 +1,11 @@
 """Headline of a page and of a terminal: which part of the arm has drifted, and how far.
 
-Its notes give the extra joint speed of the repeatable controller, the limits and the bodies. The
-displacement of a part is the distance between its positions at the start and after all cycles. The
-part is back if its displacement is less than 0.1 mm. A summary holds the numbers of one motion. A
-span is a piece of text with a tone (``bad``, ``good``), which is shown as colour.
+Its notes give the extra joint speed of the repeatable controller, limits and body distances. The
+displacement of a part is the distance between its positions at the start and after all cycles; a
+part is back if its displacement is below 0.1 mm. The hand is the task's frame. A summary
+(:class:`.MotionSummary`) has the numbers of one motion; the label of a controller is its name in a
+study, such as ``J⁺``. A :class:`.Span` is a piece of text with a tone (``bad``, ``good`` or
+``near``), which a page and a terminal show as colour; lists of spans are joined to one text.
 """
 
 from __future__ import annotations
@@ -68,10 +70,10 @@ def hands_are(count: int) -> str:
 
 @dataclass(frozen=True)
 class Headline:
-    """Sentence on the drift of the arm, and notes on joint speed, limits and bodies.
+    """Sentence on the drift of the arm, as spans, and notes on joint speed, limits and bodies.
 
-    Both are spans, pieces of text with tones, which a page and a terminal show as colours.
-    ``str()`` joins them without colours. ``about`` explains the sentence, in the dialog of a page.
+    ``str()`` joins both without colours. ``about`` is an explanation of the sentence, which a page
+    shows on request.
     """
 
     sentence: tuple[Span, ...]
@@ -96,11 +98,11 @@ def under(label: str) -> str:
 
 
 def names_of(label: str) -> dict[str, str]:
-    """Collect what a page writes about a controller, from its label, such as ``J⁺``.
+    """Collect the texts with which a page names a controller, from its label, such as ``J⁺``.
 
-    ``title`` is the title of the pane, and ``law`` the technical name that follows in brackets.
-    ``about`` says what the controller does, and ``under`` is its name in a sentence. ``law`` and
-    ``about`` can be empty.
+    ``title`` is the title of its pane, ``law`` the technical name in brackets that follows the
+    title, ``about`` a sentence on what the controller does, and ``under`` its name in a sentence.
+    ``law`` and ``about`` can be empty.
     """
     return {
         "title": _TITLES.get(label, label),
@@ -113,7 +115,7 @@ def names_of(label: str) -> dict[str, str]:
 def stopped_words(label: str, failure: str) -> str:
     """Write a sentence that says why a controller has no motion to show.
 
-    ``label`` is the controller's label, ``failure`` its :attr:`.Row.failure`.
+    ``failure`` is the attribute :attr:`.Row.failure` of the controller's row in a study.
     """
     if failure.startswith(UNRESOLVED):
         return f"{capital(under(label))} {UNRESOLVED}."
@@ -121,9 +123,9 @@ def stopped_words(label: str, failure: str) -> str:
 
 
 def stopped_cell(row: Row) -> str:
-    """Write the cell of a table for a row without a motion: ``stopped``, or a dash.
+    """Write the cell of a table for a controller without a motion: ``stopped``, or a dash.
 
-    The dash marks a motion that depends on the number of steps, and so is not a result.
+    A dash means that the motion was rejected, because its drift depends on the number of steps.
     """
     return "–" if row.stopped.startswith(UNRESOLVED) else "stopped"
 
@@ -131,8 +133,7 @@ def stopped_cell(row: Row) -> str:
 def study_headline(study: Study) -> Headline:
     """Write the headline of a study, which compares J⁺ with the nearest repeatable inverse.
 
-    The report, the page and the terminal begin with it. A strategy that stopped has its own
-    sentence.
+    For a controller that stopped, a sentence gives the reason.
     """
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
     stopped = [stopped_words(row.label, row.failure) for row in rows if row.motion is None]
@@ -146,19 +147,18 @@ def headline_of(
 ) -> Headline:
     """Write the headline: which part has drifted, how far, and the cost of a repeatable motion.
 
-    A page and a terminal begin with it. The cost is the extra joint speed of the last motion
-    relative to the first.
+    The cost is the extra joint speed of the last motion relative to the first.
 
     Parameters
     ----------
     summaries
         Summary of each motion: the first is the reference, the last the repeatable one.
     cycles
-        Number of cycles of each.
+        Number of cycles, the same for all motions.
     stopped
-        Sentences about motions that stopped.
+        Sentences on controllers that stopped.
     hands
-        Number of arms that follow paths in each motion.
+        Number of frames that the task controls.
     """
     times = counted(cycles, "cycle")
     said = [
@@ -189,7 +189,10 @@ def headline_of(
 
 
 def _collide(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write that bodies collide in the last motion, which would be run, or in all motions."""
+    """Write that bodies collide in the last motion, or in all; empty if not in the last.
+
+    The last motion is the one that a user would run.
+    """
     hit = [one for one in summaries if one.collision_cycle and one.near]
     if len(summaries) < 2 or summaries[-1] not in hit:
         return []
@@ -206,10 +209,9 @@ def _whole(text: str) -> str:
 
 
 def _is_open(one: MotionSummary) -> bool:
-    """Return whether the hand does not end where it began, although it does not leave its path.
+    """Test whether the hand does not end where it began, although it never leaves its path.
 
-    The path is then not closed, or is unknown because the motion was read from a file. ``one`` is
-    the summary of the motion.
+    The path is then not closed, or unknown because the motion was read from a file.
     """
     return one.path_loss is None and one.hand_off > ON_PATH * one.size
 
@@ -218,8 +220,8 @@ def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
     """Write which part or joint is displaced, and by how much under each controller.
 
     The part is the one that is displaced most under any controller. If no part is displaced by 1 cm
-    or more, a joint is named that is displaced by 0.1 rad or more. ``after`` is the text on the
-    number of cycles; empty if the sentence before has it.
+    or more, a joint is named instead that is displaced by 0.1 rad or more. ``after`` begins the
+    sentence, such as "After 10 cycles "; empty if the sentence before gives the number of cycles.
     """
     worst = max(summaries, key=lambda one: one.off)
     numbered = worst.part.removeprefix("link ").isdigit()
@@ -242,27 +244,25 @@ def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
 
 
 def _by(one: MotionSummary, summaries: Sequence[MotionSummary]) -> str:
-    """Write the end of a phrase that names a controller, such as " under the usual control".
+    """Write " under" and the name of a controller, such as " under the usual control".
 
-    The text is empty if there is only one controller.
+    The text is empty if ``summaries`` has only one controller.
     """
     return f" under {under(one.label)}" if len(summaries) > 1 else ""
 
 
 def _alone(one: MotionSummary) -> str:
-    """Name a controller in a sentence that compares it with no other one.
+    """Name a controller in a sentence that names no other controller.
 
-    A repeatable controller is then called "the repeatable control" instead of "the repeatable one";
-    other controllers keep their label.
+    The repeatable controller is then "the repeatable control" instead of "the repeatable one".
     """
     return under(one.label).replace("repeatable one", "repeatable control")
 
 
 def _winds(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write that the path winds around the first joint's axis, if a motion on it is not closed.
+    """Write that the path winds around the first joint's axis, so that motions need not close.
 
-    Such a path cannot be shrunk to a point, so even a repeatable controller need not close the
-    motion. If all motions are closed, the list is empty.
+    The list is empty if the path does not wind around the axis, or all motions are closed.
     """
     turns, joint = summaries[-1].winding if summaries else (0, "")
     if not turns or all(one.back and not one.turned for one in summaries):
@@ -275,8 +275,8 @@ def _winds(summaries: Sequence[MotionSummary]) -> list[Span]:
 def end_name(link: str) -> str:
     """Name the kind of a link at the end of another branch: other hand, foot, head, or other end.
 
-    The task does not control that branch, but it may move with the arm. The word is found in the
-    link's name.
+    Such a branch is not controlled by the task, but may move with the arm. The kind is found from
+    words in the link's name.
     """
     spoken = set(link_words(link))
     found = next((name for name, known in _END_NAMES if spoken & known), "end")
@@ -284,10 +284,10 @@ def end_name(link: str) -> str:
 
 
 def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
-    """List the other end effectors that end 1 cm or more from their start under some controller.
+    """List the links of other end effectors that end 1 cm or more from their start.
 
-    The task does not control them, but the arm moves them. The list has the names of their links:
-    hands first, then by distance, the largest first.
+    The task does not control them, but the arm moves them. A displacement under any controller
+    counts. Hands come first, then the others, each by decreasing displacement.
     """
     most: dict[str, float] = {}
     for one in summaries:
@@ -300,8 +300,7 @@ def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
 def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
     """Write which end effectors that the task does not control are displaced, and how far.
 
-    The displacement is the distance from the start, m. The list of texts is empty if all end
-    effectors return.
+    The list is empty if none is displaced by 1 cm or more.
     """
     ends = ends_off(summaries)
     if not ends:
@@ -325,8 +324,8 @@ def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
 def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
     """Write under which controllers the hand leaves its path or is not back at the end.
 
-    ``times`` is the number of cycles in words, ``10 cycles``. The list of texts is empty if all
-    motions follow the path and end where they began.
+    ``times`` is the number of cycles as text, ``10 cycles``. The list is empty if the hand follows
+    its path in all motions, and ends where it began.
     """
     said = []
     for one in summaries:
@@ -350,26 +349,26 @@ def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
 def off_of(one: MotionSummary) -> Span:
     """Format the displacement of the most displaced part at the end of all cycles.
 
-    The tone is ``good`` for 0, and ``bad`` from 1 cm up. ``one`` is the summary of the motion.
+    The tone is ``good`` for 0, and ``bad`` from 1 cm up.
     """
     tone = "good" if one.back else "bad" if one.off >= SMALL else ""
     return Span(displacement(one.off), tone, _exact(one))
 
 
 def _exact(one: MotionSummary) -> str:
-    """Write the most displaced link, and its displacement, m, with three digits.
+    """Write the most displaced link, and its displacement with three digits: ``link4: 0.0321 m``.
 
-    Readers can look up this exact value of a rounded text. ``one`` is the summary of the motion.
+    A page shows this exact value of a rounded text on request.
     """
     return f"{one.link}: {one.off:.3g} m"
 
 
 def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
-    """Format the displacement of the farthest part, m, under each controller: a text per summary.
+    """Format the displacement of the most displaced part under each controller: one span each.
 
-    ``unit`` is the text after each value, such as " from its start"; it is left out after a 0,
-    unless that 0 is the first value. If the most displaced part depends on the controller, the
-    smaller values name their part.
+    ``unit`` is a text that follows each value, such as " from its start"; it is left out after a 0
+    that is not the first value. If the most displaced part differs between controllers, the values
+    of other parts than the one with the largest displacement name their part.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
@@ -382,9 +381,9 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
 
 
 def _turned(one: MotionSummary) -> Span:
-    """Format the final displacement of a joint, rad, if the parts are hardly displaced.
+    """Format the final displacement, rad, of the most displaced revolute joint.
 
-    The tone is ``bad`` from 0.1 rad up. ``one`` is the summary of the motion.
+    The tone is ``bad`` from 0.1 rad up, else ``good``.
     """
     angle = one.joint_displacement[0]
     value = "0" if angle < _UNTURNED else _whole(radians(angle))
@@ -394,7 +393,7 @@ def _turned(one: MotionSummary) -> Span:
 def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     """Write the notes of a headline: extra joint speed, limits, body distances, unchecked bodies.
 
-    They name the limits violated in these ``cycles``, and those that a further drift will violate.
+    Limits are named that are violated in ``cycles`` cycles, or will be if the drift continues.
     """
     return [
         *_extra_speed(summaries[0], summaries[-1], cycles),
@@ -407,9 +406,9 @@ def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list[Span]:
     """Write the extra joint speed (rms) of the last motion relative to the first.
 
-    The text gives it for cycle 1, which both motions begin in the same configuration, and for all
-    ``cycles``. If the first motion is that of J⁺, this is the cost of repeatability. The list has
-    one text. It is empty for a single motion, or if one of the two leaves its path.
+    It is given for cycle 1, which both motions begin in the same configuration, and for all
+    ``cycles`` cycles. The list is empty if there is only one motion, or one of the two leaves its
+    path.
     """
     moves = first.speed > 0 and first.mean_speed > 0
     if last is first or not moves or first.path_loss or last.path_loss:
@@ -434,12 +433,9 @@ def _faster(cost: float) -> str:
 
 
 def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
-    """Write which joint and speed limits are violated, and which a further drift will violate.
+    """Write which joint and speed limits are violated, or will be if the drift continues.
 
-    Each violation is one text, with a tone.
-
-    Without a violation, the text says that the joint limits are kept. If the drift will violate a
-    limit later, it says that the limits are kept in these ``cycles``.
+    Without a violation in ``cycles`` cycles, the text says that the joint limits are kept.
     """
     said = []
     for one in summaries:
@@ -457,10 +453,10 @@ def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
 
 def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
-    """Write which joints leave their ranges if the drift goes on: a list of one text, or none.
+    """Write which joints leave their ranges after ``cycles`` cycles if the drift continues.
 
     Controllers under which the same joint leaves its range in the same cycle are named together.
-    ``cycles`` is the number of cycles of the motions.
+    The list is empty if no joint does.
     """
     exits: dict[tuple[int, str], list[MotionSummary]] = {}
     for one in summaries:
@@ -477,10 +473,10 @@ def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write collisions and the minimum body distance, one text for each.
+    """Write collisions and minimum body distances.
 
-    Links are named if they collide or are less than 2 cm apart; otherwise one text gives the
-    minimum over all motions.
+    Links are named if they collide or come within 2 cm; if none do, one text gives the minimum
+    distance over all motions.
     """
     known = [one for one in summaries if one.body_distance is not None]
     free = [one for one in known if not one.collision_cycle]
@@ -520,8 +516,7 @@ def _distance(one: MotionSummary) -> str:
 def _unchecked(summaries: Sequence[MotionSummary]) -> list[Span]:
     """Write how many bodies without a collision shape are not checked for collisions.
 
-    Otherwise the user could believe that such bodies are free of collisions. The list has one text;
-    it is empty if all bodies are checked.
+    The list is empty if all bodies are checked.
     """
     texts = dict.fromkeys(one.unchecked for one in summaries if one.unchecked)
     return [Span(f"Collisions not checked: {text}.", "near") for text in texts]

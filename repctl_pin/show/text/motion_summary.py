@@ -33,14 +33,12 @@ TURNED = 0.1
 class MotionSummary:
     """The quantities of one motion that headlines and short tables report.
 
-    Each is evaluated once, for a page and for a terminal.
-
     Attributes
     ----------
     label : str
         Name of the controller.
     off : float
-        Displacement of the most displaced part at the end, m, see :mod:`.body_displacement`.
+        Displacement of the most displaced part at the end, m.
     speed : float
         Joint speed ‖q̇‖ over the first cycle, rms, rad/s or m/s.
     mean_speed : float
@@ -71,8 +69,8 @@ class MotionSummary:
     ends : dict of str to float
         Displacement at the end of each other end effector that moves with the arm, m, by link.
     checked : str
-        Text that says at how many points body distances were checked; empty if the minimum holds
-        between the samples too.
+        Text, to follow the minimum body distance, that says at how many points of the motion it was
+        checked; empty if it is the minimum over the whole motion.
     unchecked : str
         Text on the bodies that are not checked for collisions, see :attr:`.Bodies.not_checked`.
     leaves : (int, str) or None
@@ -107,17 +105,14 @@ class MotionSummary:
 
     @property
     def back(self) -> bool:
-        """True if every part of the arm is back where it began, within a tenth of a millimetre.
-
-        A headline then states this, and names no part.
-        """
+        """True if every part of the arm ends within 0.1 mm of where it began."""
         return self.off < NOTHING
 
     @property
     def turned(self) -> bool:
-        """True if no part is displaced by 1 cm, but a revolute joint is by 0.1 rad or more.
+        """True if no part is displaced by 1 cm or more, but a revolute joint by 0.1 rad or more.
 
-        A headline then names the joint, because the drift of the arm can hardly be seen.
+        A headline then names the joint instead of a part.
         """
         return self.off < SMALL and self.joint_displacement[0] >= TURNED
 
@@ -125,9 +120,7 @@ class MotionSummary:
 def motion_summary(
     label: str, motion: JointMotion, moved: tuple[str, float], *, bodies: bool = True
 ) -> MotionSummary:
-    """Extract the quantities of a motion that a headline reports, without its outlook.
-
-    The outlook is added by :func:`with_outlook`.
+    """Summarise a motion, without its outlook, which :func:`with_outlook` adds.
 
     Parameters
     ----------
@@ -136,9 +129,9 @@ def motion_summary(
     motion
         The motion.
     moved : (str, float)
-        The most displaced part at the end, as its link, and its displacement, m.
+        Link of the most displaced part at the end, and its displacement, m.
     bodies
-        True to evaluate body distances. Body distances are wrong if joints outside the task move.
+        True to evaluate body distances; they are valid only if no joint outside the task moves.
     """
     task, closes = motion.task, motion.closes
     (link, off), first, last = moved, motion.q[0], motion.q[-1]
@@ -174,17 +167,14 @@ def motion_summary(
 
 
 def with_outlook(summary: MotionSummary, played: Sequence[JointMotion]) -> MotionSummary:
-    """Add to the summary of a motion its outlook, and the two links with the minimum distance.
-
-    The outlook is the cycle in which a joint leaves its range if every further cycle drifts like
-    the last one; it warns of a violation after the last cycle shown.
+    """Copy the summary of a motion with ``leaves``, its outlook, and ``near``, the closest links.
 
     Parameters
     ----------
     summary
         Summary of the motion.
     played
-        The motion of each chain of the robot.
+        The same motion, split into the motions of the joints of each chain.
     """
     found = [leaves for leaves in map(leaves_range, played) if leaves is not None]
     near = () if summary.body_distance is None else played[0].clearance.links

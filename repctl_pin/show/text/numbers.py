@@ -63,5 +63,5 @@ def counted(count: int, noun: str) -> str:
 
 
 def row(values: Iterable[float], digits: int = 4) -> str:
-    """Format numbers in one line, each with the given number of digits."""
+    """Format numbers with the given number of significant digits, separated by commas."""
     return ", ".join(f"{value:.{digits}g}" for value in values)

@@ -102,7 +102,7 @@ def _two_norms(study: Study) -> dict[str, str]:
     """Write the design's cost in the Frobenius and the spectral norm, as a dict from label to text.
 
     The cost is the mean squared distance of the design from the desired inverse over its region Ω.
-    For r = 1 the two norms agree, and the dict is empty; for r > 1 publications may use either.
+    With one degree of redundancy the two norms agree, and the dict is empty.
     """
     if study.task.r == 1:
         return {}
@@ -167,8 +167,8 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
 def _cell(quantity: Quantity, row: Row) -> str:
     """Format the value of a quantity for one controller, with a mark if it is bad.
 
-    ``!`` marks a bad value. A missing value is shown by a text of the quantity, such as
-    ``not checked``.
+    ``!`` marks a bad value. Without a value, the text is ``lacking`` or ``stopped`` of the
+    quantity, such as ``not checked``.
     """
     motion = row.motion
     if quantity.of is None:

@@ -74,8 +74,9 @@ def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array
     try:
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
     except (TypeError, ValueError, OverflowError):
+        many = f" or {size}" if size > 1 else ""
         raise InputError(
-            f"must be one number in {unit} or {size}, {each}; got {shown(value)}", argument=name
+            f"must be one number in {unit}{many}, {each}; got {shown(value)}", argument=name
         ) from None
     if not (np.isfinite(array).all() and (array >= 0).all()):
         raise InputError(f"must be 0 {unit} or more; got {value!r}", argument=name)
@@ -129,11 +130,11 @@ def as_axis(task: Task, axis: ArrayLike | None) -> Array:
 
 
 def as_half_width(value: Any, name: str, unit: str) -> float:
-    """Check one half-width, 0 or more, and return it as float.
+    """Check one half-width, 0 or from 1e-6 to 1000, and return it as float.
 
-    ``name`` and ``unit``, "m" or "rad", are for error messages.
+    ``name`` of the argument and ``unit``, "m" or "rad", are for error messages.
     """
-    return float(sizes(value, 1, name, unit, "of the middle to either side")[0])
+    return float(sizes(value, 1, name, unit, "half of the whole width")[0])
 
 
 def as_height(task: Task, height: float) -> float:
