@@ -148,7 +148,7 @@ def test_an_error_of_a_cell_keeps_its_parts_when_copied() -> None:
         (["check", "ppr", "--start", "1,2,1e9"], "--start: "),
         (
             ["study", "ppr", "--path", "loop.csv", "--plane", "xy"],
-            "--plane: the points of loop.csv",
+            "--plane: the points of the file loop.csv",
         ),
         (["design", "planar4r", "--fourier", "99", "--degree", "1"], "--fourier 99: order 99 in 4"),
     ],
