@@ -26,7 +26,7 @@ KindName = Literal["pose", "axis", "position", "xy", "xz", "yz"]
 
 
 class Kind(str):
-    """Kind of a task: a str, such as ``pose``, that knows which coordinates the task commands.
+    """Kind of a task: its name, a str such as ``pose``, with the coordinates that it commands.
 
     Attributes
     ----------

@@ -469,7 +469,7 @@ class Robot(Mechanism):
 
     @property
     def default_frame(self) -> str:
-        """Default frame of a task: the catalogue's, else the best at the end of the longest arm.
+        """Default frame of a task: the catalogue's, else a link at the end of the longest arm.
 
         An arm ends before its fingers, see :func:`repctl_pin.model.end_effectors.arm_ends`. Among
         the rigidly connected links there, one named as a tool (``tcp``, ``tool0``, ``ee_link``,

@@ -414,7 +414,11 @@ class Task:
             )
         if given is not None and given.shape == (self.n,) and not np.isfinite(given).all():
             bad = self.joint_names[int(np.argmin(np.isfinite(given)))]
-            raise InputError(f": the value of {bad!r} is not a finite number", argument=what)
+            raise InputError(
+                f": the value of joint {bad!r} is not a finite number",
+                argument=what,
+                remedy="correct it",
+            )
         q = vector(q, self.n, what)
         lower, upper, turns = self.lower, self.upper, self.revolute
         outside = ~((q >= lower - beyond) & (q <= upper + beyond))

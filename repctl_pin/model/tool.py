@@ -134,12 +134,13 @@ def placement_between(task: Task, other: Task) -> pin.SE3:
     Raises
     ------
     InputError
-        If joints move one frame relative to the other, or the tasks differ in joints or kind.
+        If joints move one frame relative to the other, or the tasks differ in their joints or their
+        number of coordinates.
     """
     if other.joint_names != task.joint_names or other.m != task.m:
         raise InputError(
             f"{other.frame!r} is not on the body of {task.frame!r}: different joints move the two",
-            remedy="give a link that is fixed to it",
+            remedy=f"give a link that is fixed to {task.frame!r}",
         )
     rng = np.random.default_rng(0)
     Q: Array = task.reference + rng.uniform(-1, 1, (4, task.n))
@@ -149,7 +150,7 @@ def placement_between(task: Task, other: Task) -> pin.SE3:
         raise InputError(
             f"{other.frame!r} is not on the body of {task.frame!r}: "
             "the two move relative to each other",
-            remedy="give a link that is fixed to it",
+            remedy=f"give a link that is fixed to {task.frame!r}",
         )
     return places[0]
 

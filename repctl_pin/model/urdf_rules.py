@@ -308,7 +308,7 @@ def _check_mimic(joint: etree._Element, joints: Mapping[str, etree._Element]) ->
 def mimic_chain(
     joint: etree._Element, joints: Mapping[str, etree._Element]
 ) -> list[tuple[etree._Element, str]]:
-    """List the pairs (``<mimic>`` element, joint that it follows) from a joint on.
+    """List (``<mimic>`` element, name of the joint to which it refers), from a joint on.
 
     The joint of the last pair is independent. The list is empty for an independent joint.
     ``joints`` are the elements of all joints by name. UrdfError is raised for a name that does not

@@ -285,7 +285,8 @@ def _per_joint(
         name, given = given, np.array(known[given][0], dtype=float)
         if len(given) != n:
             raise InputError(
-                f"{name!r} has {what}s of {len(given)} joints, but {task.frame!r} is moved by {n}",
+                f"{name!r} has {what} limits of {len(given)} joints, "
+                f"but {task.frame!r} is moved by {n}",
                 remedy=f"give {n} numbers, one {what} per joint, in place of the name",
             )
     return per_joint(given, n, what)

@@ -250,7 +250,7 @@ BAD = [
     ),
     (
         {"acceleration": 1, "jerk": "panda"},
-        "'panda' has jerks of 7 joints, but 'tool' is moved by 3",
+        "'panda' has jerk limits of 7 joints, but 'tool' is moved by 3",
     ),
     ({"acceleration": 1, "jerk": 0}, "jerk must be"),
     ({"acceleration": 1, "jerk": [1, 2]}, "jerk must be"),

@@ -60,7 +60,7 @@ class Status(IntEnum):
         A number of the input is not finite or too large, or a matrix is not a rotation: the arm
         stops.
     OUTSIDE
-        The region Ω ends ahead: the arm stops before its edge.
+        The region Ω of the inverse ends ahead: the arm stops before its edge.
     SLOWED
         The arm is on its way, as fast as the limits of speed, acceleration and jerk allow.
     LIMIT

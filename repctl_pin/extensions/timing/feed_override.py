@@ -50,8 +50,8 @@ _NEAR = 1e-3
 class _Change:
     """K alternative changes of the override o(t), of which the shortest within limits is chosen.
 
-    All changes begin with the same o and ȯ. Each is a cubic polynomial in time that ends at its
-    goal with ȯ = 0, and constant afterwards.
+    All changes begin with the same o and ȯ. In each, o is a cubic polynomial in time until it
+    reaches its goal with ȯ = 0, and constant afterwards.
 
     Attributes
     ----------

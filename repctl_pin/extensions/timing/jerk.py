@@ -508,7 +508,7 @@ def _rows(
 
 
 class _Stages:
-    """Intervals between inner stages, of lengths h (I, 1), in the linear program for x = ṡ² and x′.
+    """I intervals between inner stages, of lengths h (I, 1), in the linear program for x and x′.
 
     ``ends`` (I, 4) are the indices, among the unknowns, of x at the beginning and end of each
     interval and of x′ there. ``columns`` (I · joints, 4) repeats each row for every joint.
