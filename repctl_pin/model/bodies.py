@@ -358,8 +358,8 @@ def _model_of(task: Task) -> Any:
 def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
     """List :attr:`Bodies.unchecked`: the links without a body that are drawn, or meant to collide.
 
-    ``with_body`` are the links that have a body. Of several links that no joint separates, only the
-    first is listed, and none if one of them has a body.
+    ``with_body`` are the links that have a body. If no joint separates several links, only the
+    first of them is listed, and none if one of them has a body.
     """
     description = task.robot.description
     frames = link_frames(task.robot.model)

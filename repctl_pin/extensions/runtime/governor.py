@@ -425,9 +425,8 @@ class Governor:
     def _guarded_step(self, guard: BodyGuard, given: int) -> tuple[Array, Status]:
         """Compute the next configuration and its status with a guard of body distances.
 
-        ``given`` is a sum of the flags ``_TARGET``, ``_TWIST`` and ``_LEAF``: the inputs that are
-        given. The guard is called back by C, which no exception may cross, so its errors are raised
-        after C has returned.
+        ``given`` has a bit for each of target, twist and leaf that is given. Errors of the guard
+        must not pass through C, so they are raised after the call.
         """
         self._error: BaseException | None = None
         status = self._native.call_governor_step(self._address, given)
@@ -437,10 +436,10 @@ class Governor:
         return self._q.copy(), self._said
 
     def _allows(self, count: int, first: int) -> int:
-        """Return 1 if the guard of body distances allows the plan that C has made, else 0.
+        """Tell C whether the guard allows the plan of ``count`` samples that C wrote: 1 or 0.
 
-        C calls this within a tick, with the plan's ``count`` samples in a shared array; ``first``
-        is 1 for the first of several alternative plans. :meth:`_guarded_step` raises the errors.
+        C calls this in the middle of a tick; ``first`` is 1 for the first plan of the next motion.
+        Errors are kept, and raised by :meth:`_guarded_step`.
         """
         try:
             assert self._guard is not None
