@@ -322,10 +322,11 @@ class _Search:
             self.seen.append(self.given)
 
     def allowed(self, starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
-        """Evaluate starts (n,); yield those with a full cycle inside the region and on its leaf.
+        """Evaluate starts (n,), and yield the candidates among which the best is chosen.
 
-        A None in ``starts`` is a start that cannot be reached; it counts as tried. The leaf margin
-        must be at least 0.1, or at least that of the given start.
+        They have a full cycle inside the region, and a leaf margin of at least 0.1, or at least
+        that of the given start. A None in ``starts`` is a start that cannot be reached; it counts
+        as tried.
         """
         for q in starts:
             self.tried += 1

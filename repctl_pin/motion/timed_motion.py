@@ -35,7 +35,8 @@ class TimedMotion:
         Times at which the cycles begin and the last one ends, s.
     length, speed : (K,) arrays
         Phase-plane profile: length of the joint path from the start, rad or m, and its rate, per s,
-        at K points; if there are more than three cycles, of three: first, steady and last.
+        at K points. If all cycles but the first and the last are equal, only one of these is
+        included.
     velocity, acceleration, jerk : (n,) arrays
         Limits of the joints, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if it
         is not limited.

@@ -191,7 +191,7 @@ class Course:
 
         An item is (indices of these times, the segment, these times on the segment's own clock,
         factor by which the segment is stretched). Times after the segment's end are in the rest
-        that follows it.
+        that follows it; times before the first segment are given with it.
         """
         which = np.maximum(np.searchsorted(self.begins, t, side="right") - 1, 0)
         for k in np.unique(which):

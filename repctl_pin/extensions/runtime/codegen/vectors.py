@@ -40,9 +40,10 @@ class Vector:
 
     ``xdot`` (m,) is ẋ for ``RepeatableInverse.velocity``. ``target``, ``dt``, ``twist``, ``leaf``,
     ``gain``, ``limit`` (the speed limits) and ``damping`` are arguments of
-    ``RepeatableInverse.step``; with ``stay_inside``, a step out of the region has the status
-    OUTSIDE. ``joint_speed`` is q̇, ``M`` the inertia, ``bias`` the gravity and velocity terms, and
-    ``observer`` the observer's state (r,) for the torque law. An input that is left out is None.
+    ``RepeatableInverse.step``; with ``stay_inside``, a step from outside the region, or beyond
+    joint limits, has the status OUTSIDE. ``joint_speed`` is q̇, ``M`` the inertia, ``bias`` the
+    gravity and velocity terms, and ``observer`` the observer's state (r,) for the torque law. An
+    input that is left out is None.
     """
 
     q: Array
@@ -65,8 +66,8 @@ class Vector:
 def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) -> list[Vector]:
     """Sample 48 test vectors with configurations in the region, and some outside it.
 
-    Without a region, the configurations lie within 0.2 rad or m of ``start`` (n,). Optional inputs
-    are None in some vectors, and a few vectors are invalid. Every call gives the same vectors.
+    Without a region, the configurations lie around ``start`` (n,). Optional inputs are None in some
+    vectors, and a few vectors are invalid. Every call gives the same vectors.
     """
     task, rng = inverse.task, np.random.default_rng(0)
     near_start = start + rng.uniform(-0.2, 0.2, (_COUNT, task.n))
