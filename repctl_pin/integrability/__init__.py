@@ -1,7 +1,8 @@
 """Repeatability tests: the Lie bracket condition, predicted drift, and stable surfaces.
 
 The tests tell whether an inverse G drifts, without following a path. The Lie bracket of two columns
-of G is the joint motion that remains after a small loop of the frame along both.
+of G is the joint motion that remains after a small loop of the frame along both. Numbers in
+parentheses, such as (24), are equations of the paper that docs/notation.md names.
 """
 
 from .derivative import differentiate as differentiate

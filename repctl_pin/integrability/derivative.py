@@ -31,7 +31,7 @@ _ENOUGH = 1e-6
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Derivative:
-    """Inverse G and its derivative ∂G/∂q at K configurations, which Lie brackets need.
+    """Inverse G and its derivative ∂G/∂q at K configurations, from which Lie brackets follow.
 
     Attributes
     ----------
@@ -42,10 +42,10 @@ class _Derivative:
     dG : (K, n, m, n) array
         ``[:, i, a, k] = ∂G[i, a]/∂q[k]``.
     error : (K, n) array
-        Estimated maximum error of the entries of ∂G/∂q_k, with rows of prismatic joints in arm
-        lengths.
+        Estimated maximum error of the entries of ∂G/∂q_k, for each joint k. Rows of G of prismatic
+        joints are in arm lengths.
     exact : bool
-        True if a formula was evaluated, with rounding errors only.
+        True if a formula was evaluated, so that all errors are rounding errors.
     """
 
     J: Array
@@ -59,16 +59,16 @@ class _Derivative:
 def derivative(strategy: Inverse, Q: Array) -> _Derivative:
     """Evaluate G and ∂G/∂q of an inverse at every row of Q (K, n), by a formula or differences.
 
-    Lie brackets, which tell whether an inverse is repeatable, need both. J⁺,
-    J⁺ with a constant weight, and repeatable inverses have formulas. All others are differentiated
-    numerically, with an error estimate.
+    There are formulas for J⁺, for J⁺ with a constant weight, and for repeatable inverses whose
+    potentials have second derivatives. All other inverses are differentiated numerically, with an
+    error estimate.
 
     Raises
     ------
     InputError
         If the strategy is not an inverse, because it has no G(q).
     SingularityError
-        If a row of Q is singular.
+        If J or G is singular at a row of Q.
     """
     require_inverse(strategy)
     J = strategy.task.jacobians(Q)
@@ -88,9 +88,9 @@ def _(strategy: Pseudoinverse, Q: Array) -> _Derivative:
 
 @derivative.register
 def _(strategy: WeightedInverse, Q: Array) -> _Derivative:
-    """Evaluate ∂G/∂q of ``J⁺_M = B (J B)⁺`` by the formula of J⁺, if M is constant.
+    """Evaluate G and ∂G/∂q of ``J⁺_M = B (J B)⁺``, where ``M⁻¹ = B Bᵀ``.
 
-    B is determined by ``M⁻¹ = B Bᵀ``.
+    A constant weight M permits the formula of J⁺; otherwise, differences are used.
     """
     if isinstance(strategy.weight, str) or callable(strategy.weight):
         return derivative.dispatch(object)(strategy, Q)
@@ -109,7 +109,8 @@ def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
     """Evaluate ``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, by ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``.
 
     H_k = ∂J/∂q_k, J_V = [J; Vᵀ], and V are the gradients of the potentials that the repeatable
-    inverse G_r keeps constant. Without their second derivatives, differences are used.
+    inverse G_r keeps constant. Potentials without second derivatives, ∂V/∂q_k, are differentiated
+    numerically.
     """
     potentials = strategy.potentials
     m = strategy.task.m
@@ -127,11 +128,11 @@ def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
 
 
 def inside_limits(task: Task, Q: Array) -> Array:
-    """Compute the scales of difference steps at the rows of Q (K, n): (K, n), rad or m.
+    """Compute the argument ``scale`` of :func:`differentiate` at Q (K, n): (K, n), rad or m.
 
-    Scales are smaller near joint limits, because the inverse may not be defined beyond a limit. The
-    first step is 1/16 of the scale, and moves no joint further than half its distance to a limit.
-    Outside the limits the scale is not reduced.
+    It is 1 rad, or the arm length for a prismatic joint, and smaller near joint limits, because the
+    inverse may not be defined beyond a limit: no step exceeds half the distance to a limit. Outside
+    the limits the scale is not reduced.
     """
     distance = task.limit_margin(Q)  # (K, n)
     most = np.where(distance > 0, 8 * distance, np.inf)
@@ -149,11 +150,11 @@ def require_inverse(strategy: Inverse) -> Inverse:
 
 
 def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
-    """Estimate the rounding errors (K, n) of ∂G/∂q_k, whose formula inverts a matrix (K, a, n).
+    """Estimate the maximum rounding error of the entries of ∂G/∂q_k, for each joint k: (K, n).
 
-    The error grows with the condition number of the matrix, J or J_V. ``dG`` (K, n, m, n) is ∂G/∂q.
-    ``L`` (n,) is the unit of each joint, 1 rad or the arm's length. A test compares defects with
-    this error.
+    ``matrix`` is the matrix that the formula inverts: J (K, m, n), or J_V (K, n, n). The error is
+    proportional to its condition number. ``dG`` (K, n, m, n) is ∂G/∂q, and ``L`` (n,) the unit of
+    each joint, 1 rad or the arm length in m.
     """
     values = np.linalg.svd(matrix * L, compute_uv=False)
     condition = values[:, 0] / values[:, -1]
@@ -180,7 +181,7 @@ def differentiate(
     Q : (K, n) array
         Configurations at which to differentiate.
     scale : (n,) or (K, n) array
-        Scale of the steps; the first step is 1/16 of it.
+        Scale of the steps, rad or m: the first step along a joint is 1/16 of it.
 
     Returns
     -------
@@ -222,10 +223,10 @@ def differentiate(
 
 
 def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> tuple[Array, Array]:
-    """Extrapolate central differences of a function at Q (K, n), from steps ``first`` (K, n).
+    """Differentiate as :func:`differentiate` does, for one choice of the first steps (K, n).
 
-    Return the slopes (K, …, n) and their estimated errors (K, n), by Romberg's table as
-    :func:`differentiate` describes it.
+    ``first`` is the longest step along each joint. Return the slopes (K, …, n) and their estimated
+    errors (K, n).
     """
     K, n = Q.shape
     steps = first[:, None] * 2.0 ** -np.arange(_LEVELS)[:, None]  # (K, L, n)
@@ -251,9 +252,10 @@ def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> 
 def _romberg(rows: Sequence[Array]) -> tuple[Array, Array, NDArray[np.intp], tuple[Array, Array]]:
     """Extrapolate differences for successively halved steps to step 0 by Romberg's table.
 
-    ``rows`` are the differences (K, n, size) for each step. Return the entries with the smallest
-    estimated errors, these errors, and the number of halvings in each (K, n). Return also the
-    entries of the fourth column for the two shortest steps, the shortest first.
+    ``rows`` has one array of differences (K, n, size) per step, where size is the number of values
+    of the function. Return the table entries with the smallest estimated errors (K, n, size), these
+    errors (K, n), and the numbers of halvings that led to the entries (K, n). A fourth result is
+    used to measure noise: the two entries of order 8 for the shortest step and for twice that step.
     """
     best = rows[-1]
     error = np.full(best.shape[:2], np.inf)

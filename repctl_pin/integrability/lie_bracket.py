@@ -1,8 +1,9 @@
 """Lie brackets of the columns of G, their defects Δ, and the drift predicted from Δ.
 
 The Lie bracket [g_a, g_b] of columns a and b of an inverse G is the joint motion left after a small
-loop of the frame along a, b, −a, −b. Its part in the null space of J, the defect, is drift: the
-frame is back at its start, but the configuration is not.
+loop of the frame along a, b, −a, −b, per area of the loop. Its part in the null space of J, the
+defect Δ_ab, is drift: the frame is back at its start, but the configuration is not. Numbers in
+parentheses, Corollary 1 and Proposition 1 are those of the paper (docs/notation.md).
 """
 
 from __future__ import annotations
@@ -21,13 +22,13 @@ from .derivative import derivative, require_inverse
 def brackets(G: Array, dG: Array) -> Array:
     """Evaluate the Lie brackets ``[g_a, g_b] = (∂g_b/∂q) g_a − (∂g_a/∂q) g_b`` (4) of G's columns.
 
-    With ``G = Jᵀ`` and ``dG = Hᵀ`` these are the brackets of Corollary 1, which test J⁺ without
-    evaluating it. A bracket is the joint motion, per area, left after a small loop along two
-    directions.
+    The columns of Jᵀ span those of J⁺. So with ``G = Jᵀ``, and the derivative of Jᵀ as ``dG``, the
+    brackets of Corollary 1 result, which test J⁺ without evaluating it.
 
     Parameters
     ----------
     G : (..., n, m) array
+        Inverse, or another matrix with the same column space.
     dG : (..., n, m, n) array
         ``[..., i, a, k] = ∂G[i, a]/∂q[k]``.
 
@@ -43,10 +44,9 @@ def brackets(G: Array, dG: Array) -> Array:
 def defects(J: Array, G: Array, dG: Array) -> Array:
     """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` (5), (24): (..., m, m, n).
 
-    The Lie bracket [g_a, g_b] of two columns of G is the motion left after a small loop. The
-    defects are 0 if and only if the Lie bracket condition holds.
-
-    Without redundancy ``G J = I``, and they are exactly 0.
+    All defects are 0 if and only if the Lie bracket condition holds. Without redundancy, n = m,
+    exact zeros are returned. J (..., m, n) is the Jacobian, and G and dG are as in
+    :func:`brackets`.
     """
     m, n = J.shape[-2:]
     outside = np.eye(n) - G @ J if n > m else np.zeros((n, n))
@@ -61,14 +61,14 @@ class _Defects:
     Attributes
     ----------
     delta : (K, m, m, n) array
-        Δ_ab in units of the task and of the joints.
+        Δ_ab, in the joints' units per unit of task coordinate a and of b.
     relative : (K, m, m, n) array
-        Defects Λ_cd of an orthonormal basis of G's column space, with prismatic joints in arm
-        lengths; independent of units and of task axes (see :func:`measure`).
+        Relative defects Λ_cd, per rad, which do not depend on units and task axes: those of an
+        orthonormal basis of G's column space (see :func:`measure`).
     error : (K,) array
-        Estimated error of ``norm``, from the error of the derivative.
+        Estimated error of ``norm``, which follows from the error of ∂G/∂q.
     exact : bool
-        True if the derivative is computed by a formula.
+        True if ∂G/∂q is computed by a formula, False if by differences.
     J, G : (K, m, n), (K, n, m) arrays
         Jacobian and inverse at these configurations.
     """
@@ -90,14 +90,13 @@ class _Defects:
 
 
 def measure(strategy: Inverse, Q: Array) -> _Defects:
-    """Evaluate the defects of an inverse at every row of Q (K, n).
+    """Evaluate the defects and the relative defects of an inverse at every row of Q (K, n).
 
-    The defects are the parts of the Lie brackets of G in the null space of J: drift per area of a
-    small loop. Relative defects do not depend on the units or the axes of the task. Let L be the
-    unit of each joint (1 rad, or the arm's length), and ``L⁻¹ G = B R`` with orthonormal columns of
-    B. The columns of ``G R⁻¹`` span the column space of G (Proposition 1), and have the defects
-    ``Λ_cd = L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Δ_ab``. Λ_cd is the rate, per unit of joint motion, at
-    which motions along c and d leave the column space.
+    Relative defects do not depend on the units or the axes of the task. Let L be the diagonal
+    matrix of the units of the joints (1 rad, or the arm length for prismatic joints), and ``L⁻¹ G =
+    B R`` a QR decomposition. The columns of ``G R⁻¹`` span the column space of G (Proposition 1),
+    and have the defects ``Λ_cd = L⁻¹ Σ_ab R⁻¹[a, c] R⁻¹[b, d] Δ_ab``. So Λ_cd is the drift per area
+    of a loop whose sides are measured as joint motion, along the basis vectors c and d.
     """
     found = derivative(strategy, Q)
     L = joint_scale(strategy.task, Q[0])
@@ -124,9 +123,10 @@ def measure(strategy: Inverse, Q: Array) -> _Defects:
 def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -> Array:
     """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` for all a < b (4), (5), (24).
 
-    An inverse is repeatable near q if and only if all defects vanish there. They are exact for J⁺
-    and for J⁺ with a constant weight (from the kinematic Hessian), and for a repeatable inverse
-    whose potentials have second derivatives. Otherwise they are computed by extrapolated
+    Δ_ab is the drift, per area, of a small loop of the frame along the task coordinates a and b. An
+    inverse is repeatable in a region if and only if all defects are 0 throughout it. They are exact
+    for J⁺ and for J⁺ with a constant weight (from the kinematic Hessian), and for a repeatable
+    inverse whose potentials have second derivatives. Otherwise they are computed by extrapolated
     differences.
 
     Parameters
@@ -136,14 +136,14 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
     q : (n,) array
         Configuration, rad (m for prismatic joints).
     relative
-        Return the defects of an orthonormal basis of G's column space instead, which do not depend
-        on units and task axes (see :func:`measure`); the pairs are then pairs of basis vectors.
+        True to return the defects of an orthonormal basis of G's column space instead, per rad,
+        which do not depend on units and task axes; the pairs are then pairs of basis vectors.
 
     Returns
     -------
     (pairs, n) array
-        One row per pair, in the order (0, 1), (0, 2), …, (1, 2), …; row Δ_ab has the joints' units
-        per unit of task coordinate a and of b (rad/m² for two lengths).
+        One row Δ_ab per pair, in the order (a, b) = (0, 1), (0, 2), …, (1, 2), …, in the joints'
+        units per unit of task coordinate a and of b (rad/m² for two lengths).
 
     Raises
     ------
@@ -160,7 +160,7 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
     True
     """
     relative = flag(relative, "relative")
-    found = measure(strategy, _one(strategy, q))
+    found = measure(strategy, _as_row(strategy, q))
     a, b = np.triu_indices(strategy.task.m, 1)
     return (found.relative if relative else found.delta)[0, a, b]
 
@@ -198,9 +198,9 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
            [0.0147, 0.    ]])
     """
     k = min(3, require_inverse(strategy).task.m)
-    return np.linalg.norm(measure(strategy, _one(strategy, q)).delta[0, :k, :k], axis=-1)
+    return np.linalg.norm(measure(strategy, _as_row(strategy, q)).delta[0, :k, :k], axis=-1)
 
 
-def _one(strategy: Inverse, q: ArrayLike) -> Array:
-    """Check a configuration, and convert it to an array of one row, (1, n), for :func:`measure`."""
+def _as_row(strategy: Inverse, q: ArrayLike) -> Array:
+    """Check the strategy and a configuration q, and return q as an array (1, n)."""
     return vector(q, require_inverse(strategy).task.n, "q")[None]

@@ -1,4 +1,9 @@
-"""Repeatability test of an inverse in a region, with the worst defect and its tolerance."""
+"""Repeatability test of an inverse in a region, with the worst defect and its tolerance.
+
+A defect is the joint drift per area of a small loop of the frame, see :mod:`lie_bracket`. The
+relative defect at a configuration combines the defects of all directions into one number, per rad,
+which does not depend on units and task axes.
+"""
 
 from __future__ import annotations
 
@@ -33,11 +38,12 @@ class Repeatability:
     repeatable : bool
         True if no defect exceeds its tolerance at the configurations checked.
     defect : float
-        Maximum relative defect, per rad, independent of units and of task axes.
+        Maximum relative defect, per rad, at the configurations checked; if the inverse is not
+        repeatable, the maximum of those that exceed their tolerance.
     at : (n,) array
-        Configuration of that maximum.
+        Configuration of this maximum.
     tolerance : float
-        Twice the defect that the estimated error of ∂G/∂q could produce at that configuration.
+        Twice the relative defect that the estimated error of ∂G/∂q could produce there.
     samples : int
         Number of configurations checked.
     exact : bool
@@ -96,14 +102,14 @@ def is_repeatable(
     Returns
     -------
     Repeatability
-        The result, which is true if the inverse is repeatable, with the worst ``defect``, its
-        configuration, and the tolerance.
+        Result whose ``bool()`` is True if the inverse is repeatable, with the worst ``defect``, its
+        configuration and the tolerance.
 
     Raises
     ------
     InputError
-        If G is too noisy for a decision: no defect exceeds the tolerance, but the tolerance exceeds
-        1e-3.
+        If G is too noisy for a decision: no defect exceeds its tolerance, but a tolerance exceeds
+        1e-3 per rad.
     SingularityError
         If J, or G, is singular at one of the configurations, or nearly so.
 
@@ -131,8 +137,8 @@ def is_repeatable(
                 "use a smaller region"
             )
         raise InputError(
-            f"G is too noisy: only defects above {tolerance.max():.2g} are detectable; "
-            "compute G more accurately"
+            f"G(q) is too noisy: only relative defects above {tolerance.max():.2g} per rad can be "
+            "detected; compute G with smaller rounding errors"
         )
     exact = all(part.exact for part in found)
     return Repeatability(
@@ -147,7 +153,7 @@ def is_repeatable(
 
 
 def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Array:
-    """Sample the configurations of a region at which an inverse is tested: (K, n), K ≥ samples.
+    """Sample at least ``samples`` configurations of a region, to test an inverse at: (K, n).
 
     The same seed gives the same configurations.
 
@@ -162,6 +168,6 @@ def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Arr
     if Q.shape[1] != n:
         raise InputError(
             f"the region has {Q.shape[1]} joints, but the task has {n}",
-            remedy="use a region in the joints of the task",
+            remedy=f"give a region of {n} joints, those of the task",
         )
     return Q

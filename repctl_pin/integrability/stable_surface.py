@@ -1,8 +1,9 @@
 """Candidate and stable surfaces of an inverse that is not repeatable.
 
-The defects of G (see :mod:`lie_bracket`) can vanish on a surface s(q) = 0 of joint space, the
-candidate. If motions of G that begin on this surface also stay on it, the surface is stable, and
-these motions are repeatable nevertheless.
+The defects of G, joint drift per area of a small loop (see :mod:`lie_bracket`), are stacked in the
+function s(q). They can be 0 on a surface s(q) = 0 of joint space, the candidate. If motions of G
+that begin on this surface also stay on it, the surface is stable, and these motions are repeatable,
+although G is not. Numbers in parentheses are equations of the paper (docs/notation.md).
 """
 
 from __future__ import annotations
@@ -38,25 +39,24 @@ _WALK, _WALK_STEPS = 0.2, 8  # length and steps of the walk that tests a surface
 @dataclass(frozen=True, eq=False)
 @read_only
 class Surfaces:
-    """Points found on surfaces s(q) = 0, with the stacked defects s of an inverse, and their kinds.
+    """Points found on surfaces s(q) = 0, where s are the stacked defects of an inverse G.
 
-    The defects measure how far the inverse is from repeatable, and are 0 where the inverse can be
-    repeatable.
+    Defects are drift per area of a small loop. s is in units of its median over the region.
 
     Attributes
     ----------
     points : (K, n) array
         Points on s = 0 in the region.
     kind : (K,) array of str
-        ``stable``: ``(∂s/∂q) G = 0`` (9) holds and s stays 0 along the motion; ``candidate``: s =
-        0, but the motion leaves this surface; ``singular``: the search ended at a singularity of J,
-        where the test does not apply.
+        Kind of each point. ``stable``: ``(∂s/∂q) G = 0`` (9) holds, and s stays 0 along motions of
+        G; ``candidate``: s = 0 at the point, but motions of G leave the surface; ``singular``: the
+        search ended at a singularity of J, where s is not defined.
     rate : (K,) array
-        ``‖(∂s/∂q) G‖`` of (9), per unit of joint motion; nan if singular.
+        ``‖(∂s/∂q) G‖`` of (9), at which s changes per unit of joint motion; nan if singular.
     tolerance : (K,) array
-        Rate that the error of ∂s/∂q can produce where the exact rate is 0.
+        Rate that the error of ∂s/∂q can produce where the exact rate is 0; nan if singular.
     residual : (K,) array
-        Residual ‖s‖; nan if singular.
+        ‖s‖ at the point; nan if singular.
     """
 
     points: Array
@@ -70,21 +70,21 @@ class Surfaces:
 
     @property
     def stable(self) -> Array:
-        """Points (·, n) on stable surfaces: motions do not leave them, and are repeatable."""
+        """Points (·, n) on stable surfaces, which motions of G do not leave."""
         return self.points[self.kind == _STABLE]
 
     @property
     def candidate(self) -> Array:
-        """Points (·, n) on candidate surfaces that are not stable: motions leave them."""
+        """Points (·, n) on candidate surfaces that motions of G leave."""
         return self.points[self.kind == _CANDIDATE]
 
     @property
     def singular(self) -> Array:
-        """Points (·, n) at which the search ended at a singularity."""
+        """Points (·, n) at which the search ended because J is singular."""
         return self.points[self.kind == _AT_SINGULARITY]
 
     def summary(self) -> str:
-        """Summarise the points in one line."""
+        """Summarise in one line how many points lie on stable and on candidate surfaces."""
         if not len(self.points):
             return "no candidate surface: no point with s(q) = 0 was found"
         if len(self.stable):
@@ -102,17 +102,16 @@ _Surface = Callable[[Array], tuple[Array, Array]]
 
 
 def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
-    """Evaluate s(q), the stacked defects of all pairs: (K, pairs · n), and their error (K,).
+    """Evaluate s(q), the stacked defects of all pairs a < b: (K, pairs · n), and its error (K,).
 
-    s is the relative defects times ``det(BᵀB)``, with ``B = L⁻¹ G J M⁻¹ Jᵀ``, L the unit of each
-    joint, and M the weight of a weighted inverse, else I. For J⁺, n = 3 and m = 2, B is Jᵀ and s is
-    the paper's scalar (6) along n̂.
+    s is the relative defects (see :func:`measure`) times ``det(BᵀB)``, with ``B = L⁻¹ G J M⁻¹ Jᵀ``,
+    L the unit of each joint, and M the weight of a weighted inverse, else I. For J⁺, n = 3 and
+    m = 2, B is Jᵀ and s is the paper's scalar (6) times the unit null vector n̂.
 
     Without the factor, s contains the unit normal of G's column space. On an arm whose prismatic
     travel differs much from 1 m, the unit normal reverses over a very short distance, which
     Newton's method steps across. With the factor, s is as smooth as J. The entries of s are
-    dependent, because each defect lies in the null space of J; the search accounts for that. A
-    stable surface, on which the inverse is repeatable, lies where s = 0.
+    dependent, because each defect lies in the null space of J; :func:`_newton_step` projects them.
     """
     found = measure(strategy, Q)
     task = strategy.task
@@ -125,11 +124,11 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     return size[:, None] * found.relative[:, a, b].reshape(len(Q), -1), size * found.error
 
 
-def _in_units_of_itself(strategy: Inverse, Q: Array) -> _Surface:
-    """Create the function s(q) divided by its median norm at the regular rows of Q (K, n).
+def _scaled_surface_function(strategy: Inverse, Q: Array) -> _Surface:
+    """Create the function of :func:`_surface_function`, with s divided by its median norm.
 
-    s are the stacked defects, which are 0 on a candidate surface. Tolerances on the divided s do
-    not depend on the arm's size. The result maps Q (K, n) to s (K, pairs · n) and its error (K,).
+    The median is over those rows of Q (K, n) at which J is not singular. So tolerances of s do not
+    depend on the arm's size. The function maps P (·, n) to s (·, pairs · n) and its error (·,).
     """
     regular = _dexterity(strategy, Q) > _SINGULAR
     unit = 1.0
@@ -152,9 +151,9 @@ def stable_surface(
 ) -> Surfaces:
     """Find points on surfaces s(q) = 0, and test which surfaces are stable (9).
 
-    s(q) are the stacked defects of the inverse, its failures of the Lie bracket condition, which
-    are 0 where it is repeatable. A motion of G that begins on a stable surface stays on it, and is
-    repeatable there.
+    s(q) are the stacked defects of the inverse: its drift per area of small loops along all pairs
+    of task coordinates. A motion of G that begins on a stable surface stays on it, and is
+    repeatable.
 
     A point of s = 0 is on a stable surface if ``(∂s/∂q) G = 0`` there, within the error of ∂s/∂q,
     *and* s is still 0 after a motion of 0.2 rad along G in every task direction. The second test
@@ -168,7 +167,7 @@ def stable_surface(
     region
         Region Ω.
     samples
-        Number of start points of the search.
+        Minimum number of start points of the search.
     seed
         Random seed of the start points.
 
@@ -191,7 +190,7 @@ def stable_surface(
     0
     """
     seeds = points_of(region, strategy, samples, seed)
-    function = _in_units_of_itself(strategy, seeds)
+    function = _scaled_surface_function(strategy, seeds)
     Q, singular = _search(strategy, function, region, seeds)
     points = np.vstack([Q, singular])
     on = slice(len(Q))
@@ -204,7 +203,7 @@ def stable_surface(
         residual[on] = np.linalg.norm(s, axis=1)
         tangent = np.flatnonzero(rate[on] <= tolerance[on])
         if len(tangent):
-            left, walked = _walk(strategy, function, Q[tangent])
+            left, walked = _departure(strategy, function, Q[tangent])
             stays = left <= 1e-7 + 100 * (residual[on] + error)[tangent]
             kind[tangent[stays]] = _STABLE
             kind[tangent[walked < 1 / 4]] = _AT_SINGULARITY
@@ -214,9 +213,9 @@ def stable_surface(
 def _search(strategy: Inverse, function: _Surface, region: Region, Q: Array) -> tuple[Array, Array]:
     """Move start points Q (K, n) to s = 0 by Gauss–Newton steps with a line search.
 
-    ``function`` is s with its error. Returns the points reached on s = 0, (·, n), and the points at
-    which J became singular, (·, n); both only inside the region. Points that no step improves are
-    dropped.
+    ``function`` maps Q to s and its error. Return the points with s = 0, (·, n), and the points at
+    which the search ended because J is singular, (·, n); both only inside the region. Start points
+    from which no step reduces ‖s‖ any more are dropped.
     """
     task = strategy.task
     L = joint_scale(task, Q[0])
@@ -247,10 +246,10 @@ def _search(strategy: Inverse, function: _Surface, region: Region, Q: Array) -> 
 
 
 def _improved(strategy: Inverse, function: _Surface, Q: Array, step: Array, size: Array) -> Array:
-    """Try five lengths of each step from Q (K, n), and return the points of smallest ‖s‖.
+    """Move Q (K, n) by 1, 1/2, …, or 1/16 of ``step`` (K, n), to the smallest ‖s‖: (·, n).
 
-    ``size`` (K,) is ‖s‖ at Q. A point that no length improves is left out: it is a local minimum of
-    ‖s‖ above 0. ``function`` evaluates s.
+    ``size`` (K,) is ‖s‖ at Q, and ``function`` evaluates s. Rows for which no fraction of the step
+    reduces ‖s‖ are left out.
     """
     trials = Q[:, None] + 0.5 ** np.arange(5)[:, None] * step[:, None]  # (K, 5, n)
     norms = _norms(strategy, function, trials.reshape(-1, Q.shape[1])).reshape(len(Q), -1)
@@ -259,11 +258,11 @@ def _improved(strategy: Inverse, function: _Surface, Q: Array, step: Array, size
 
 
 def _newton_step(strategy: Inverse, function: _Surface, Q: Array, s: Array, L: Array) -> Array:
-    """Compute the minimum-norm step to s = 0 to first order, (K, n), at most 0.3 rad long.
+    """Compute the shortest step (K, n) to s = 0 to first order, at most 0.3 rad long.
 
-    ``s`` (K, pairs · n) are the values at Q (K, n), and L (n,) the unit of each joint, rad or m.
-    The derivative is by central differences. s is first projected onto the null space of J, in
-    which all defects lie, so that no equation is counted twice. ``function`` evaluates s.
+    ``s`` (K, pairs · n) are the values at Q (K, n), and L (n,) is the unit of each joint, 1 rad or
+    the arm length in m. ∂s/∂q is by central differences of ``function``. s is first projected onto
+    the null space of J, in which all defects lie, so that the equations are independent.
     """
     K, n = Q.shape
     h = 1e-4
@@ -281,9 +280,9 @@ def _newton_step(strategy: Inverse, function: _Surface, Q: Array, s: Array, L: A
 
 
 def _norms(strategy: Inverse, function: _Surface, Q: Array) -> Array:
-    """Evaluate ``‖s(q)‖`` of a surface s at every row of Q: (K,); inf where J is singular.
+    """Evaluate ``‖s(q)‖`` at every row of Q (K, n): (K,); inf where J is singular.
 
-    Inf makes a line search reject such points. ``function`` evaluates s.
+    ``function`` evaluates s. A line search rejects points with the norm inf.
     """
     norms = np.full(len(Q), np.inf)
     regular = _dexterity(strategy, Q) > _SINGULAR
@@ -293,11 +292,11 @@ def _norms(strategy: Inverse, function: _Surface, Q: Array) -> Array:
 
 
 def _rates(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array]:
-    """Evaluate ``‖(∂s/∂q) G‖`` (9) along unit joint motions of G, and its tolerance: (K,) each.
+    """Evaluate ``‖(∂s/∂q) G‖`` (9), per unit of joint motion, and its tolerance: (K,) each.
 
-    Motions of G leave the surface s = 0 at this rate, which is 0 on a stable surface. The tolerance
-    is the rate that the errors of s and of its derivative can produce. ``function`` evaluates s and
-    its error.
+    Motions of G that begin at the rows of Q (K, n) leave s = 0 at this rate, which is 0 on a stable
+    surface. The tolerance is the rate that the errors of s and of ∂s/∂q can produce. ``function``
+    evaluates s and its error.
     """
     L = joint_scale(strategy.task, Q[0])
     slope, error = differentiate(lambda P: function(P)[0], Q, L)
@@ -310,14 +309,13 @@ def _rates(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Arra
     return rate, np.sqrt(slope.shape[1]) * (error * L).sum(axis=1) + own + 1e-5 * size
 
 
-def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array]:
-    """Move from points Q of the surface s = 0 along G, in every task direction.
+def _departure(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array]:
+    """Follow G from points Q (K, n) with s = 0 in every task direction, and evaluate ‖s‖ there.
 
-    On a stable surface, ‖s‖ stays 0.
-
-    Returns for each row the maximum ‖s‖, and the minimum fraction of the motion that was completed
-    before a singularity: (K,) each. The length of the motion is 0.2 rad, or less where G changes
-    direction within less than 1 rad. ``function`` evaluates s.
+    Return, for each row, the maximum ‖s‖ at the ends of these motions, which is 0 on a stable
+    surface, and the minimum fraction of a motion that was completed before a singularity: (K,)
+    each. A motion is 0.2 rad long, or less where G changes direction within less than 1 rad.
+    ``function`` evaluates s.
     """
     task = strategy.task
     L = joint_scale(task, Q[0])
@@ -339,10 +337,10 @@ def _walk(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array
 def _walked(
     strategy: Inverse, Q: Array, direction: Array, h: Array, L: Array
 ) -> tuple[Array, Array]:
-    """Move from Q (K, n) along G in one task direction (m,), by Runge–Kutta steps h (K, 1).
+    """Follow G from Q (K, n) in one task direction (m,), by eight Runge–Kutta steps h (K, 1), rad.
 
-    L (n,) is the unit of each joint, rad or m. Return the final configurations (K, n), and the
-    completed fraction of the length (K,).
+    L (n,) is the unit of each joint, 1 rad or the arm length in m. Return the final configurations
+    (K, n), and the fraction (K,) of the motion that was completed before a singularity.
     """
 
     def velocity(P: Array) -> Array:
@@ -369,6 +367,6 @@ def _dexterity(strategy: Inverse, Q: Array) -> Array:
     """Evaluate σ_min / σ_max of J at every row of Q (K, n): (K,).
 
     Prismatic joints are in arm lengths, which makes them comparable with revolute ones. The ratio
-    is 0 at a singularity, near which defects cannot be evaluated.
+    is 0 at a singularity.
     """
     return inverse_condition_number(strategy.task.jacobians(Q) * joint_scale(strategy.task, Q[0]))

@@ -1,4 +1,4 @@
-"""Weight of the joint speeds that makes J⁺ minimise the speeds of a planar arm's links."""
+"""Weight of the joint speeds that makes J⁺ minimise the speeds of a planar arm's link angles."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def absolute_angles(task: Task) -> Array:
         raise InputError(
             "absolute angles require independent joints, but some joints of this chain "
             "mimic others",
-            remedy="use another weight",
+            remedy="use J⁺, or another weight of rp.WeightedInverse",
         )
     turning = np.flatnonzero(task.revolute)
     axes = task.axes(task.reference)[turning]  # (revolute joints, 3)
@@ -60,7 +60,7 @@ def absolute_angles(task: Task) -> Array:
             raise InputError(
                 f"absolute angles require parallel axes, but {task.joint_names[joint]!r} "
                 f"is not parallel to {task.joint_names[turning[0]]!r}",
-                remedy="use another weight",
+                remedy="use J⁺, or another weight of rp.WeightedInverse",
             )
     A = np.eye(task.n)
     A[np.ix_(turning, turning)] = np.tril(np.ones((len(turning), 1)) * np.sign(signs))

@@ -1,7 +1,7 @@
 """Links of the arm that a task moves, and the other end effectors that move with it.
 
-On a robot with two arms on one waist, the task of one arm also moves the other arm, which studies
-report.
+On a robot with two arms on one waist, the task of one arm also moves the other arm; a study reports
+that displacement.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .task import Task
 
 
 def arm_links(task: Task) -> frozenset[str]:
-    """Collect the links of the arm: from the base to the frame, and beyond the frame.
+    """Collect the names of the arm's links: from the base to the task's frame, and beyond it.
 
     Links of other branches, such as a second arm on the same waist, are left out.
     """
@@ -54,22 +54,19 @@ def other_ends(task: Task) -> tuple[str, ...]:
 
 
 def _driven(task: Task) -> Array:
-    """Mark the joints of the robot's model (N,) that the task drives, mimic joints included."""
+    """Return a mask (N,) of the joints of the robot's model: True if the task drives the joint."""
     columns = [task.robot.joint_names.index(name) for name in task.joint_names]
     return (task.robot.coupling.S[:, columns] != 0).any(axis=1)
 
 
 def _joint(task: Task, link: str) -> int:
-    """Return the number, in the robot's model, of the joint that moves a link; 0 if none does."""
+    """Return the id, in the robot's model, of the joint that carries a link; 0 for the root."""
     model = task.robot.model
     return int(model.frames[frame_id(model, link)].parentJoint)
 
 
 def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
-    """Compute the origins of links at configurations Q (T, n), relative to the root: (T, L, 3), m.
-
-    The displacements of other end effectors are computed from these points.
-    """
+    """Compute the origins of L links at Q (T, n): (T, L, 3), m, in the root frame."""
     robot = task.robot
     ids = [frame_id(robot.model, link) for link in links]
     Q = robot.coupling.joints(task.to_robot(Q))
@@ -77,11 +74,11 @@ def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
 
 
 def base_placements(robot: Mechanism, Q: Array) -> Array:
-    """Compute the base's placements in the root frame at Q (T, N), all joints of the robot.
+    """Compute the base's placements in the root frame: rigid transforms (T, 4, 4), m.
 
-    Returns rigid transforms X_w (T, 4, 4), m. The base moves if it is, for example, a workpiece on
-    a turntable. Pictures show the root at rest, so a point x of the workpiece is drawn at
-    ``X_w(q) x``.
+    Q (T, n) has one value per joint of the robot. The base moves if it is, for example, a workpiece
+    on a turntable. Pictures show the root at rest, so points on the base are drawn with these
+    placements.
     """
     if robot.base is None:
         return np.tile(np.eye(4), (len(Q), 1, 1))
@@ -89,7 +86,7 @@ def base_placements(robot: Mechanism, Q: Array) -> Array:
 
 
 def base_moves(task: Task) -> bool:
-    """Test whether a task's joints move the base, the link to which its frame is relative."""
+    """Test whether a task's joints move the base, relative to which its frames are placed."""
     base = task.robot.base
     if base is None:
         return False

@@ -1,4 +1,8 @@
-"""Minimum distances between a robot's collision bodies, and to its surroundings."""
+"""Minimum distances between a robot's collision bodies, and to its surroundings.
+
+A pair is two bodies, one of them on a link of the robot. A measured pair has a distance; other
+pairs are checked for collisions only, or not at all.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +37,7 @@ _MADE_LOCK = Lock()
 
 @dataclass(frozen=True)
 class Nearest:
-    """The closest pair of bodies, and its distance.
+    """The closest pair of bodies at a configuration, and its distance.
 
     Attributes
     ----------
@@ -41,7 +45,7 @@ class Nearest:
         Body distance, m: below 0 in a collision, 0 if only the convex hulls of the two bodies
         overlap, inf if the task has no pair to measure.
     links : (str, str)
-        The links of the two bodies.
+        The links of the two bodies; two empty texts if the task has no pair to measure.
     """
 
     distance: float
@@ -150,7 +154,7 @@ class Bodies:
 
     @property
     def notes(self) -> list[str]:
-        """Sentences for the user on missing bodies and on pairs that are not checked."""
+        """Sentences on links without a body, and on pairs that are not checked; a list of texts."""
         notes = []
         if unusable := self._model.unusable:
             link, why = next(iter(unusable.values()))
@@ -185,7 +189,7 @@ class Bodies:
     def nearest(self, q: ArrayLike) -> Nearest:
         """Find the closest pair of bodies at q (n,).
 
-        A robot without a pair to measure has the distance inf, with a warning.
+        Without a pair to measure, the distance is inf, and a warning says so.
         """
         self._warn_if_empty()
         distances, which = self._all(vector(q, self.task.n, "q")[None])
@@ -195,17 +199,16 @@ class Bodies:
     def distances(self, Q: ArrayLike) -> Array:
         """Compute the minimum body distance at every row of Q (K, n): (K,), m.
 
-        A negative distance is a collision. Without a pair to measure, the distances are inf, with a
-        warning.
+        A negative distance is a collision. Without a pair to measure, the distances are inf, and a
+        warning says so.
         """
         self._warn_if_empty()
         return self._all(Q)[0]
 
     def _warn_if_empty(self) -> None:
-        """Warn that every distance is inf, because there is no pair to measure.
+        """Warn the user if there is no pair to check, so that every distance is inf.
 
-        Only objects that the user creates warn; the package's own results state what is not
-        checked.
+        An object of :func:`bodies_of` does not warn: results that use it state what is not checked.
         """
         if self.pairs or self.only_contact or self is _MADE.get(self.task):
             return
@@ -225,7 +228,7 @@ class Bodies:
         Q
             Samples (K, n) of the motion; between two samples, the joints move on a straight line.
         rows
-            Indices of the samples that are evaluated first, including 0 and K − 1.
+            Indices of the samples at which all pairs are evaluated first; 0 and K − 1 are included.
         """
         if not (self.pairs or self.only_contact):
             free = np.full(len(rows), np.inf)
@@ -234,7 +237,7 @@ class Bodies:
 
     @property
     def not_checked(self) -> str:
-        """Text on the bodies whose collisions are not checked; empty if all are checked."""
+        """Text on the number of links without a body, and the remedy; empty if there is none."""
         count = len(self.unchecked)
         if not count:
             return ""
@@ -261,22 +264,25 @@ class Bodies:
         return np.asarray(self._model.nearer(self._drive.joints(Q), distance, among))
 
     def _pair_bounds(self, Q: Array) -> Array:
-        """Bound the distances of all pairs from below at Q (K, n): (K, P), m.
+        """Compute lower bounds on the distances of all P pairs at Q (K, n): (K, P), m.
 
-        The bound of a pair that is only tested for contact is infinite.
+        The bound of a collision-only pair is inf.
         """
         return np.asarray(self._model.lowest(self._drive.joints(Q)))
 
     def _of_pairs(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
-        """Compute the distance of one pair's hulls at each row of Q (K, n): (K,), m.
+        """Compute, for each row of Q (K, n), the distance of the hulls of one pair: (K,), m.
 
-        ``pairs`` (K,) has the index of the pair for each row.
+        ``pairs`` (K,) are the indices of these pairs, one per row.
         """
         rows = zip(self._drive.joints(Q), pairs, strict=True)
         return np.array([self._model.some_distances(q, one[None])[0] for q, one in rows])
 
     def _moved_by(self, joint: int) -> NDArray[np.bool_]:
-        """Test which pairs of bodies a joint of the task moves relative to each other: (P,)."""
+        """Return a mask (P,) of the pairs whose two bodies a joint moves relative to each other.
+
+        ``joint`` is the index of the joint in q.
+        """
         if isinstance(self._model, _NoBodies):
             return np.zeros(0, bool)
         turning = self._drive.S[:, joint] != 0
@@ -285,15 +291,15 @@ class Bodies:
     def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Compute the minimum body distance and the index of its pair at every row of Q (K, n).
 
-        Returns distances (K,), m, and indices (K,); inf and −1 where no pair is measured. With
-        ``hulls``, distances are those of the convex hulls.
+        Return distances (K,), m, and indices (K,); inf and −1 without a pair to measure. With
+        ``hulls``, distances are those of the convex hulls, negative where hulls overlap.
         """
         Q = as_configurations(Q, self.task.n, repr(self.task))
         return self._model.least(self._drive.joints(Q), hulls=hulls)
 
 
 def _beside(task: Task, surroundings: str | Path) -> Task:
-    """Return a copy of a task whose robot has other surroundings; the task itself is not changed.
+    """Return a copy of a task with other surroundings; the task itself is not changed.
 
     ``surroundings`` is a URDF file of fixed shapes, such as a table.
     """
@@ -309,7 +315,8 @@ def _beside(task: Task, surroundings: str | Path) -> Task:
 class _NoBodies:
     """Collision model of a robot without collision geometry and surroundings: it has no pairs.
 
-    It replaces the real model, whose library coal takes long to import.
+    It replaces :class:`_CollisionModel`, which needs coal, a library that takes long to import. The
+    attributes and methods are those of that class.
     """
 
     links: tuple[str, ...] = ()
@@ -322,23 +329,23 @@ class _NoBodies:
     touching: tuple[Pair, ...] = ()
 
     def least(self, Q: Array, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
-        """Return inf and −1 for every row of Q (K, N)."""
+        """Return the distance inf and the pair −1 for every row of Q (K, N)."""
         return np.full(len(Q), np.inf), np.full(len(Q), -1)
 
     def lowest(self, Q: Array) -> Array:
-        """Return a matrix without columns: there are no pairs."""
+        """Return the bounds of no pairs at Q (K, N): an array (K, 0)."""
         return np.zeros((len(Q), 0))
 
     def nearer(self, Q: Array, distance: float, among: Any = None) -> NDArray[np.bool_]:
-        """Return False for every row of Q (K, N)."""
+        """Return False for every row of Q (K, N): no body is near another."""
         return np.zeros(len(Q), bool)
 
 
 def _model_of(task: Task) -> Any:
-    """Return the collision model of a task, which holds its bodies and their pairs.
+    """Return the collision model of a task: a :class:`_CollisionModel`, or :class:`_NoBodies`.
 
-    The library coal is imported only if the robot or its surroundings have bodies; otherwise the
-    model is empty.
+    The first, and with it the library coal, is imported only if the robot or its surroundings have
+    collision shapes.
     """
     robot = task.robot
     if not robot.description.collisions and robot.surroundings is None:
@@ -349,10 +356,10 @@ def _model_of(task: Task) -> Any:
 
 
 def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
-    """List the links without a body that should have one, see :attr:`Bodies.unchecked`.
+    """List :attr:`Bodies.unchecked`: the links without a body that are drawn, or meant to collide.
 
     ``with_body`` are the links that have a body. If no joint separates several links, only the
-    first of them is listed.
+    first of them is listed, and none if one of them has a body.
     """
     description = task.robot.description
     frames = link_frames(task.robot.model)

@@ -25,14 +25,13 @@ _Index = NDArray[np.intp]
 class _JointPlacements:
     r"""Batched forward kinematics of joints, by array arithmetic.
 
-    With P_j the rotation of joint j relative to its parent at q = 0, and u the joint's axis, the
-    rotation relative to the parent of a revolute joint is
+    With P_j the rotation of joint j relative to its parent at q = 0, u the joint's unit axis, and
+    [u] the matrix of the cross product with u, a revolute joint has the rotation
 
-    .. math:: R_j = P_j (1 + \sin q \, [u] + (1 - \cos q) \, [u]^2),
+    .. math:: R_j = P_j (1 + \sin q \, [u] + (1 - \cos q) \, [u]^2)
 
-    and a prismatic joint translates by q u. A loop over configurations would be slower: Pinocchio
-    needs 1 µs for each, but reading a placement from Python takes 2 µs. The bounds on body
-    distances need all placements at many configurations.
+    relative to its parent, and a prismatic joint translates by q u. A loop over configurations
+    would be slower: Pinocchio needs 1 µs for each, but reading a placement from Python takes 2 µs.
 
     Parameters
     ----------
@@ -57,9 +56,9 @@ class _JointPlacements:
         self.versine = self.sine @ np.array(crosses)
 
     def __call__(self, Q: Array) -> tuple[Array, Array]:
-        """Compute the placements of joints at every row of Q (K, N).
+        """Compute the placements of the N joints in the root frame at every row of Q (K, N).
 
-        Returns rotations (K, N + 1, 3, 3) and origins (K, N + 1, 3), m; index 0 is the root.
+        Return rotations (K, N + 1, 3, 3) and origins (K, N + 1, 3), m; index 0 is the root itself.
         """
         K, N = Q.shape
         R = np.empty((K, N + 1, 3, 3))
@@ -104,7 +103,8 @@ class BodyBounds:
 
     where h_a(u) bounds how far body a extends from its centre along u. It is the radius of the
     bounding sphere or, if smaller, Σ w_i |(Rᵀ u)_i| for the bounding box with half-widths w and
-    rotation R. The bound rules out most pairs, because an exact distance takes far longer.
+    rotation R. Most pairs are shown by this bound not to be the closest, in a fraction of the time
+    of an exact distance.
 
     Parameters
     ----------
@@ -146,15 +146,18 @@ class BodyBounds:
 
     @property
     def size(self) -> int:
-        """Number of doubles per configuration in the table of distances between centres."""
+        """Number of entries, per configuration, of the largest array that a call allocates.
+
+        The caller divides many configurations into blocks that fit in memory.
+        """
         return len(self._rows) * len(self._columns)
 
     def __call__(self, Q: Array) -> Array:
-        """Bound the distance of every pair from below at Q (K, N): (K, P), m.
+        """Compute lower bounds on the distances of all P pairs at Q (K, N): (K, P), m.
 
-        Q has a value per joint of the model; P is the number of pairs. Bounding boxes, which are
-        tighter and slower, are used only where the bound from the spheres is below half the
-        smallest distance between two centres. The C version is body_bounds.c.
+        Q has a value per joint of the model. Bounding boxes, which are tighter and slower, are used
+        only for pairs whose bound from the spheres is below half the smallest distance between two
+        centres. The same is written in C, body_bounds.c, which is used if it was built.
         """
         native = library()
         if native is not None:
@@ -181,7 +184,7 @@ class BodyBounds:
         return bounds
 
     def _native_tables(self) -> Any:
-        """Create the struct :data:`BODY_TABLES` of these bodies and pairs."""
+        """Create the struct :data:`BODY_TABLES` of these joints, bodies and pairs, for C."""
         joints = self._placements
         ints: dict[str, ArrayLike] = {"parent": joints.parents, "joint": self._joint}
         ints |= {"first": self._first, "second": self._second}
@@ -197,8 +200,8 @@ class BodyBounds:
     def _extent(self, R: Array, k: _Index, body: _Index, u: Array) -> Array:
         """Bound how far M bodies extend from their centres along unit vectors u (M, 3): (M,), m.
 
-        R are the rotations of all joints at all configurations; ``k`` (M,) are the indices of the
-        configurations, and ``body`` (M,) the indices of the bodies.
+        R (K, N + 1, 3, 3) are the rotations of all joints. ``k`` (M,) is the index of the
+        configuration, and ``body`` (M,) that of the body.
         """
         local = np.einsum("mij,mi->mj", R[k, self._joint[body]], u)
         box = np.abs(np.einsum("mij,mi->mj", self._turns[body], local))
@@ -207,12 +210,12 @@ class BodyBounds:
     def reach(self, joints: Mapping[str, Joint], strokes: Array) -> Array:
         """Bound how fast each joint changes the distance of each pair: (P, N), m per rad or m.
 
-        A pair's distance changes by at most ``reach @ |q − q'|`` from q to q', because the distance
-        is 1-Lipschitz in the points of its bodies. Per radian, a revolute joint moves a point by at
-        most the point's distance from the joint's origin. This distance is bounded along the chain
-        from the joint to the body. So the bound holds at every configuration whose prismatic
-        joints are within ±``strokes`` (N,), m. ``joints`` are the joints of the robot, by name.
-        With this bound, a single distance rules out collisions in a whole box of configurations.
+        From q to q', the distances of the pairs change by at most ``reach @ |q − q'|`` (P,). So a
+        single distance rules out collisions in a whole box of configurations. Per radian, a
+        revolute joint moves a point by at most the point's distance from the joint's origin, which
+        is bounded along the chain from the joint to the body. The bound holds at every
+        configuration whose prismatic joints are within ±``strokes`` (N,), m. ``joints`` are the
+        joints of the robot, by name.
         """
         model = self._model
         movers = [set(model.supports[j]) - {0} for j in self._joint.tolist()]
@@ -234,18 +237,18 @@ class BodyBounds:
 
 
 class KnownApart:
-    r"""Measured surface distances of pairs, which rule out contact at nearby configurations.
+    r"""Memory of measured surface distances, which rule out contact at nearby configurations.
 
-    Surfaces at a distance d at a configuration x are apart at every q with ρ·\|q − x\| < d, where ρ
-    are the rates of :meth:`BodyBounds.reach`. The surfaces do not meet on the straight line from x
-    to q either, so no body gets inside another one.
+    Two surfaces with the distance d at a configuration x do not touch at any q with
+    ρ·\|q − x\| < d, where ρ (N,) is the pair's row of :meth:`BodyBounds.reach`. They do not touch
+    on the straight line from x to q either, so no body gets inside another one.
 
     Parameters
     ----------
     reach
-        Rates (P, N) of all pairs, m per rad or m.
+        Result of :meth:`BodyBounds.reach` (P, N), m per rad or m.
     strokes
-        Positions (N,) up to which the rates hold, rad or m; infinite for revolute joints.
+        Absolute joint positions (N,) up to which ``reach`` holds, m; infinite for revolute joints.
     """
 
     def __init__(self, reach: Array, strokes: Array) -> None:
@@ -259,7 +262,10 @@ class KnownApart:
         self._noted: dict[int, int] = {}
 
     def knows(self, pair: int, q: Array) -> bool:
-        """Test whether a stored distance shows that a pair is apart at q (N,)."""
+        """Test whether a stored distance shows that the surfaces of a pair do not touch at q (N,).
+
+        ``pair`` is the pair's index.
+        """
         if pair not in self._known or (np.abs(q) > self._strokes).any():
             return False
         at, distances = self._known[pair]
@@ -270,10 +276,11 @@ class KnownApart:
         return known
 
     def pays(self, pair: int, q: Array) -> bool:
-        """Record that a pair is tested at q (N,), and return whether to measure its distance.
+        """Record that a pair is tested at q (N,), and return whether to measure its distance too.
 
-        Measuring saves time if the last test was near q, so that more tests near q are likely.
-        Measuring is not worthwhile if many earlier measurements of the pair have saved no test.
+        Measuring takes longer than a test for contact, but can save further tests. So it is done if
+        the last test of the pair was near q, unless the pair's measurements outnumber by eight the
+        tests that they saved.
         """
         last, self._tested[pair] = self._tested.get(pair), q
         near = last is not None and float(np.abs(q - last) @ self._reach[pair]) < _NEARBY
@@ -293,19 +300,21 @@ class KnownApart:
         at[row], distances[row] = self._scaled(pair, q), distance
 
     def _scaled(self, pair: int, q: Array) -> Array:
-        """Return the positions at q of the joints that move a pair, times their rates, m."""
+        """Return q_j ρ_j, m, of the joints j that move a pair; the pair's index is ``pair``."""
         moves = self._moves[pair]
         return np.asarray(q[moves] * self._reach[pair, moves])
 
 
 def strokes(model: pin.Model, joints: Mapping[str, Joint]) -> Array:
-    """Bound the absolute positions of prismatic joints by their limits: (N,), m; inf for others."""
+    """Compute the largest |q| that the limits allow for each joint: (N,), m; inf if revolute.
+
+    A prismatic joint that mimics another also has inf.
+    """
     kinds = (joints[name] for name in list(model.names)[1:])
     return np.array([_stroke(j) if j.kind == "prismatic" else np.inf for j in kinds])
 
 
 def _stroke(joint: Joint) -> float:
-    """Bound the position of a prismatic joint, m, by its limits; infinite for a mimic joint."""
     if joint.mimic is not None:
         return float(np.inf)
     return max(abs(joint.lower), abs(joint.upper))

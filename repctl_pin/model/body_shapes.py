@@ -65,7 +65,7 @@ class BodyShape:
 
     @cached_property
     def exact(self) -> coal.CollisionGeometry:
-        """The exact geometry: the mesh itself if it is not convex, else the convex shape.
+        """Exact geometry: the mesh itself if it is not convex, else the convex shape.
 
         If the convex hulls of two bodies overlap, the exact geometry decides whether the bodies
         collide.
@@ -88,18 +88,18 @@ class BodyShape:
 
     @property
     def measured(self) -> coal.CollisionGeometry:
-        """The geometry for distances: exact in the surroundings, else the convex hull.
+        """Geometry for distances: exact for a body of the surroundings, else the convex hull.
 
-        An arm can move inside a room only if the room is not filled by its hull.
+        The hull of a room would leave no space for the arm inside it.
         """
         return self.exact if self.standing else self.hull
 
     @cached_property
     def witnesses(self) -> Array:
-        """One point (K, 3) of every connected part, m.
+        """One point of each of the K connected parts of the body: (K, 3), m.
 
-        If no surfaces intersect, a part is inside another body exactly if the part's point is
-        inside it.
+        If the surfaces of two bodies do not intersect, a part lies inside the other body if and
+        only if its point does.
         """
         if self._parts is None:
             return np.asarray(self.hull.aabb_center, float)[None]
@@ -107,10 +107,10 @@ class BodyShape:
 
     @cached_property
     def interior(self) -> _MeshInterior | None:
-        """Interior of a mesh, to test whether a body lies inside without meeting the surface.
+        """Interior of the mesh, to test whether another body lies inside it without touching it.
 
-        None for a convex body, which coal treats as solid, and for a mesh of the surroundings
-        without closed parts.
+        None for a convex body, which the library coal treats as solid, and for a mesh of the
+        surroundings without closed parts, which has no interior.
         """
         if self._parts is None or (self.standing and not self._parts.closed.any()):
             return None
@@ -126,12 +126,12 @@ class BodyShape:
 def body_shape(
     solid: Shape, urdf: Path, package_dirs: tuple[str, ...], *, standing: bool = False
 ) -> BodyShape:
-    """Create the collision body of a shape of the URDF; ``standing`` marks the surroundings.
+    """Create the collision body of a shape of the URDF; ``standing`` is True in the surroundings.
 
     Raises
     ------
     UnusableShape
-        If the mesh is missing, or a shape has no size or is too large.
+        If the mesh is missing or unreadable, or the shape has size 0 or is too large.
     """
     if solid.kind != "mesh":
         return _primitive(solid)
@@ -151,8 +151,8 @@ def body_shape(
 def _primitive(solid: Shape) -> BodyShape:
     """Create the body of a box, sphere, cylinder or capsule.
 
-    One edge of a box and the length of a cylinder or capsule can be 0. ``solid`` is the shape in
-    the URDF.
+    UnusableShape is raised for a size of 0 or above 100 km; only one edge of a box, and the length
+    of a cylinder or capsule, can be 0.
     """
     size = solid.size
     allowed = {"box": 1, "cylinder": 1, "capsule": 1}.get(solid.kind, 0)
@@ -197,10 +197,10 @@ def collide(
 def contains(
     outer: BodyShape, here: coal.Transform3s, inner: BodyShape, there: coal.Transform3s
 ) -> bool:
-    """Test whether a mesh contains a part of another body; their surfaces must not intersect.
+    """Test whether ``outer`` contains a part of ``inner``; their surfaces must not intersect.
 
-    ``outer`` is placed at ``here``, ``inner`` at ``there``. False if ``outer`` has no interior. A
-    body inside a mesh collides with it, although their surfaces do not meet.
+    ``outer`` is placed at ``here``, ``inner`` at ``there``. The result is False if ``outer`` has no
+    interior, see :attr:`BodyShape.interior`.
     """
     if outer.interior is None:
         return False
@@ -217,8 +217,8 @@ def transform(place: pin.SE3) -> coal.Transform3s:
 def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: bool) -> BodyShape:
     """Create the body of a mesh file, with its convex hull; cached for all robots.
 
-    ``changed`` is the modification time of the file, so that a changed file is read again.
-    ``scale`` has a factor per axis, and ``standing`` marks the surroundings.
+    ``changed`` is the modification time of the file, ns, so that a changed file is read again.
+    ``scale`` has a factor per axis, and ``standing`` is True for a mesh of the surroundings.
     """
     solid = cached(path, f"{scale} {standing}", partial(_solid, path, scale, standing=standing))
     hull, coarse = _hull(solid["corners"])
@@ -229,11 +229,13 @@ def _from_mesh(path: Path, scale: tuple[float, ...], changed: int, standing: boo
 
 
 def _solid(path: Path, scale: tuple[float, ...], *, standing: bool) -> Arrays:
-    """Read a mesh file: its vertices, faces, corners of its convex hull, and whether it is convex.
+    """Read a mesh file, as a dict of arrays: vertices, faces, corners and convex.
 
-    Vertices (V, 3) and corners (C, 3) are in m, and faces (F, 3) are vertex indices. UnusableShape
-    is raised if the mesh has size 0 or is larger than 100 km. ``scale`` has a factor per axis, and
-    ``standing`` marks the surroundings, whose faces are not turned over.
+    ``vertices`` (V, 3) and ``corners`` (C, 3), those of the convex hull, are in m; ``faces`` (F, 3)
+    are vertex indices; ``convex`` is True or False. The faces of a link's mesh are turned over if
+    their normals point inwards; those of the surroundings, with ``standing``, are left as they are.
+    ``scale`` has a factor per axis. UnusableShape is raised for a mesh that cannot be read, has
+    size 0 or is larger than 100 km.
     """
     collada = ["collada"] if path.suffix.lower() == ".dae" else []
     needed("trimesh", *collada, by=f"the distance to the mesh {path.name}")
@@ -297,9 +299,9 @@ def _unit_of(path: Path) -> float:
 
 
 def _convex_hull(vertices: Array) -> Any:
-    """Compute the convex hull of vertices (V, 3) as a trimesh mesh; flat vertices are thickened.
+    """Compute the convex hull of vertices (V, 3), m, as a mesh of the library trimesh.
 
-    UnusableShape is raised if there is no hull.
+    A flat set of vertices is thickened first. UnusableShape is raised if Qhull finds no hull.
     """
     import trimesh
 
@@ -312,8 +314,7 @@ def _convex_hull(vertices: Array) -> Any:
 def _volume(points: Array, faces: NDArray[np.intp]) -> float:
     """Compute the volume of a closed mesh, m³; negative if its normals point inwards.
 
-    If such a mesh belongs to the robot, its faces are then turned over. ``points`` (V, 3) are the
-    vertices, m, and ``faces`` (F, 3) the triangles.
+    ``points`` (V, 3) are the vertices, m, and ``faces`` (F, 3) the triangles.
     """
     a, b, c = (points[faces[:, k]] - points[0] for k in range(3))
     return float(np.einsum("fi,fi->", a, np.cross(b, c)) / 6)
@@ -322,8 +323,8 @@ def _volume(points: Array, faces: NDArray[np.intp]) -> float:
 def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
     """Test whether a mesh is the surface of its convex hull, with outward normals.
 
-    The mesh's area and volume are compared with those of ``hull``. If they agree, the hull alone
-    represents the mesh. ``points`` (V, 3) and ``faces`` (F, 3) are the mesh.
+    The areas and the volumes of the mesh and of ``hull``, a trimesh mesh, are compared. ``points``
+    (V, 3) and ``faces`` (F, 3) are the mesh.
     """
     a, b, c = (points[faces[:, k]] for k in range(3))
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
@@ -332,11 +333,11 @@ def _is_convex(points: Array, faces: NDArray[np.intp], hull: Any) -> bool:
 
 
 def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
-    """Create coal's convex shape from the vertices (V, 3) of a convex hull.
+    """Create a convex shape of the library coal from the vertices (V, 3) of a convex hull.
 
     coal fails if a vertex has over 255 neighbours. The vertices are then rounded outwards to
-    coarser and coarser grids until coal succeeds; the last resort is the bounding box. Returns the
-    shape, and True if the vertices were rounded or replaced.
+    coarser and coarser grids until coal succeeds; the last resort is the bounding box. Return the
+    shape, and True if it is larger than the hull for this reason.
     """
     size = float(np.ptp(points, axis=0).max())
     for grid in size * np.array([0, 1 / 1024, 1 / 256, 1 / 64]):
@@ -387,9 +388,10 @@ class _MeshParts:
     points, faces
         Vertices (V, 3), m, and triangles (F, 3).
     part
-        Part number of each triangle (F,).
+        Number of the part, 0 to P − 1, to which each triangle belongs (F,).
     closed
-        True for each closed part (P,): every edge occurs equally often in both directions.
+        Mask (P,): True for a closed part, each of whose edges occurs equally often in both
+        directions.
     """
 
     points: Array
@@ -399,7 +401,7 @@ class _MeshParts:
 
     @property
     def witnesses(self) -> Array:
-        """One vertex of each part (P, 3), m."""
+        """One vertex of each of the P parts: (P, 3), m."""
         _, first = np.unique(self.part, return_index=True)
         return self.points[self.faces[first, 0]]
 
@@ -408,8 +410,8 @@ def _mesh_parts(points: Array, faces: NDArray[np.intp]) -> _MeshParts:
     """Split a mesh into connected parts, after merging coincident vertices.
 
     STL files store each triangle with its own vertices, so nothing is connected before the merging.
-    A part is closed if each edge occurs equally often in both directions. ``points`` (V, 3) and
-    ``faces`` (F, 3) are the mesh.
+    Triangles that merging collapses are dropped. ``points`` (V, 3), m, and ``faces`` (F, 3) are the
+    mesh.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -438,19 +440,19 @@ def _mesh_parts(points: Array, faces: NDArray[np.intp]) -> _MeshParts:
 
 
 class _MeshInterior:
-    r"""Interior of a mesh: points from which rays cross more faces outwards than inwards.
+    r"""Interior of a mesh: points from which a ray crosses more faces outwards than inwards.
 
-    With s = 1 for a crossed face whose normal points along the ray, and s = −1 for a face whose
-    normal points against the ray, a point is inside a closed mesh if Σ s > 0. This also holds where
-    closed parts overlap, and excludes cavities.
+    A ray leaves the mesh at a face whose normal points along the ray, and enters it at one whose
+    normal points against the ray. This test is also right where closed parts overlap, and excludes
+    cavities.
 
     Parameters
     ----------
     parts
         Parts of the mesh.
     gaps
-        True to include parts with gaps: a point is then inside if the test holds for two of three
-        rays. False to ignore parts with gaps.
+        True to include parts that are not closed: a point is then inside if the test holds for two
+        of three rays. False to ignore such parts.
     """
 
     def __init__(self, parts: _MeshParts, *, gaps: bool) -> None:
@@ -459,11 +461,7 @@ class _MeshInterior:
         self._rays = [_Ray(turn, parts.points, kept) for turn in turns] if len(kept) else []
 
     def contains(self, points: Array) -> bool:
-        """Test whether any of the points (K, 3) is inside.
-
-        The points are in the mesh's own frame, m. If a mesh of the robot has open parts, two of
-        three rays decide.
-        """
+        """Test whether any of the points (K, 3), m, in the mesh's own frame, is inside."""
         return any(self._contains(point) for point in points)
 
     def _contains(self, point: Array) -> bool:
@@ -472,11 +470,10 @@ class _MeshInterior:
 
 
 class _Ray:
-    """Crossings of a mesh by rays in one direction, from any point.
+    """Faces of a mesh, sorted to find those that a ray in a given direction crosses.
 
-    The faces are sorted into strips along x, so that few are tested per ray. Their corners (F, 3,
-    3) are in axes whose z axis is the direction of the rays. A point is inside a mesh if its ray
-    leaves the mesh more often than it enters.
+    ``turn`` (3, 3) has columns x, y and z, of which z is the direction of the rays. The faces are
+    sorted into strips along x, so that few are tested per ray.
     """
 
     def __init__(self, turn: Array, points: Array, faces: NDArray[np.intp]) -> None:
@@ -491,10 +488,7 @@ class _Ray:
         self._strips = [(corners[on], low[on].T, high[on].T) for on in meets]
 
     def crossings(self, point: Array) -> int:
-        """Sum ±1 over the faces that the ray from a point (3,) crosses.
-
-        A face counts −1 if its normal points against the ray.
-        """
+        """Count how much more often the ray from a point (3,) leaves the mesh than it enters it."""
         p = point @ self._turn
         if (p < self._bottom).any() or (p > self._top).any():
             return 0
@@ -506,10 +500,10 @@ class _Ray:
 
 
 def _looks_up(corners: list[list[float]]) -> int:
-    """Return the sign with which the ray from the origin along +z crosses a triangle; 0 if not.
+    """Return 1 if the ray from the origin along +z crosses a triangle whose normal points up.
 
-    The sign is 1 if the triangle's normal points up, and −1 if it points down. The three corners
-    are given as x, y, z.
+    Return −1 if it crosses a triangle whose normal points down, and 0 if it crosses none. Each of
+    the three corners is (x, y, z).
     """
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners
     # twice the signed areas of the triangles formed by the origin and each edge

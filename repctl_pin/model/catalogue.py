@@ -1,4 +1,4 @@
-"""Catalogue of known robots: URDF, task frames and start pose of each.
+"""Catalogue of known robots: URDF, task frames and reference pose of each.
 
 The table is ``arms.toml`` beside this file; it is not read on import.
 """
@@ -27,7 +27,7 @@ _DATA = "share/example-robot-data/robots"
 
 @dataclass(frozen=True)
 class Entry:
-    """Catalogue entry of one robot: its files, its usual frames and its start pose.
+    """Catalogue entry of one robot: its files, its usual frames and its reference pose.
 
     Attributes
     ----------
@@ -40,17 +40,17 @@ class Entry:
     package_dirs : tuple of str
         Folders in which its ``package://`` meshes are looked up.
     frames : tuple of str
-        End frames to offer; the first is the default.
+        Links to offer as frames of a task; the first is the default.
     posture : str or None
         ``group_state`` of the SRDF used as the reference pose. Joints that it omits are at
         mid-range.
     note : str
-        Note for the user.
+        Note for the user on this robot; empty if there is none.
     ready : str or None
-        Name of the ready pose in ``ready.srdf``; given if the reference pose is singular or at a
-        limit.
+        Name of a working pose in ``ready.srdf`` of this package; given if the reference pose is
+        singular or at a limit.
     acceleration : str or None
-        Name of its published acceleration limits in ``motion.timing``.
+        Name of its published acceleration limits, for :class:`Limits`.
     """
 
     name: str
@@ -97,7 +97,7 @@ def find(name: str) -> Entry:
 
 @functools.cache
 def table() -> dict[str, dict[str, Any]]:
-    """Read ``arms.toml``, the table of known robots: a row, as a dictionary, per name; cached."""
+    """Read ``arms.toml``, the table of known robots: a dict of rows by name; cached."""
     return tomllib.loads((Path(__file__).parent / "arms.toml").read_text("utf-8"))
 
 

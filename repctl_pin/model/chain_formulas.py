@@ -53,9 +53,9 @@ def chain_hessians(twists: Array, R: Array | None) -> Array:
 
 
 def axis_turn(R: Array, goal: Array) -> Array:
-    """Compute the rotation that aligns the tool's z axis with the goal's z axis: (2,), rad.
+    """Compute the rotation vector (2,), rad, that aligns the tool's z axis with the goal's z axis.
 
-    The result has the components of the shortest such rotation about the tool's x and y axes.
+    It is that of the shortest such rotation, in the tool's own axes: components along x and y.
 
     Parameters
     ----------
@@ -71,10 +71,10 @@ def axis_turn(R: Array, goal: Array) -> Array:
 
 
 def axis_turns(R: Array, goals: Array) -> Array:
-    """Compute :func:`axis_turn` of tools R (K, 3, 3) and goals (K, 3, 3): (K, 2), rad.
+    """Compute :func:`axis_turn` of K tools R (K, 3, 3) and goals (K, 3, 3): (K, 2), rad.
 
-    It is the orientation error of an axis task, which commands the direction of the tool's z axis
-    alone.
+    This is the orientation error of an axis task, which commands only the direction of the tool's z
+    axis.
     """
     aim = np.einsum("Kab,Ka->Kb", R, goals[..., :, 2])  # the goal's axis in tool axes
     sine = np.hypot(aim[:, 0], aim[:, 1])
@@ -114,8 +114,8 @@ def skew(omega: Array) -> Array:
 def is_rotation(R: Sequence[float]) -> bool:
     """Test whether ``R Rᵀ = I`` and ``det R = 1``, to 1e-6.
 
-    The test is that two rows are orthonormal and the third one is their cross product. It uses
-    plain floats because every step of a control loop calls it.
+    Two rows must be orthonormal, and the third one their cross product. The test uses plain floats,
+    which are fast, because every step of a control loop calls it.
 
     Parameters
     ----------
@@ -143,10 +143,12 @@ a sequence of one per frame."""
 def as_placement(value: Placement, name: str = "target") -> pin.SE3:
     """Convert a rigid transform to a pinocchio.SE3.
 
+    :func:`require_rotation` checks its rotation, which is not done here.
+
     Raises
     ------
     InputError
-        If it is neither a pinocchio.SE3 nor a homogeneous 4 × 4 array; the message calls it
+        If ``value`` is neither a pinocchio.SE3 nor a homogeneous 4 × 4 array; the message calls it
         ``name``.
     """
     if isinstance(value, pin.SE3):
@@ -154,28 +156,26 @@ def as_placement(value: Placement, name: str = "target") -> pin.SE3:
     array = as_numbers(value)
     if array is None or array.shape != (4, 4):
         raise InputError(
-            f"{name} must be a placement: a pinocchio.SE3 or a 4 × 4 array; got {shown(value)}"
+            f"{name} must be a placement: a pinocchio.SE3, or a 4 × 4 array [R p; 0 1], p in m; "
+            f"got {shown(value)}"
         )
     if not np.array_equal(array[3], _LAST_ROW):
         raise InputError(
-            f"{name} must be a placement; the last row of a 4 × 4 array is 0, 0, 0, 1, "
-            f"not {row(array[3])}"
+            f"{name} is not a rigid transform: its last row is {row(array[3])}; "
+            "give a 4 × 4 array with the last row (0, 0, 0, 1)"
         )
     return pin.SE3(array)
 
 
 class Placements(tuple[pin.SE3, ...]):
-    """Placements of several frames, as the target of one task.
+    """Placements of F frames, as the target of a task of several frames: a tuple of pinocchio.SE3.
 
-    Like a single placement, it has the attributes that messages and C code read.
+    Its attributes are named as those of a single pinocchio.SE3.
     """
 
     @property
     def translation(self) -> Array:
-        """Origins of all frames: (3 F,), m.
-
-        F is the number of frames.
-        """
+        """Origins of all frames, one after the other: (3 F,), m."""
         return np.concatenate([each.translation for each in self])
 
     @property
@@ -190,7 +190,7 @@ class Placements(tuple[pin.SE3, ...]):
 def as_placements(values: Any, name: str, what: str) -> list[pin.SE3]:
     """Convert rigid transforms, a list or a (K, 4, 4) array, to a list of pinocchio.SE3.
 
-    Error messages name a transform by ``name`` and its index, and the whole list by ``what``.
+    Error messages call a transform ``name`` with its index, and the whole list ``what``.
     """
     stack = isinstance(values, np.ndarray) and values.ndim == 3
     listed = list(values) if stack else list_of(values, f"{name}s", what)
@@ -203,13 +203,16 @@ def require_rotation(R: Array, name: str) -> None:
     Raises
     ------
     InputError
-        If the matrix is reflected, scaled, sheared, or not finite; the message says which.
+        If the matrix is reflected, is not orthogonal, or has a number that is not finite; the
+        message says which, and calls it the rotation of ``name``.
     """
     if is_rotation(R.ravel().tolist()):
         return
     if not np.isfinite(R).all():
-        raise InputError(f"the rotation of {name} must be finite numbers")
+        raise InputError(f"the rotation of {name} has a number that is not finite; correct it")
     off = float(np.abs(R @ R.T - np.eye(3)).max())
     reflected = off < 1e-5 and np.linalg.det(R) < 0
-    why = "it is reflected, with det R = −1" if reflected else f"R Rᵀ differs from I by {off:.2g}"
-    raise InputError(f"the rotation of {name} is not a rotation matrix: {why}; normalise R to 1e-6")
+    why, remedy = f"R Rᵀ differs from I by {off:.2g}", "normalise R, so that R Rᵀ = I to 1e-6"
+    if reflected:
+        why, remedy = "it is reflected, with det R = −1", "reverse one of its axes"
+    raise InputError(f"the rotation of {name} is not a rotation matrix: {why}", remedy=remedy)

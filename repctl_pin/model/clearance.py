@@ -1,14 +1,15 @@
 r"""Minimum body distance along a motion, at its samples and between them.
 
-Between two samples, the joints move on a straight line. A pair's distance d changes by at most
-ρ·\|q − x\| from x to q, with ρ_j a bound on how far joint j moves the points of the two bodies
-against each other, see :meth:`.BodyBounds.reach`. So on a piece of the motion whose configurations
-differ from its middle c by at most w per joint,
+A pair is two bodies. Between two samples, the joints move on a straight line. A pair's distance d
+changes by at most ρ·\|q − x\| from the configuration x to q, where ρ_j bounds how far joint j moves
+the points of the two bodies against each other, per rad or m, see :meth:`.BodyBounds.reach`. A
+piece is a part of the motion whose configurations differ from its middle c by at most w_j in joint
+j. On the piece,
 
 .. math:: d(q) \ge d(x) - \rho \cdot (|c - x| + w)
 
-for every configuration x at which d was measured. A piece that this bound does not decide is
-measured at its middle, and then halved.
+for every configuration x at which d was measured. If this bound neither excludes a collision nor a
+new minimum, d is measured at c, and the piece is halved.
 """
 
 from __future__ import annotations
@@ -51,23 +52,23 @@ class Clearance:
         Minimum distance found, m: below 0 in a collision, 0 if only convex hulls overlap, inf
         without bodies.
     at : float
-        Sample number of the minimum, counted from 0; a fraction lies between two samples.
+        Sample number at the minimum, counted from 0; a fraction lies between two samples.
     links : (str, str)
-        Links of the two bodies.
+        Links of the two bodies at the minimum.
     touch : (float, (str, str)) or None
-        First collision found: sample, as ``at``, and the two links.
+        First collision found: its sample number, as in ``at``, and the two links.
     overlap : float
-        Distance at the first collision, m; 0 without a collision.
+        Body distance at the first collision, m, which is negative; 0 without a collision.
     distances : (R,) array
         Minimum distances at the samples that were evaluated first, m.
     points : int
         Number of configurations at which distances were measured.
     between : bool
-        True if the minimum holds between the samples too: no bodies collide, and the minimum lies
-        at most 10 % or 5 mm below ``distance``. False after a collision, and if the measured
-        distances did not decide it.
+        True if the result holds between the samples too: no bodies collide, and the true minimum is
+        at most 10 % of ``distance``, or 5 mm if that is more, below it. False after a collision,
+        and if a pair is ``undecided``.
     undecided : (str, str) or None
-        Links of the first pair left undecided, because its two bodies stay close for long.
+        Links of the first pair for which too many measurements would be needed; None if none is.
     """
 
     distance: float
@@ -87,12 +88,12 @@ def clearance(model: _CollisionModel, Q: Array, rows: NDArray[np.intp]) -> Clear
     Parameters
     ----------
     model
-        Bodies and their pairs.
+        Collision model, with the P pairs to check.
     Q
         Samples (K, N) of the motion, a value per joint of the model. Between two samples, the
         joints move on a straight line.
     rows
-        Indices of the samples at which all pairs are evaluated first, including 0 and K − 1.
+        Indices of the samples at which all pairs are evaluated first; 0 and K − 1 are included.
     """
     search = _Search(model, Q)
     undecided = search.look_at(rows)
@@ -103,7 +104,8 @@ def clearance(model: _CollisionModel, Q: Array, rows: NDArray[np.intp]) -> Clear
 class _Search:
     """Search for the minimum body distance of a motion, piece by piece.
 
-    Positions on the motion are sample numbers; a fraction lies between two samples.
+    A position on the motion is a sample number; a fraction lies between two samples. A pair is
+    given by its index.
     """
 
     def __init__(self, model: _CollisionModel, Q: Array) -> None:
@@ -143,11 +145,11 @@ class _Search:
         )
 
     def look_at(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Measure the minimum distance at samples ``rows`` (R,), and list the undecided pairs.
+        """Measure the minimum distance at samples ``rows`` (R,), and list what stays undecided.
 
-        A piece is the motion between two successive rows. Returns two index arrays, of pairs of
-        bodies and of pieces; each entry is a pair that the lower bounds at both ends of a piece do
-        not decide.
+        Piece k is the motion from sample ``rows[k]`` to ``rows[k + 1]``. Return two index arrays of
+        equal length, (pairs, pieces): on each of these pieces, the lower bounds at both ends do not
+        decide whether the pair collides or is the closest.
         """
         pairs, pieces = [], []
         last = None
@@ -171,10 +173,9 @@ class _Search:
     def settle(
         self, rows: NDArray[np.intp], undecided: tuple[NDArray[np.intp], NDArray[np.intp]]
     ) -> None:
-        """Decide for each undecided pair and piece whether the pair collides or is the closest.
+        """Decide by measurement whether undecided pairs collide or are the closest.
 
-        ``undecided`` is the result of :meth:`look_at`: indices of pairs and of pieces. ``rows`` are
-        the samples between which the pieces lie.
+        ``undecided`` is the result of :meth:`look_at` for ``rows``.
         """
         pairs, pieces = undecided
         order = np.argsort(pairs, kind="stable")
@@ -185,10 +186,9 @@ class _Search:
             self._settle_pair(pair, begin, end)
 
     def _settle_pair(self, pair: int, begin: Array, end: Array) -> None:
-        """Measure a pair on M pieces until its lower bounds decide it.
+        """Measure a pair on M pieces until lower bounds decide that :meth:`_settled` holds on all.
 
-        A pair is decided if it cannot collide, and cannot be clearly closer than the minimum found.
-        The pieces extend from ``begin`` (M,) to ``end`` (M,), in sample numbers.
+        The pieces extend from the positions ``begin`` (M,) to ``end`` (M,).
         """
         measured = bool(self._measured[pair])
         pieces = self._pieces(pair, begin, end)
@@ -220,9 +220,9 @@ class _Search:
         self._undecided = pair if self._undecided is None else self._undecided
 
     def _pieces(self, pair: int, begin: Array, end: Array) -> _Pieces:
-        """Make pieces from the positions of their ends (M,), without bounds on the distance.
+        """Make M pieces from the positions of their ends, ``begin`` (M,) and ``end`` (M,).
 
-        ``begin`` and ``end`` (M,) are these positions, as sample numbers.
+        Nothing is known of the pair's distance yet: its bounds are −inf and inf.
         """
         middle = (begin + end) / 2
         long = end - begin > 1
@@ -244,10 +244,10 @@ class _Search:
         )
 
     def _settled(self, lower: Array, measured: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
-        """Test, by lower bounds on distances, m, which pairs need no further measurement.
+        """Test by lower bounds, m, which distances need no further measurement: a mask like them.
 
-        Such a pair cannot collide. If its distance is ``measured``, it cannot be clearly below the
-        smallest distance found either.
+        Such a distance cannot be a collision. If the pair is ``measured``, not checked for
+        collisions only, the distance cannot be clearly below the minimum found either.
         """
         if self._touch < np.inf or self._best <= _SMALL or self._best == np.inf:
             return lower > 0
@@ -255,7 +255,7 @@ class _Search:
         return lower > least * measured
 
     def _measure(self, pair: int, at: float) -> float:
-        """Measure the distance of a pair at a position, m; below 0 in a collision."""
+        """Measure the distance of a pair at the position ``at``, m; below 0 in a collision."""
         self._left -= 1
         self._points += 1
         q = self._Q[int(at)] if at.is_integer() else _between(self._Q, np.array([at]))[0]
@@ -267,12 +267,12 @@ class _Search:
         return distance
 
     def _measure_all(self, at: float) -> tuple[float, int]:
-        """Measure the minimum distance at a position, m; return it and the index of its pair."""
+        """Measure the minimum distance at the position ``at``: return it, m, and its pair."""
         found, which = self._model.least(_between(self._Q, np.array([at])))
         return float(found[0]), int(which[0])
 
     def _note(self, at: float, distance: float) -> None:
-        """Record a minimum distance that was measured at a position."""
+        """Record a distance, m, that was measured at the position ``at``."""
         if distance < self._best:
             self._best, self._at = distance, at
         if distance < 0:
@@ -280,21 +280,21 @@ class _Search:
 
 
 class _Pieces(NamedTuple):
-    """Pieces of a motion on which a pair is undecided, with bounds on the pair's distance, m.
+    """M pieces of a motion on which a pair is undecided, with bounds on the pair's distance.
 
     Attributes
     ----------
-    begin, end, middle
-        Positions of both ends, and of the middles (M,).
-    size
-        Bounds on the motion of the pair's bodies from the middle to any point of the piece (M,).
-    lower
-        Lower bounds on the distance on the pieces (M,).
-    upper
-        Upper bounds on the distance at the middles (M,).
-    center
-        Positions, at the middles, of the J joints that move the pair, times their bounds ρ_j: (M,
-        J), m.
+    begin, end, middle : (M,) arrays
+        Positions of the ends and middles of the pieces, as sample numbers.
+    size : (M,) array
+        ρ·w: how far the pair's bodies can move relative to each other between the middle and any
+        point of the piece, m.
+    lower : (M,) array
+        Lower bound on the distance anywhere on the piece, m.
+    upper : (M,) array
+        Upper bound on the distance at the middle, m.
+    center : (M, ·) array
+        ρ_j c_j at the middle c, m, for each joint j that moves the pair.
     """
 
     begin: Array
@@ -314,9 +314,9 @@ class _Pieces(NamedTuple):
         return _Pieces(*map(np.concatenate, zip(self, more, strict=True)))
 
     def after(self, distance: float, at: Array) -> _Pieces:
-        """Return the pieces with bounds tightened by a ``distance``, m, measured at ``at``.
+        """Return the pieces with bounds tightened by a ``distance``, m, that was measured.
 
-        ``at`` (J,) is the position of the measurement, in the units of ``center``.
+        ``at`` is ρ_j x_j of the configuration x of the measurement, as a row of ``center``.
         """
         moved = np.abs(self.center - at).sum(axis=1)
         return self._replace(
@@ -326,7 +326,7 @@ class _Pieces(NamedTuple):
 
 
 def _between(values: Array, at: Array) -> Array:
-    """Interpolate rows of values (K, N) at positions (M,): (M, N)."""
+    """Interpolate the rows of ``values`` (K, N) at the fractional row numbers ``at``: (M, N)."""
     first = np.minimum(at.astype(np.intp), len(values) - 1)
     last = np.minimum(first + 1, len(values) - 1)
     share = (at - first)[:, None]

@@ -1,8 +1,9 @@
 """Collision model: the bodies of a chain, the pairs that can collide, and their distances.
 
-A pair is two bodies between which a joint moves. Each body of the robot is represented by its
-convex hull. A collision-only pair, such as neighbouring links, is tested for collisions without a
-distance, because its bodies are always close.
+A pair is two bodies between which a joint moves, given by its index 0 to P − 1. Each body of the
+robot is represented by its convex hull. A measured pair has a distance. A collision-only pair, such
+as neighbouring links, is tested for collisions without a distance, because its bodies are always
+close. The model has N joints, mimic joints included.
 """
 
 from __future__ import annotations
@@ -114,16 +115,17 @@ class _CollisionModel:
     def least(self, Q: Array, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Compute the minimum body distance and the index of its pair at every row of Q (K, N).
 
-        Returns distances (K,), m, and indices (K,) into ``pairs``; inf and −1 without a measured
-        pair.
+        Return distances (K,), m, and indices (K,) into ``pairs``; inf and −1 without a measured
+        pair and without a collision.
 
         Parameters
         ----------
         Q
             Configurations of the model's N joints.
         hulls
-            Return the signed distance of convex hulls, minus their penetration depth where they
-            overlap. If False, the distance is 0 where hulls overlap but the bodies do not collide.
+            True to return the signed distance of the convex hulls: minus their penetration depth
+            where they overlap. If False, the distance is 0 where hulls overlap but the bodies do
+            not collide.
         """
         found = np.full(len(Q), np.inf)
         which = np.full(len(Q), -1)
@@ -140,9 +142,8 @@ class _CollisionModel:
     def nearer(self, Q: Array, distance: float, among: _Mask | None = None) -> NDArray[np.bool_]:
         """Test at every row of Q (K, N) whether any two bodies are nearer than a distance, m: (K,).
 
-        Pairs that the bounds show to be apart are not measured, and the first nearer pair ends the
-        test. So it takes a fraction of the time of :meth:`least`. ``among`` (P,) marks the pairs
-        that are tested; by default all.
+        This takes a fraction of the time of :meth:`least`, because the first pair that is nearer
+        ends the test. ``among`` (P,) is a mask of the pairs to test; by default, all are tested.
         """
         found = np.zeros(len(Q), bool)
         for start, block, bounds in self._bounded(Q) if len(self.pairs) else ():
@@ -157,9 +158,9 @@ class _CollisionModel:
         return found
 
     def lowest(self, Q: Array) -> Array:
-        """Bound the distances of all pairs from below at Q (K, N): (K, P), m.
+        """Compute lower bounds on the distances of all pairs at Q (K, N): (K, P), m.
 
-        The bound of a collision-only pair is infinite.
+        The bound of a collision-only pair is inf.
         """
         bounds = [block for _, _, block in self._bounded(Q)]
         found = np.concatenate(bounds) if bounds else np.zeros((0, len(self.pairs)))
@@ -169,30 +170,30 @@ class _CollisionModel:
         """Bound how fast each joint changes the distance of each pair: (P, N), m per rad or m.
 
         The bound holds while prismatic joints are within ±``strokes`` (N,), m; by default, within
-        their limits. See :meth:`BodyBounds.reach`. A proof uses it to cover a box of
-        configurations.
+        their limits. See :meth:`BodyBounds.reach`.
         """
         return self._bounds.reach(self._joints, self._strokes if strokes is None else strokes)
 
     @property
     def tables(self) -> Any:
-        """C struct :data:`BODY_TABLES` with the bodies and pairs, for the native library."""
+        """Struct :data:`BODY_TABLES` with the joints, bodies and pairs, for the native library."""
         return self._bounds.tables
 
     def kept(self, distance: float) -> Array:
-        """Return the minimum distance allowed for each pair: (P,), m; 0 for a collision-only pair.
+        """Return the distance that each pair must keep: (P,), m.
 
-        ``distance`` is the minimum for all other pairs; neighbouring links are always closer.
+        It is ``distance`` for a measured pair, and 0 for a collision-only pair, whose bodies are
+        always close.
         """
         return np.where(self._only_contact, 0.0, distance)
 
     def some_distances(
         self, q: Array, pairs: NDArray[np.intp], *, exact: bool = False, outside: bool = False
     ) -> Array:
-        """Bound the distances of some pairs from below at q (N,): (K,), m; above 0 is no collision.
+        """Compute lower bounds on the distances of some pairs at q (N,): (K,), m.
 
-        The distances are those of the hulls. Where the hulls of a collision-only pair overlap, the
-        distance of the exact shapes is used, or a lower bound on it.
+        A pair whose bound is above 0 does not collide. The bound is the distance of the hulls;
+        where the hulls of a collision-only pair overlap, it is that of the exact shapes.
 
         Parameters
         ----------
@@ -201,11 +202,13 @@ class _CollisionModel:
         pairs
             Indices of K pairs.
         exact
-            Use the distance of the exact shapes where the hulls of any pair overlap; below 0 in a
-            collision.
+            True to use the distance of the exact shapes where the hulls of any pair overlap; it is
+            below 0 in a collision.
         outside
-            Assume that no body is inside a mesh without touching its surface, which is far faster.
-            This is true along a path on which all bounds are above 0, if it is true at the start.
+            True to assume that no body is inside a mesh without touching its surface, which is far
+            faster; collision-only pairs then have a lower bound on the distance of their exact
+            surfaces. The assumption holds along a path on which all bounds are above 0, if it
+            holds at its start.
         """
         with self._lock:
             self._move(q)
@@ -218,10 +221,10 @@ class _CollisionModel:
         return np.array(found)
 
     def blocks(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
-        """Yield, for blocks of B rows of Q (K, N), the first row's index, bounds and distances.
+        """Yield (index of the first row, bounds, distances) for blocks of B rows of Q (K, N).
 
-        The bounds (B, P) are lower bounds on the distances of all pairs, m; the minimum distances
-        (B,) are those of :meth:`least`.
+        ``bounds`` (B, P) are lower bounds on the distances of all pairs, m, and ``distances`` (B,)
+        the minimum distances of :meth:`least`.
         """
         last = 0
         for start, block, bounds in self._bounded(Q):
@@ -234,37 +237,33 @@ class _CollisionModel:
             yield start, bounds, found
 
     def names(self, pair: int) -> Pair:
-        """Return the names of the two links of a pair, given by its index.
-
-        The index is a row of ``pairs``.
-        """
+        """Return the names of the two links of a pair, given by its index."""
         a, b = self.pairs[pair].tolist()
         return self.links[a], self.links[b]
 
     def named(self, which: _Mask) -> tuple[Pair, ...]:
-        """Return the names of the links of the pairs that a mask (P,) marks, without duplicates."""
+        """Return the names of the two links of each pair in a mask (P,), without duplicates."""
         return tuple(dict.fromkeys(map(self.names, np.flatnonzero(which).tolist())))
 
     # ---- distances -----------------------------------------------------------------------------
 
     def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
-        """Yield each row of Q (K, N) with lower bounds (P,) on the distances of all pairs, m.
+        """Yield each row (N,) of Q with lower bounds (P,) on the distances of all pairs, m.
 
-        N is the number of joints of the model, and P the number of pairs. The bound of a
-        collision-only pair is infinite where it shows that the pair does not collide.
+        The bound of a collision-only pair is inf if it excludes a collision.
         """
         for _, block, bounds in self._bounded(Q):
             yield from zip(block, self._telling(bounds), strict=True)
 
     def _bounded(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
-        """Yield blocks of rows of Q (K, N): the first row's index, the block, its bounds (B, P)."""
+        """Yield (index of the first row, rows (B, N), bounds (B, P), m) for blocks of Q (K, N)."""
         size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size, 1)))
         for start in range(0, len(Q), size):
             block = Q[start : start + size]
             yield start, block, self._bounds(block)
 
     def _telling(self, bounds: Array) -> Array:
-        """Set the bounds (B, P) of collision-only pairs to inf where they exclude a collision."""
+        """Return bounds (B, P), m, with inf for collision-only pairs that cannot collide."""
         if not self._some_only_contact:
             return bounds
         return np.where(self._only_contact & (bounds >= 0), np.inf, bounds)
@@ -272,12 +271,11 @@ class _CollisionModel:
     def _least(
         self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]
     ) -> tuple[float, int]:
-        """Compute the minimum distance at q (N,) and the index of its pair.
+        """Compute the minimum distance at q (N,), m, and the index of its pair.
 
-        ``measure`` returns the distance of the pair with a given index. The pair ``guess`` is
-        measured first, then the others in order of their lower bounds, until no bound is below the
-        minimum found. So most distances are never computed. ``bounds`` of measured pairs become
-        infinite.
+        ``measure`` is a function: index of a pair → its distance. The pair ``guess`` is measured
+        first, then the others in order of their lower ``bounds`` (P,), until no bound is below the
+        minimum found. ``bounds`` is changed: it becomes inf for each pair that is measured.
         """
         self._move(q)
         best, at = measure(guess), guess
@@ -298,8 +296,8 @@ class _CollisionModel:
     def _exact(self, k: int) -> float:
         """Compute the distance of pair k at the current placements, m; below 0 in a collision.
 
-        The result is 0 if only hulls overlap, and infinite for a collision-only pair without a
-        collision.
+        The result is 0 if only the hulls overlap. It is inf for a collision-only pair that does not
+        collide.
         """
         distance = self._apart(k)
         if distance <= 0:
@@ -307,17 +305,14 @@ class _CollisionModel:
         return np.inf if distance >= 0 and self._only_contact[k] else distance
 
     def _is_nearer(self, k: int, distance: float) -> bool:
-        """Test whether the distance of pair k, see :meth:`_exact`, is below ``distance``, m.
-
-        Where hulls overlap, that distance is at most 0, whether or not the bodies collide.
-        """
+        """Test whether the distance of pair k, see :meth:`_exact`, is below ``distance``, m."""
         hulls_tell = distance > 0 and not self._only_contact[k]
         return (self._apart(k) if hulls_tell else self._exact(k)) < distance
 
     def _of_hulls(self, k: int) -> float:
-        """Compute the signed distance of the hulls of pair k, m; exact for a collision-only pair.
+        """Compute the signed distance of the hulls of pair k, m; for a collision-only pair, _exact.
 
-        The gradient of this distance shows which motion separates overlapping bodies.
+        The gradient of a hull distance shows which motion separates overlapping bodies.
         """
         return self._exact(k) if self._only_contact[k] else self._apart(k)
 
@@ -348,8 +343,8 @@ class _CollisionModel:
     def _collide(self, k: int) -> bool:
         """Test whether the two bodies of pair k, whose hulls overlap, collide.
 
-        Two convex bodies then collide; for meshes, the exact surfaces are compared, unless a
-        distance measured nearby shows that they are apart.
+        Two convex bodies whose hulls overlap collide. For meshes, the exact shapes are tested,
+        unless a surface distance that was measured nearby excludes a collision.
         """
         a, b = self._both[k]
         one, other = self._bodies[a], self._bodies[b]
@@ -363,10 +358,7 @@ class _CollisionModel:
         return hit
 
     def _exact_distance(self, k: int) -> float:
-        """Compute the distance of the exact shapes of pair k at the current placements, m.
-
-        The distance is below 0 in a collision.
-        """
+        """Compute the distance of the exact shapes of pair k, m; below 0 in a collision."""
         a, b = self._both[k]
         one, other = self._bodies[a], self._bodies[b]
         distance = self._between_surfaces(k)
@@ -388,10 +380,10 @@ class _CollisionModel:
         return float(coal.distance(one, here, other, there, self._request, result))
 
     def _surfaces(self, k: int) -> float:
-        """Bound the distance of the surfaces of pair k from below, m; below 0 if they intersect.
+        """Compute a lower bound on the distance of the surfaces of pair k, m.
 
-        To find whether they are farther apart than a margin is far faster than to compute their
-        distance. The bound is −inf for two convex bodies, whose hulls are exact.
+        It is 1 cm for all surfaces that are farther apart, which is far faster than their distance;
+        below 1 cm, it is the distance. It is −inf for two convex bodies, whose hulls are exact.
         """
         (a, b), request = self._both[k], coal.CollisionRequest()
         one, other = self._bodies[a].exact, self._bodies[b].exact
@@ -418,9 +410,10 @@ class _CollisionModel:
     # ---- bodies --------------------------------------------------------------------------------
 
     def _add_robot(self, task: Task) -> dict[str, Pair]:
-        """Add the robot's bodies; return its unusable shapes: (link, cause), by file or shape name.
+        """Add the robot's bodies; return a dict of its unusable shapes, which are left out.
 
-        The unusable shapes are left out, and a note reports them to the user.
+        The key is the name of the mesh file or, of another shape, its own; the value is (link,
+        cause).
         """
         description = task.robot.description
         links = link_frames(self._model)
@@ -466,7 +459,7 @@ class _CollisionModel:
     # ---- pairs ---------------------------------------------------------------------------------
 
     def _choose_pairs(self, task: Task) -> None:
-        """Choose the pairs to check, and list the names of all pairs by how they are treated.
+        """Choose the pairs to check, and set ``measured``, ``only_contact`` and the other lists.
 
         All shapes of two of the robot's own links are treated alike. A link of the surroundings
         often has shapes far apart, so its shapes are treated one by one.
@@ -501,9 +494,9 @@ class _CollisionModel:
         self._measure(self.pairs[~left_out], only_contact[~left_out])
 
     def _named_apart(self, always: _Mask) -> tuple[Pair, ...]:
-        """Return the names of the pairs that a mask (P,) marks because they always overlap.
+        """Return the names of the links of the pairs that always overlap, given by a mask (P,).
 
-        A shape of the surroundings is named if other shapes of its link do not overlap.
+        If only some shapes of a link of the surroundings always overlap, the shape is named too.
         """
         partly = set(self.named(~always))
         found: dict[Pair, None] = {}
@@ -515,9 +508,9 @@ class _CollisionModel:
         return tuple(found)
 
     def _link_pairs(self) -> NDArray[np.intp]:
-        """Number the pairs of links to which the pairs of bodies belong: (P,).
+        """Number the pairs of links; return the number to which each pair of bodies belongs: (P,).
 
-        Each pair with a body of the surroundings has a number of its own.
+        A pair with a body of the surroundings has a number of its own.
         """
         numbers: dict[object, int] = {}
         keys = [
@@ -550,9 +543,9 @@ class _CollisionModel:
         return np.concatenate([inner, outer]).astype(np.intp)
 
     def _are_in(self, links: set[frozenset[str]]) -> _Mask:
-        """Mark the pairs of the robot's own bodies that belong to the given pairs of links.
+        """Return a mask (P,): True for two of the robot's bodies on one of the pairs of ``links``.
 
-        Return a mask (P,) of all pairs; those with the surroundings are not marked.
+        It is False for all pairs with the surroundings.
         """
         found = np.zeros(len(self.pairs), bool)
         if links:
@@ -562,7 +555,7 @@ class _CollisionModel:
         return found
 
     def _one_joint_between(self) -> _Mask:
-        """Mark the pairs of the robot's own bodies (P,) with one movable joint between them.
+        """Return a mask (P,): True for two of the robot's bodies with one movable joint between.
 
         Such neighbours nearly touch by design, so their distance is no measure of danger.
         """
@@ -573,8 +566,8 @@ class _CollisionModel:
     def _measure(self, pairs: NDArray[np.intp], only_contact: _Mask | None = None) -> None:
         """Set the pairs (P, 2) to check, and prepare their lower bounds.
 
-        ``only_contact`` (P,) marks the pairs that are checked for collisions only; None means no
-        pair. This method is called again each time that pairs have been ruled out.
+        ``only_contact`` (P,) is a mask of the collision-only pairs; None means that there are none.
+        The method is called again each time that pairs have been left out.
         """
         self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
         self._only_contact = np.zeros(len(pairs), bool) if only_contact is None else only_contact
@@ -597,14 +590,14 @@ class _CollisionModel:
         task
             Task whose reference pose is the first configuration.
         near
-            Mask (P,) of the pairs that are tested at every configuration; other pairs of links are
-            tested until their hulls are apart at one configuration.
+            Mask (P,) of the pairs to test at every configuration. Other pairs of links are tested
+            only until a configuration is found at which their hulls do not overlap.
 
         Returns
         -------
-        Three arrays (P,), with a value for the pair of links to which each pair of bodies belongs:
-        whether the links collide at the reference pose, the share of configurations at which they
-        collide, and whether their hulls overlap at all configurations.
+        Three arrays (P,), each with one value per pair of links, repeated for all pairs of bodies
+        on these links: whether the links collide at the reference pose, the share of configurations
+        at which they collide, and whether their hulls overlap at all configurations.
         """
         Q = _sample_configurations(task)
         link_pair = self._link_pairs()
@@ -627,10 +620,10 @@ class _CollisionModel:
 
 
 def _sample_configurations(task: Task) -> Array:
-    """Sample configurations (K, N) of the bodies' model: the reference pose, then 100 random ones.
+    """Return the reference pose, and 100 random configurations, of the model's joints: (101, N).
 
-    The random ones are within the joint limits, and at most π rad (m) from the reference pose. They
-    are the same in each call.
+    The random ones are within the joint limits, and at most π rad (m) per joint from the reference
+    pose. They are the same in each call.
     """
     q0 = task.reference
     low = np.maximum(task.lower, q0 - _FREE)
@@ -656,9 +649,9 @@ def collision_model(task: Task) -> _CollisionModel:
 
 
 def _key(task: Task) -> Hashable:
-    """Return the cache key of a task's collision model; it changes whenever the model would.
+    """Return the cache key of a task's collision model: all data on which the model depends.
 
-    It contains the descriptions, the files with their times and sizes, and the fixed joints.
+    These are the URDFs, the mesh files with their times and sizes, and the joints.
     """
     robot = task.robot
     around, entry = robot.surroundings, robot.entry
@@ -674,6 +667,6 @@ def _key(task: Task) -> Hashable:
 
 
 def _mesh_files(description: Description, package_dirs: tuple[str, ...]) -> list[Path | None]:
-    """Find the collision mesh files of a description; None for each that is missing."""
+    """List the collision mesh files of a URDF, each once; None for a missing file."""
     names = dict.fromkeys(solid.filename for solid in description.collisions if solid.filename)
     return [find_mesh(name, description.path, package_dirs) for name in names]

@@ -42,13 +42,14 @@ _SENSORS = (
 
 @dataclass(eq=False)
 class _Body:
-    """Rigid body: links connected by fixed joints, the unit in which an arm's end is searched.
+    """Rigid body: links connected by fixed joints, in the tree of bodies of a robot.
+
+    The body's first link is the child of the moving joint before the body, or the root.
 
     Attributes
     ----------
     links : dict of int
-        Links of the body, each with the number of fixed joints between it and the body's first
-        link, which a joint moves.
+        Number of fixed joints between each link of the body, by name, and the body's first link.
     before : int
         Number of moving joints from the root to the body.
     branches : list of (Joint, Body)
@@ -58,11 +59,11 @@ class _Body:
     narrow : bool
         True if every joint beyond the body has the range of a finger.
     loose : bool
-        True if all joints beyond the body belong to ball joints, which no motor drives.
+        True if all joints beyond the body are parts of ball joints, which no motor drives.
     named : bool
-        True if the joint before the body, or its first link, is named as a finger.
+        True if the joint before the body, or the body's first link, is named as a finger.
     shells : set of str
-        Links of the body that carry collision shapes and are not drawn.
+        Links of the robot that have collision shapes and are not drawn.
     """
 
     links: dict[str, int]
@@ -81,7 +82,7 @@ class _Body:
 
     @property
     def is_hand(self) -> bool:
-        """True if most of the longest branches are fingers, so that the arm ends at this body."""
+        """True if more than half of the longest branches are fingers: the arm ends at this body."""
         fingers = [
             self._is_finger(joint, tip)
             for joint, tip in self.branches
@@ -90,11 +91,9 @@ class _Body:
         return 2 * sum(fingers) > len(fingers)
 
     def _is_finger(self, joint: Joint, tip: _Body) -> bool:
-        """Test whether a branch is a finger: small range, few joints, and one of several signs.
+        """Test whether a branch is a finger, by the criteria of :func:`arm_ends`.
 
-        ``joint`` begins the branch and ``tip`` is the body after it. The signs are another branch
-        beside it, a mimic joint, a prismatic joint at the end, a name of a gripper or finger, or a
-        tool's link.
+        ``joint`` is the first joint of the branch, and ``tip`` the body that it moves.
         """
         if not (_moves_little(joint, tip) and tip.narrow and 1 + tip.after <= self.before):
             return False
@@ -150,10 +149,10 @@ def arm_ends(description: Description) -> list[_Body]:
 
 
 def _ends(root: _Body, *, whole: bool) -> list[_Body]:
-    """List the bodies without branches, the hands and the tools with a load, in the file's order.
+    """List the bodies at which a branch of the tree ends, from ``root`` on, in the file's order.
 
-    ``whole`` is True if the whole robot is a finger; a hand is then not an end. ``root`` is the
-    body at which the search begins.
+    These are bodies without branches, tools with a hanging load and, unless the ``whole`` robot is
+    a finger, hands.
     """
     ends, todo = [], [root]
     while todo:
@@ -167,7 +166,7 @@ def _ends(root: _Body, *, whole: bool) -> list[_Body]:
 
 
 def task_links(body: _Body) -> list[str]:
-    """Sort a body's links, the best end effector first: by name, then by distance from the joint.
+    """Sort a body's links, the best end effector first: by :func:`rank`, then the farthest out.
 
     All links of a body move together; only their names show which of them is meant as the tool's
     frame. Links that only carry collision shapes are left out, unless the body has no others.
@@ -204,7 +203,7 @@ def words(name: str) -> list[str]:
 
 
 def rank(link: str) -> int:
-    """Rank a link by its name: 0 for the best end effector, more for sensors and fingers."""
+    """Rank a link by its name as an end effector: 0 is the best; fingers and sensors are last."""
     spoken = [word for word in words(link) if word not in ("link", "frame")]
     if len(spoken) > 1 and spoken[-1] == "base":  # gripper_left_base_link
         spoken = [word for word in spoken[:-1] if word not in ("left", "right")]
@@ -231,6 +230,9 @@ def _says_finger(joint: Joint, digits: set[str]) -> bool:
 
 
 def _digits(description: Description) -> set[str]:
-    """Collect the finger names in a file, such as ``index``; none if there are fewer than two."""
+    """Collect the words for fingers, such as ``index``, in a URDF's link names.
+
+    A single one can have another meaning, so the set is then empty.
+    """
     found = _DIGITS & {word for joint in description.joints for word in words(joint.child)}
     return found if len(found) > 1 else set()

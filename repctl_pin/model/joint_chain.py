@@ -32,8 +32,8 @@ class JointChain:
     Attributes
     ----------
     R, p : (P + 1, 3, 3) and (P + 1, 3) arrays
-        Rotation and origin, m, of each joint relative to the previous one at position 0; last,
-        those of the frame relative to the last joint.
+        Rotation and origin, m, of each joint at position 0 relative to the previous joint; the last
+        entry is that of the frame relative to the last joint.
     axes : (P, 3) array
         Unit vectors of the joint axes, each in the frame of its joint.
     revolute : (P,) array of bool
@@ -70,14 +70,15 @@ def joint_chain(task: Task) -> JointChain:
 @dataclass(frozen=True, eq=False)
 @read_only
 class CarriedFrame:
-    """Frame of a robot: the joints that move it, and its placement on the last of them.
+    """Frame of a robot in a :class:`_JointTree`: the joints that move it, and its placement.
 
     Attributes
     ----------
-    chain : (P,) array of int
-        Indices of the joints between the root and the frame; none for a frame on the root.
+    chain : array of int
+        Indices, in the tree, of the joints from the root to the frame; empty for a frame that is
+        fixed to the root.
     R, p : (3, 3) and (3,) arrays
-        Placement of the frame on the last joint of its chain.
+        Rotation and origin, m, of the frame relative to the last joint of its chain, or the root.
     """
 
     chain: NDArray[np.intp]
@@ -88,26 +89,27 @@ class CarriedFrame:
 @dataclass(frozen=True, eq=False)
 @read_only
 class _JointTree:
-    """Tree of all N joints that a task moves, also on side branches, from the base outward.
+    """Tree of all N joints that a task moves, also on side branches, from the root outward.
 
-    The animation page moves the whole arm with this tree, including links that are not on the chain
-    to the frame.
+    The animation page moves all links of the robot with this tree, not only those on the chain to
+    the frame.
 
     Attributes
     ----------
     parents : (N,) array of int
-        Index of the joint before each joint; −1 for a joint on the base.
+        Index of the joint before each joint; −1 for a joint on the root.
     R, p, axes, revolute, S, offset
-        As in :class:`JointChain`, with N joints; R and p are relative to the joint before.
+        As in :class:`JointChain`, for N joints; R (N, 3, 3) and p (N, 3) are relative to the joint
+        before, without an entry for a frame.
     frames : tuple of CarriedFrame
         The task's frames.
     base : CarriedFrame or None
         The link relative to which the frames are controlled; None for the root.
     first : (n,) array of int
-        Index of the first joint that each entry of q drives. With one frame, only joints on the
-        path to the frame count.
+        Index of the first joint that each entry of q drives: the joint itself, or one that mimics
+        it. For a task of one frame, only joints on the path to the frame count.
     riding : dict of str to int
-        Index of the joint that carries each link; −1 for a link fixed to the base.
+        Index of the joint that carries each link, by link name; −1 for a link fixed to the root.
     """
 
     parents: NDArray[np.intp]
@@ -124,10 +126,9 @@ class _JointTree:
 
 
 def joint_tree(task: Task) -> _JointTree:
-    """Extract the tree of the joints that a task moves; the robot's base is its root.
+    """Extract the tree of all joints that a task moves, on any branch of the robot.
 
-    Unlike a chain, the tree includes branches beside the frames, whose links also move and are
-    drawn. Its root is the robot's, also if frames are controlled relative to another link.
+    Its root is the root link of the URDF, even if frames are controlled relative to another link.
     """
     model, drive = task.bodies_model()
     base = task.robot.base
@@ -158,11 +159,11 @@ def _carried(model: pin.Model, name: str) -> CarriedFrame:
 
 
 def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
-    """Create the struct :data:`ARM` of a task without potentials, and the arrays it points to.
+    """Create the struct :data:`ARM` of a task, without potentials, for the native library.
 
-    The joint frames are turned so that each joint moves about or along its own z axis. None if the
-    chain has more than 64 joints, the maximum of arm.c. Control loops, bounds and integration in C
-    all use it.
+    Return the struct, and the list of arrays that it points to, which must live as long as the
+    struct. Return None if a chain has more than 64 joints, the maximum of arm.c. Joint frames are
+    those of :func:`along_z`.
     """
     if isinstance(task, SeveralFrames):
         return _native_frames(task)
@@ -189,10 +190,7 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
 
 
 def _native_frames(task: SeveralFrames) -> tuple[Any, list[NDArray[np.generic]]] | None:
-    """Create the struct :data:`ARM` of several frames, with a struct for the chain of each.
-
-    Returns the same as :func:`native_chain`; None if one of the chains has too many joints for C.
-    """
+    """Create the result of :func:`native_chain` for several frames: one struct per chain."""
     made = [native_chain(part) for part in task.parts]
     frames = [each[0] for each in made if each is not None]
     if len(frames) < len(made):
@@ -208,17 +206,17 @@ def _native_frames(task: SeveralFrames) -> tuple[Any, list[NDArray[np.generic]]]
 
 
 def along_z(chain: JointChain) -> tuple[Array, Array]:
-    """Turn the frames of the joints, so that each joint moves about or along its own z axis.
+    """Turn the joint frames of a chain, so that each joint moves about or along its own z axis.
 
-    Each frame is also turned about its z axis, which commutes with the motion of its joint, so that
-    the next frame is rotated relative to it about x only, unless the two z axes are parallel.
-    Products with such rotations need fewer operations in C.
+    Each frame is also turned about its z axis, so that the next frame is rotated relative to it
+    about x only, unless the two z axes are parallel. Products with such rotations need fewer
+    operations in C.
 
     Returns
     -------
     R, p : (P + 1, 3, 3) and (P + 1, 3) arrays
-        Rotation and origin of each frame relative to the previous one: of the P joints, and of the
-        task's frame.
+        Rotation and origin, m, of each frame relative to the previous one, as in
+        :class:`JointChain`.
     """
     B = [np.eye(3), *map(_z_along, chain.axes), np.eye(3)]
     for j in range(1, len(chain.axes)):
@@ -248,9 +246,10 @@ def _about_z(x: float, y: float) -> Array:
 
 
 def _bent(R: Array) -> NDArray[np.int_]:
-    """Classify rotations (P, 3, 3): 2 for a quarter turn about x, 1 for others about x, else 0.
+    """Classify rotations (P, 3, 3), as integers (P,): 2, 1 or 0.
 
-    C multiplies by rotations of kinds 1 and 2 with fewer operations. Most arms have only these.
+    2 is a quarter turn about x, 1 another rotation about x, or none, and 0 any other rotation. C
+    multiplies by rotations of classes 2 and 1 with fewer operations.
     """
     about_x = (R[:, 0] == [1, 0, 0]).all(axis=1) & (R[:, :, 0] == [1, 0, 0]).all(axis=1)
     return np.where(about_x, np.where(R[:, 1, 1] == 0, 2, 1), 0)
@@ -259,7 +258,7 @@ def _bent(R: Array) -> NDArray[np.int_]:
 def _z_along(axis: Array) -> Array:
     """Compute a rotation (3, 3) whose third column is a given unit vector.
 
-    Along the axes x, y and z, its entries are exactly 0, 1 and −1.
+    If the vector is along x, y or z, all entries are exactly 0, 1 or −1.
     """
     axis = np.where(np.abs(axis) < 1e-15, 0.0, axis) + 0.0
     k = int(np.argmax(np.abs(axis)))
@@ -270,9 +269,10 @@ def _z_along(axis: Array) -> Array:
 
 
 def joint_axes(model: pin.Model, joints: Sequence[int]) -> tuple[Array, NDArray[np.bool_]]:
-    """Compute the axes (P, 3) of joints, each in its own frame, and which joints are revolute (P,).
+    """Compute the unit axes (P, 3) of joints, and a mask (P,) of the revolute ones.
 
-    ``joints`` are ids of the model. Axes are unit vectors, of rotation or of translation.
+    ``joints`` are P ids of the model. An axis, of rotation or of translation, is in the frame of
+    its joint.
     """
     data = model.createData()
     neutral = pin.neutral(model)
@@ -284,10 +284,9 @@ def joint_axes(model: pin.Model, joints: Sequence[int]) -> tuple[Array, NDArray[
 
 
 def joint_coupling(task: Task, joints: Sequence[int]) -> tuple[Array, Array]:
-    """Find S (P, n) and the offset (P,) of ``θ = S q + offset``, the positions of joints.
+    """Return S (P, n) and the offset (P,) of ``θ = S q + offset``, the positions of P joints.
 
-    ``joints`` are ids of the task's model. S is the identity, and the offset 0, without mimic
-    joints.
+    ``joints`` are their ids in the task's model.
     """
     rows = [j - 1 for j in joints]
     return task.drive.S[rows], task.drive.offset[rows]

@@ -1,8 +1,8 @@
 """Kinds of task: which coordinates of its frame a task commands, and the task error in them.
 
 A frame moves with the twist (v, ω), in base axes; v is the velocity of its origin. A kind selects
-rows of the twist. A kind with rows of ω also compares rotations: a pose task compares the whole
-rotation, an axis task only the direction of the tool's z axis.
+rows of the twist. The task error of a pose task has the whole rotation to the target; that of an
+axis task has only the rotation of the tool's z axis. The tool axes are the axes of the frame.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ KindName = Literal["pose", "axis", "position", "xy", "xz", "yz"]
 
 
 class Kind(str):
-    """Kind of a task: which coordinates of its frame it commands, under a name such as ``pose``.
+    """Kind of a task: its name, a str such as ``pose``, with the coordinates that it commands.
 
     Attributes
     ----------
     rows : (m,) array of int
-        Rows of the twist (v, ω) of the frame that are commanded.
+        Rows of the twist (v, ω) of the frame that are commanded, counted from 0.
     m : int
         Number of task coordinates.
     words : str
@@ -39,9 +39,10 @@ class Kind(str):
     turns : bool
         True if rows of ω are commanded.
     tool_axes : bool
-        True if these rows are along the frame's own x and y, which tilt the tool's z axis.
+        True for an axis task: ω is commanded about the frame's own x and y axes, which tilts its z
+        axis.
     linear : (m,) array of bool
-        True for rows of v.
+        True for rows of v, False for rows of ω.
     """
 
     rows: NDArray[np.intp]
@@ -52,7 +53,7 @@ class Kind(str):
     tool_axes: bool
 
     def __new__(cls, name: str, *rows: int, words: str) -> Kind:
-        """Make a kind from its name, its rows of the twist (v, ω) and its words for messages."""
+        """Create a kind from its name, ``rows`` and ``words``, see the attributes."""
         kind = super().__new__(cls, name)
         kind.rows = np.array(rows)
         kind.linear = kind.rows % 6 < 3
@@ -66,10 +67,10 @@ class Kind(str):
 
     @classmethod
     def stacked(cls, kinds: Sequence[Kind]) -> Kind:
-        """Make the kind of a task of several frames: rows of their twists, one below the other.
+        """Create the kind of a task of several frames from the kind of each.
 
-        Row i of frame k is row 6 k + i of the twists (v, ω) of all frames. The name joins the names
-        of the single kinds by " + ".
+        Row i of frame k becomes row 6 k + i of the stacked twists (v, ω) of all frames. The name
+        joins the names of the single kinds by " + ".
         """
         rows = (6 * k + int(row) for k, one in enumerate(kinds) for row in one.rows)
         words = "; ".join(one.words for one in kinds)
@@ -79,7 +80,7 @@ class Kind(str):
 
     @property
     def directions(self) -> str:
-        """Base axes along which the position is commanded: ``xyz``, or two of them."""
+        """Base axes along which the position is commanded: ``xyz``, or two of these letters."""
         return "".join("xyz"[row] for row in self.rows if row < 3)
 
     @property
@@ -91,11 +92,11 @@ class Kind(str):
         return (str(self),) if self.m == 2 else ("xy", "yz", "xz")
 
     def error(self, here: pin.SE3, target: pin.SE3) -> Array:
-        """Evaluate the task error (m,) from a placement (R, p) to a target (R*, p*), m and rad.
+        """Evaluate the task error (m,) from ``here`` (R, p) to ``target`` (R*, p*), m and rad.
 
         ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind. For an axis task, the
-        rotation is the shortest one from the tool's z axis to the target's z axis. Newton steps and
-        feedback reduce the error. ``here`` is the placement (R, p), and ``target`` the target.
+        rotation is the shortest one from the tool's z axis to the target's z axis. InputError is
+        raised if R* is not a rotation.
         """
         p = target.translation - here.translation
         if not self.turns:
@@ -123,9 +124,9 @@ class Kind(str):
 
     @staticmethod
     def in_tool_axes(twist: Array, R: Array) -> Array:
-        """Select ẋ (5,) of an axis task from a twist (6,), or J (5, n) from the frame's (6, n).
+        """Convert a twist (6,), or a Jacobian (6, n), to ẋ (5,), or J (5, n), of an axis task.
 
-        R (3, 3) is the frame's rotation. The rotation about the tool's own z axis is left out.
+        The angular rows are about the frame's own x and y axes; R (3, 3) is its rotation.
         """
         return np.concatenate([twist[:3], R.T[:2] @ twist[3:]])
 
@@ -148,7 +149,7 @@ KINDS: Mapping[str, Kind] = {
 
 
 def _kind_again(name: str) -> Kind:
-    """Make the kind of one frame or of several from its name; needed to unpickle a kind."""
+    """Return the kind with a name, also of several frames; needed to unpickle a kind."""
     kinds = [KINDS[each] for each in name.split(_AND)]
     return kinds[0] if len(kinds) == 1 else Kind.stacked(kinds)
 
@@ -162,5 +163,5 @@ def task_kind(name: str) -> Kind:
         If there is no kind of that name.
     """
     if not isinstance(name, str) or name not in KINDS:
-        raise InputError(f"no task kind {shown(name)}; choose from {', '.join(KINDS)}")
+        raise InputError(f"there is no task kind {shown(name)}; choose from {', '.join(KINDS)}")
     return KINDS[name]

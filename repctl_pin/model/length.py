@@ -1,4 +1,7 @@
-"""Arm length, comparable joint units, and the elbow joint."""
+"""Arm length, comparable joint units, and the elbow joint.
+
+Lengths along the arm are sums of the distances between successive joints.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,9 @@ _RANK = 1e-9
 
 
 def arm_length(task: Task, q: Array) -> float:
-    """Compute the arm length, m: sum of the distances between successive revolute joints.
+    """Compute the arm length, m: the distances from revolute joint to revolute joint to frame.
 
-    The distance from the last of them to the frame is included. The length is 0 without revolute
-    joints; with several frames, it is the largest length of their chains.
+    It is 0 without revolute joints; with several frames, it is the largest length of their chains.
 
     Parameters
     ----------
@@ -47,10 +49,10 @@ def arm_reach(task: Task, q: Array) -> float:
 
 
 def joint_scale(task: Task, q: Array) -> Array:
-    """Return the unit of every joint (n,): 1 rad, or the arm length in m for a prismatic joint.
+    """Return the unit of each joint (n,): 1 rad, or the arm length in m for a prismatic joint.
 
-    In these units, motions of revolute and prismatic joints are comparable. For an arm of prismatic
-    joints only, the unit is 1 m. Searches use them for norms and step lengths.
+    Divided by these units, motions of revolute and prismatic joints are comparable. For an arm of
+    prismatic joints only, the unit is 1 m.
     """
     if task.revolute.all():
         return np.ones(task.n)
@@ -58,12 +60,12 @@ def joint_scale(task: Task, q: Array) -> Array:
 
 
 def elbow(task: Task, q: Array) -> int:
-    """Find the index of the elbow joint.
+    """Find the index, in q, of the elbow joint.
 
-    It is the revolute joint in the middle of the arm whose origin moves most in self-motions q̇ = N
-    ż: among these joints, it maximises ``Σ_i ‖dp/dz_i‖²``, with p the joint's origin and all
-    directions z_i weighted equally. Without a self-motion, the joint nearest to the middle is
-    returned. If no revolute joint lies in the middle of the arm, all joints are candidates.
+    It is the revolute joint in the middle of the arm whose origin p moves most in self-motions: it
+    maximises ``Σ_i ‖∂p/∂z_i‖²``, with ``q̇ = N ż`` and the columns of N an orthonormal basis of the
+    null space of J. Without a self-motion, it is the joint nearest to the middle. If no revolute
+    joint lies in the middle of the arm, all joints are candidates.
 
     Parameters
     ----------
@@ -86,19 +88,18 @@ def elbow(task: Task, q: Array) -> int:
 
 
 def in_the_middle(task: Task, q: Array) -> NDArray[np.bool_]:
-    """Mark the revolute joints (n,) in the middle of the arm, of which one is the elbow.
+    """Return a mask (n,): True for a revolute joint in the middle of the arm at q (n,).
 
-    The middle is from 0.3 to 0.7 of the arm's length, along its joints at q.
+    The middle is from 0.3 to 0.7 of the length along the arm.
     """
     share = _along_arm(task, q)
     return (_MIDDLE[0] <= share) & (share <= _MIDDLE[1]) & task.revolute
 
 
 def _along_arm(task: Task, q: Array) -> Array:
-    """Compute the positions of the joint origins along the arm, as fractions of its length: (n,).
+    """Compute the positions of the joint origins along the arm at q, as fractions of its length.
 
-    The fraction is 0 at the first joint and 1 at the frame. Lengths along the arm are sums of the
-    distances between successive joints at q.
+    Return them as an array (n,): 0 is the first joint, and 1 would be the frame.
     """
     if len(task.frames) > 1:
         shares = np.zeros(task.n)

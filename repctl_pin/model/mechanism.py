@@ -27,17 +27,16 @@ _LARGE_LOSS = 0.05
 @dataclass(frozen=True, eq=False)
 @read_only
 class Coupling:
-    """Map from n free joints to all N joints of a model, mimic joints included.
+    """Map ``θ = S q + offset`` from n free joints q to all N joints θ of a model.
 
-    A free joint is one that mimics no other. A mimic joint follows a free one:
-    ``θ = S q + offset``. A task computes with q alone.
+    A free joint mimics no other; a mimic joint follows a free one. A task computes with q alone.
 
     Attributes
     ----------
     S : (N, n) array
         One nonzero entry per row: 1 for a free joint, the multiplier for a mimic joint.
     offset : (N,) array
-        Offsets o of the mimic joints, rad or m.
+        Offsets of the mimic joints, rad or m; 0 for free joints.
     """
 
     S: Array
@@ -45,10 +44,7 @@ class Coupling:
 
     @cached_property
     def identity(self) -> bool:
-        """True if all joints are free, in this order; the methods then return their argument.
-
-        Most arms have no mimic joint, and a control loop saves the multiplications.
-        """
+        """True if no joint mimics another: θ = q, and the methods return their argument."""
         same = np.array_equal(self.S, np.eye(self.S.shape[1]))
         return same and not self.offset.any()
 
@@ -57,22 +53,15 @@ class Coupling:
         return Q if self.identity else Q @ self.S.T + self.offset
 
     def rates(self, Qdot: Array) -> Array:
-        """Compute the velocities of all joints (..., N) from those of the free joints (..., n).
-
-        Mimic joints follow with their multipliers.
-        """
+        """Compute the velocities of all joints (..., N) from those of the free joints (..., n)."""
         return Qdot if self.identity else Qdot @ self.S.T
 
     def derivatives(self, J: Array) -> Array:
-        """Convert derivatives along all joints (..., N) to those along the free joints (..., n).
-
-        A free joint also moves its mimic joints, so its derivative is the sum over all joints that
-        it moves, times their multipliers: ``J S``.
-        """
+        """Convert derivatives J by all joints (..., N) to those by free joints (..., n): J S."""
         return J if self.identity else J @ self.S
 
     def leader(self, joint: int) -> int:
-        """Return the index of the free joint that drives joint number ``joint`` of the model.
+        """Return the index, in q, of the free joint that drives joint number ``joint`` of θ.
 
         A free joint drives itself; a mimic joint is driven by the joint that it mimics.
         """
@@ -80,9 +69,9 @@ class Coupling:
 
 
 class Mechanism:
-    """Movable joints with one coordinate each, their limits, and a reference pose.
+    """Joints of a robot that move independently, with one coordinate each, and their limits.
 
-    A mimic joint follows another joint and is not counted as a movable joint.
+    These n joints are called movable. A mimic joint follows one of them, and is not counted.
 
     Attributes
     ----------
@@ -91,14 +80,14 @@ class Mechanism:
     description : Description
         Content of the URDF.
     entry : Entry or None
-        Catalogue entry.
+        Catalogue entry; None for a robot from a file.
     joints : dict of Joint
         All non-fixed joints of the file, by name.
     model : pinocchio.Model
         Model of all N moving joints, mimic joints included; the other joints are fixed at the
         reference pose.
     coupling : Coupling
-        Map from the robot's joints to the model's: ``q_model = S q + o``.
+        Map from the n movable joints to the N joints of the model.
     joint_names : tuple of str
         Names of the n movable joints, in Pinocchio's order.
     lower, upper : (n,) arrays
@@ -110,18 +99,18 @@ class Mechanism:
     revolute : (n,) array of bool
         False for prismatic joints.
     reference : (n,) array
-        Reference pose: the SRDF's if the catalogue names one, else mid-range.
+        Reference pose: that of the SRDF if the catalogue names one; other joints are at mid-range.
     poses : dict of (n,) arrays
         Named poses: ``reference``, ``middle`` (of the joint ranges) and, if the catalogue has one,
         ``ready``, a working pose.
     narrowed : dict of str
-        Sentences on the limits that a mimic joint narrows, by the name of the narrowed joint.
+        For each joint whose limits are narrowed by its mimic joints, a sentence on it, by name.
     locked : tuple of str
         Joints held at the reference pose.
     package_dirs : tuple of str
         Folders in which ``package://`` meshes are looked up.
     base : str or None
-        Link in whose frame placements are expressed, anywhere in the tree; None for the root.
+        Link relative to which placements are expressed; None for the root link.
     surroundings : Description or None
         Surroundings of the robot, relative to its root.
     """
@@ -149,7 +138,7 @@ class Mechanism:
 
     @property
     def base_id(self) -> int:
-        """Frame id of ``base`` in the model."""
+        """Id of the frame ``base`` in ``model``; 0, the root, without ``base``."""
         return 0 if self.base is None else frame_id(self.model, self.base)
 
 
@@ -172,9 +161,8 @@ def based(robot: _Robot, base: str | None) -> _Robot:
 def couple(names: Sequence[str], free: Sequence[str], joints: Mapping[str, Joint]) -> Coupling:
     """Create the coupling of a model's joints (N names) to its free joints (n names).
 
-    It is the map ``θ = S q + offset`` from free joints q (n,) to all joints θ (N,), S (N, n).
-    ``joints`` gives each joint by name. A joint that is not free must mimic a free one; chains of
-    mimic joints must already be resolved to a free joint.
+    ``joints`` are the joints by name. A joint that is not free must mimic a free one directly, not
+    through another mimic joint.
     """
     S = np.zeros((len(names), len(free)))
     offset = np.zeros(len(names))
@@ -199,8 +187,8 @@ class Range:
     velocity, acceleration, jerk : float
         Limits of the rates, rad or m, per s, s² and s³.
     narrowed : str
-        Sentence on the limits that mimic joints narrow; it begins with ``!`` where a range or a
-        speed loses more than 5 %. Empty if they narrow none.
+        Sentence on the limits that mimic joints narrow, empty if they narrow none. It begins with
+        ``! `` if the range or the speed limit loses more than 5 %.
     """
 
     lower: float
@@ -214,9 +202,8 @@ class Range:
 def limits(joint: Joint, followers: Sequence[Joint], notes: list[str]) -> Range:
     """Tighten the limits of a joint so that its mimic joints also stay within their own limits.
 
-    If no position of the joint, or a single one, satisfies the limits of a mimic joint
-    (``followers``), these limits are ignored, and a note says so. Without the tightening, a gripper
-    finger could exceed its range while its leader is within its own.
+    ``followers`` are the mimic joints. If no position of the joint, or a single one, satisfies the
+    position limits of one of them, these limits are ignored, and a note is added to ``notes``.
     """
     lower, upper = joint.lower, joint.upper
     rates = np.array([joint.velocity, joint.acceleration, joint.jerk])
@@ -256,10 +243,10 @@ def _narrowed(
     by: Sequence[str],
     slowed_by: Sequence[str],
 ) -> str:
-    """Write which mimic joints narrow the range and the speed of a joint, with old and new limits.
+    """Write :attr:`Range.narrowed`: which mimic joints narrow which limits of a joint.
 
-    ``left`` and ``velocity`` are the new limits; ``by`` and ``slowed_by`` name the mimic joints
-    that narrow the range and the speed.
+    ``left`` is the new range and ``velocity`` the new speed limit; ``by`` and ``slowed_by`` name
+    the mimic joints that narrow them. The result is empty if both are empty.
     """
     said = []
     most = 0.0
@@ -289,10 +276,7 @@ def _interval(lower: float, upper: float) -> str:
 
 
 def _loss(before: float, after: float) -> float:
-    """Compute the share of a range or a limit that is lost; 1 if there was no limit before.
-
-    ``before`` and ``after`` are the range or limit before and after.
-    """
+    """Compute the fraction of a range or speed limit that is lost; 1 if it was infinite before."""
     return 1.0 if np.isinf(before) else 1 - after / before
 
 
@@ -304,11 +288,14 @@ def pose(
     named: Mapping[str, float],
     notes: list[str],
 ) -> Array:
-    """Create a pose within the joint limits: the named values, else mid-range.
+    """Create a pose (n,), rad or m, within the joint limits: the named values, else mid-range.
+
+    A joint without a named value and without limits is at 0.
 
     Parameters
     ----------
-    joints : n names
+    joints
+        Names of the n joints.
     lower, upper : (n,) arrays
         Limits, rad or m.
     turns : (n,) array of bool
@@ -316,11 +303,7 @@ def pose(
     named
         Values by joint name, rad or m.
     notes
-        Receives a line for every value that had to be moved within the limits.
-
-    Returns
-    -------
-    (n,) array
+        List to which a text is added for every named value that is moved within the limits.
     """
     bounded = np.isfinite(lower) & np.isfinite(upper)
     middle = (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0)) / 2
@@ -339,9 +322,10 @@ def pose(
 
 
 def _inside(value: float, lower: float, upper: float, turns: bool) -> float:
-    """Move a value within joint limits: by a full turn if revolute, else to the nearer limit.
+    """Move a joint position within limits: a revolute joint by a full turn if that is enough.
 
-    ``turns`` is True for a revolute joint. A value inside is returned as it is.
+    Otherwise, the nearer limit is returned. A position within the limits is returned unchanged.
+    ``turns`` is True for a revolute joint.
     """
     ways = (0.0, 2 * np.pi, -2 * np.pi) if turns else (0.0,)
     inside = [value + way for way in ways if lower <= value + way <= upper]

@@ -46,15 +46,15 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
     path
         The mesh file, which the cache identifies by its format and content.
     variant
-        Text for all else on which the arrays depend, such as the scale.
+        Text of all else on which the arrays depend, such as the scale.
     make
-        Function that reads the file. Its errors are raised, and nothing is cached.
+        Function that reads the file and returns the arrays. If it raises an error, nothing is
+        cached.
 
     Returns
     -------
     dict of (str, array)
-        The arrays by name. A cache that cannot be read or written is not used. Nothing is cached
-        of a file that changes while it is read.
+        The arrays by name. If the cache cannot be read or written, ``make`` is called each time.
     """
     before = _stamp(path)
     kept = _kept(path, variant)
@@ -80,7 +80,10 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
 
 
 def _stamp(path: Path) -> tuple[int, int, int] | None:
-    """Return what differs if a file is replaced or written: its number, time and size."""
+    """Return (inode, modification time in ns, size) of a file, which change if it is replaced.
+
+    Return None if the file cannot be accessed.
+    """
     with suppress(OSError):
         known = path.stat()
         return known.st_ino, known.st_mtime_ns, known.st_size
@@ -88,7 +91,7 @@ def _stamp(path: Path) -> tuple[int, int, int] | None:
 
 
 def _shrink(folder: Path) -> None:
-    """Delete the cached files that were not used for longest, until the others fit the limit."""
+    """Delete the cached files that were used longest ago, until the others take at most 500 MB."""
     files = []
     for file in folder.glob("*.npz"):
         with suppress(OSError):  # another process may have deleted it
@@ -102,10 +105,10 @@ def _shrink(folder: Path) -> None:
 
 
 def _kept(path: Path, variant: str) -> Path | None:
-    """Return the file in which the arrays of a mesh file are cached; None if they are not.
+    """Return the path, in the cache, for the arrays of a mesh file; it need not exist yet.
 
-    Files in formats that need other files, and files that are too large, are not cached; without a
-    home folder, no file is. ``variant`` is as in :func:`cached`.
+    Return None for a file that must not be cached: its format can refer to other files, or it is
+    over 30 MB, or there is no home folder. ``variant`` is as in :func:`cached`.
     """
     kind = path.suffix.lower()
     if kind not in _COMPLETE:

@@ -2,8 +2,10 @@
 
 MuJoCo itself compiles a file, with its defaults, includes, frames and meshes, and with several
 joints per body. (Pinocchio's reader silently drops unnamed bodies and those in ``<frame>``, and
-shifts ranges by ``ref``.) The tree of bodies is then written as links and joints. A joint of MuJoCo
-turns about an anchor p from its reference q₀: ``X(q) = P T(p) R(a, q − q₀) T(−p)``.
+shifts ranges by ``ref``.) The tree of bodies is then written as links and joints. A hinge of MuJoCo
+turns about the axis a through an anchor p, from its reference q₀. So it places its body in the
+parent at ``X(q) = P T(p) R(a, q − q₀) T(−p)``, with P the placement at q₀, translations T and
+rotations R. Bodies, joints and constraints have numbers in MuJoCo's model.
 """
 
 from __future__ import annotations
@@ -32,12 +34,13 @@ _DRAWN_GROUPS = 3
 
 @dataclass
 class _Part:
-    """A link, and the joint from its parent to it, as they will be written in the URDF.
+    """A link ``name``, and the ``joint`` from its parent to it, as they are written in the URDF.
 
-    ``place`` is the placement in the parent link. ``kind`` is ``fixed``, ``revolute``,
-    ``continuous``, ``prismatic`` or ``ball``; ``mimic`` is the joint that a mimic joint follows,
-    with multiplier and offset. ``inertia`` is the mass, kg, its placement, and the principal
-    moments. A shape is its tag, placement and geometry.
+    ``place`` is the placement in the parent link at joint position 0. ``kind`` is ``fixed``,
+    ``revolute``, ``continuous``, ``prismatic`` or ``ball``; ``axis``, ``lower`` and ``upper``, rad
+    or m, are the joint's. ``mimic`` is (leading joint, multiplier, offset), or None. ``inertia`` is
+    (mass in kg, placement of its principal axes, principal moments in kg m²), or None. A shape is
+    (``visual`` or ``collision``, placement, attributes of its geometry).
     """
 
     name: str
@@ -54,7 +57,7 @@ class _Part:
 
 
 def urdf_of_file(path: Path, data: bytes, notes: list[str]) -> bytes:
-    """Convert an MJCF file to URDF text; ``notes`` receives what is left out.
+    """Convert an MJCF file to URDF text; a note on all that is left out is added to ``notes``.
 
     Raises
     ------
@@ -78,7 +81,7 @@ def urdf_of_file(path: Path, data: bytes, notes: list[str]) -> bytes:
 
 
 def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> bytes:
-    """Convert a ``mujoco.MjModel`` to URDF text; see :func:`urdf_of_file`.
+    """Convert a ``mujoco.MjModel`` to URDF text, with notes and errors of :func:`urdf_of_file`.
 
     ``folder`` contains the mesh files; without a folder, meshes are left out.
     """
@@ -104,9 +107,9 @@ def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> b
 def _body_parts(
     model: Any, b: int, names: Sequence[str], mimics: Mapping[str, tuple[str, float, float]]
 ) -> list[_Part]:
-    """Convert body number b to links: one per joint, the last with the inertia.
+    """Convert body number b to links: one per joint, the last one with the inertia.
 
-    ``names`` are the names of all bodies, and ``mimics`` the mimic joints, see :func:`_couplings`.
+    ``names`` are the names of all bodies, and ``mimics`` is the result of :func:`_couplings`.
     """
     place = _placed(model.body_pos[b], model.body_quat[b])
     above = names[int(model.body_parentid[b])]
@@ -121,13 +124,16 @@ def _body_parts(
 
 
 def _joint_numbers(model: Any, b: int) -> range:
-    """List the numbers of the joints of body number b."""
+    """Return the numbers of the joints of body number b."""
     first, count = int(model.body_jntadr[b]), int(model.body_jntnum[b])
     return range(first, first + count)
 
 
 def _joint_notes(model: Any, b: int, name: str) -> list[str]:
-    """Write the notes on free joints of body number b, and on ranges of ball joints."""
+    """Write a note on each free joint, and each range of a ball joint, of body number b.
+
+    ``name`` is the name of the body. Both are left out of the URDF.
+    """
     joints = _joint_numbers(model, b)
     free = [j for j in joints if model.jnt_type[j] == _FREE]
     balls = [j for j in joints if model.jnt_type[j] == _BALL and model.jnt_limited[j]]
@@ -138,7 +144,11 @@ def _joint_notes(model: Any, b: int, name: str) -> list[str]:
 
 
 def _site_parts(model: Any, names: Sequence[str], taken: set[str]) -> list[_Part]:
-    """Convert sites, which often mark the tool centre, to links with names not in ``taken``."""
+    """Convert sites, which often mark the tool centre, to links fixed to the links of their bodies.
+
+    ``names`` are the names of all bodies. A site whose name is in ``taken``, the names of all
+    links, is left out.
+    """
     parts = []
     for s in range(model.nsite):
         name, at = model.site(s).name, _placed(model.site_pos[s], model.site_quat[s])
@@ -153,11 +163,11 @@ def _last(parts: Sequence[_Part], name: str) -> _Part:
 
 
 def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) -> list[_Part]:
-    """Write the joints of a body as links, one below the other; the last one is the body.
+    """Convert a body with its joints to a chain of links, the last of which is the body itself.
 
-    A URDF link has one joint, but a MuJoCo body can have several. ``above`` is the parent link,
-    ``place`` the placement of the body in it, and ``joints`` the numbers of the body's joints in
-    MuJoCo. A free joint is left out. A ball joint is kept, and is split into three joints when the
+    A URDF link has one joint, but a MuJoCo body can have several. ``name`` is the body, ``above``
+    its parent link, ``place`` its placement in that link, and ``joints`` are the numbers of its
+    joints. A free joint is left out. A ball joint is kept, and is split into three joints when the
     URDF is read.
     """
     parts: list[_Part] = []
@@ -193,15 +203,15 @@ def _joints(model: Any, name: str, above: str, place: pin.SE3, joints: range) ->
 
 
 def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, float]]:
-    """Read the equality constraints; linear ones between two joints become mimic joints.
+    """Convert equality constraints between two joints to mimic joints.
 
-    Constraints that pull a body to a mocap body, a target set by the user, are left out. The result
-    maps the name of a mimic joint to (joint, multiplier, offset).
+    Return a dict from the name of a mimic joint to (leading joint, multiplier, offset). Constraints
+    that pull a body to a mocap body, a target set by the user, are left out, with a note.
 
     Raises
     ------
     UrdfError
-        If there is any other equality constraint.
+        If there is any other equality constraint, or a constraint between joints is not linear.
     """
     found = {}
     for e in range(model.neq):
@@ -215,13 +225,14 @@ def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, floa
             what = {_CONNECT: "connect", _WELD: "weld"}.get(kind, "tendon or flex")
             raise UrdfError(
                 f"equality constraint {name!r} ({what}) closes a loop or couples other parts than "
-                "joints, but a robot must be a tree; remove it"
+                "joints, but a robot must be a tree; remove it from the MJCF file"
             )
         j, other = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
         a = np.array(model.eq_data[e, :5])
         if other < 0 or a[2:].any():
             raise UrdfError(
-                f"equality constraint {name!r} is not q₁ = a₀ + a₁ q₂ between two joints; remove it"
+                f"equality constraint {name!r} is not linear, q₁ = a₀ + a₁ q₂, between two joints; "
+                "remove it from the MJCF file"
             )
         start = model.qpos0[model.jnt_qposadr]
         offset = float(start[j] + a[0] - a[1] * start[other])
@@ -231,10 +242,9 @@ def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, floa
 
 
 def _to_a_target(model: Any, e: int) -> bool:
-    """Test whether an equality constraint between bodies or sites has a mocap body at one end.
+    """Test whether equality constraint number e, of bodies or sites, has a mocap body at one end.
 
-    ``e`` is the number of the constraint. A mocap body is a target that the user moves, so that the
-    constraint is no part of the robot.
+    A mocap body is a target that the user moves, so the constraint is no part of the robot.
     """
     ends = [int(model.eq_obj1id[e]), int(model.eq_obj2id[e])]
     if model.eq_objtype[e] == _OF_SITES:
@@ -245,9 +255,9 @@ def _to_a_target(model: Any, e: int) -> bool:
 def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
     """Add the shapes of all bodies to their links; return the types that were left out, as text.
 
-    ``links`` has the link of each body of the model. A shape becomes visual if MuJoCo's viewer
-    shows it, and collision if it can collide. ``folder`` contains the mesh files; None leaves
-    meshes out.
+    ``links`` has the link of each body, in the order of the bodies. A shape becomes ``visual`` if
+    MuJoCo's viewer shows it, and ``collision`` if it can collide; it can be both. ``folder``
+    contains the mesh files; None leaves meshes out.
     """
     left_out = set()
     for g in range(model.ngeom):
@@ -270,10 +280,11 @@ def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
 
 
 def _shapes(kind: int, size: Array, at: pin.SE3) -> list[tuple[pin.SE3, dict[str, str]]]:
-    """Convert a MuJoCo shape to a URDF shape: a list with its placement, tag and attributes.
+    """Convert a MuJoCo shape to a URDF shape: a list of one (placement, attributes), or empty.
 
-    ``kind`` is MuJoCo's type number, ``size`` the half sizes, m. The list is empty for other types
-    than sphere, box, cylinder and capsule. ``at`` is the shape's placement.
+    ``kind`` is MuJoCo's type number, ``size`` are the half sizes, m, and ``at`` is the placement on
+    the body. The attributes are those of the geometry, with its tag under ``tag``. Only spheres,
+    boxes, cylinders and capsules are converted.
     """
     if kind == _SPHERE:
         return [(at, {"tag": "sphere", "radius": repr(float(size[0]))})]
@@ -288,8 +299,8 @@ def _shapes(kind: int, size: Array, at: pin.SE3) -> list[tuple[pin.SE3, dict[str
 def _mesh(model: Any, mesh: int, at: pin.SE3, folder: Path) -> list[tuple[pin.SE3, dict[str, str]]]:
     """Convert a MuJoCo mesh to a URDF shape, undoing MuJoCo's shift to the mesh's centre.
 
-    ``mesh`` is the mesh's number in the model. Returns a list as :func:`_shapes` does, empty if the
-    mesh has no file. ``at`` is the mesh's placement.
+    ``mesh`` is the number of the mesh, ``at`` its placement on the body, and ``folder`` the folder
+    of the mesh files. Return a list as :func:`_shapes` does, empty for a mesh without a file.
     """
     begin = int(model.mesh_pathadr[mesh])
     if begin < 0:
@@ -302,7 +313,7 @@ def _mesh(model: Any, mesh: int, at: pin.SE3, folder: Path) -> list[tuple[pin.SE
 
 
 def _mesh_folder(data: bytes) -> str:
-    """Find the folder of meshes that an MJCF file names, relative to the file."""
+    """Read the name of the mesh folder from the content of an MJCF file; empty if there is none."""
     compiler = _root(data).find("compiler")
     if compiler is None:
         return ""
@@ -320,7 +331,7 @@ def _root(data: bytes) -> etree._Element:
 
 
 def _placed(position: Array, quaternion: Array) -> pin.SE3:
-    """Create a placement from a position and MuJoCo's quaternion, w first."""
+    """Create a placement from a position, m, and a quaternion in MuJoCo's order (w, x, y, z)."""
     w, x, y, z = np.asarray(quaternion, float) / np.linalg.norm(quaternion)
     return pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(position, float))
 
@@ -335,10 +346,7 @@ def _origin(above: etree._Element, place: pin.SE3) -> None:
 
 
 def _text(name: str, parts: Sequence[_Part]) -> bytes:
-    """Write links and joints as URDF; the result is the bytes of an XML file.
-
-    ``name`` is the robot's name.
-    """
+    """Write links and joints as URDF, in bytes; ``name`` is the robot's name."""
     robot = etree.Element("robot", name=name)
     for part in parts:
         link = etree.SubElement(robot, "link", name=part.name)

@@ -1,6 +1,7 @@
 """Helpers for Pinocchio models: frames by name, placements, locked joints, chains, Jacobians.
 
-Frames and joints are given by their ids in the model. A link is a frame of type BODY.
+Frames and joints are given by their ids, Pinocchio's indices into ``model.frames`` and
+``model.joints``. A link is a frame of type BODY.
 """
 
 from __future__ import annotations
@@ -49,10 +50,10 @@ def link_frames(model: pin.Model) -> dict[str, pin.Frame]:
 
 
 def frame_placements(model: pin.Model, ids: Iterable[int], Q: Array, base: int = 0) -> Array:
-    """Place frames at every row of Q (T, N), relative to the frame ``base``: (T, F, 4, 4), m.
+    """Compute the placements of F frames at every row of Q (T, N): (T, F, 4, 4), m.
 
-    ``ids`` has the ids of the F frames. A joint that moves several frames is read only once per
-    row, because reading a placement from Python takes longer than computing it.
+    ``ids`` are the ids of the F frames, and ``base`` is that of the frame relative to which they
+    are placed. Q has a value per joint of the model.
     """
     data = model.createData()
     root = model.frames[base]
@@ -77,7 +78,7 @@ def origin(solid: Shape) -> pin.SE3:
 def fixed_placements(description: Description) -> dict[str, pin.SE3]:
     """Compute the placements of all links relative to the root, by link name.
 
-    All joints of the description are fixed.
+    ``description`` is a URDF without moving joints, such as that of the surroundings.
     """
     return {
         name: frame.placement
@@ -86,7 +87,7 @@ def fixed_placements(description: Description) -> dict[str, pin.SE3]:
 
 
 def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
-    """Build the reduced model with joints, given by ids, locked at a configuration q of the model.
+    """Build a model without the joints ``ids``, which are locked at a configuration q of ``model``.
 
     Pinocchio looks up locked joints by name among all frames and raises if a link has the name of a
     joint, so such links are renamed temporarily."""
@@ -105,11 +106,10 @@ def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
 
 
 def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Callable[[Array], Array]:
-    """Create the function q → Jacobian (6, N) of a frame, world axes: rows of v, then of ω.
+    """Create the function q → Jacobian (6, N) of a frame: rows of v, then of ω, in world axes.
 
-    N is the number of the model's joints. ``data`` is the function's scratch memory, so that each
-    thread needs a function of its own. Pinocchio returns a vector for a single joint; here it is a
-    column.
+    N is the number of the model's joints. The function computes in ``data``, so that each thread
+    needs ``data`` and a function of its own.
     """
     evaluate = pin.computeFrameJacobian
 
@@ -123,10 +123,10 @@ def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Callable[[Ar
 
 
 def path_between(model: pin.Model, base: int, frame: int) -> tuple[list[int], list[int]]:
-    """List the ids of the joints on the path from one frame to another, in two lists.
+    """List the ids of the joints on the path from one frame to another, as (up, down).
 
-    The first list leads from the frame ``base`` up to the common ancestor, the second one from
-    there down to the frame ``frame``.
+    ``up`` leads from the frame ``base`` up to the common ancestor, and ``down`` from there down to
+    the frame ``frame``.
     """
     up, down = (
         [int(j) for j in model.supports[model.frames[f].parentJoint] if j > 0]
@@ -141,8 +141,9 @@ def chain_between(
 ) -> tuple[pin.Model, int]:
     """Build the serial chain from one frame of a tree to another, with the first one fixed.
 
-    A joint traversed from child to parent moves in reverse: ``(P E(q))⁻¹ = E(−q) P⁻¹``, with P its
-    placement and E(q) its motion. Every joint keeps its name and the sign of its q.
+    A joint that is traversed from child to parent moves in reverse: ``(P E(q))⁻¹ = E(−q) P⁻¹``,
+    with P its placement in its parent and E(q) its motion. Its axis is reversed in the chain, so
+    every joint keeps its name and the sign of its q.
 
     Parameters
     ----------
@@ -155,7 +156,7 @@ def chain_between(
 
     Returns
     -------
-    A model without masses, and the id of the frame in it.
+    A model without masses, whose root is the frame ``base``, and the id of ``frame`` in it.
     """
     up, down = path_between(model, base, frame)
     chain = pin.Model()

@@ -110,9 +110,10 @@ class Robot(Mechanism):
             self._frame_id(base)  # raises if there is no such link
 
     def _still(self, lock: Sequence[str]) -> set[str]:
-        """List the joints that do not move: those in ``lock``, and their mimic joints.
+        """List the names of joints that do not move: those in ``lock``, and their mimic joints.
 
-        InputError is raised if a name in ``lock`` is no joint.
+        A mimic joint with the multiplier 0 does not move either. InputError is raised if a name in
+        ``lock`` is no joint.
         """
         held = set(lock)
         for name in held:
@@ -127,10 +128,10 @@ class Robot(Mechanism):
     def _poses_within(
         self, free: Sequence[str], ranges: Sequence[Range], notes: list[str]
     ) -> dict[str, Array]:
-        """Compute the named poses of the free joints, within their ranges: (n,) each, by pose name.
+        """Compute the named poses of the joints ``free``, within their ``ranges``: a dict by name.
 
-        Notes on values of the reference pose that were moved within the limits are appended to
-        ``notes``.
+        A pose has one value per joint of ``free``, rad or m. A text is added to ``notes`` for each
+        value of the reference pose that is moved within the limits.
         """
         lower, upper = np.array([(one.lower, one.upper) for one in ranges]).reshape(-1, 2).T
         turns = self._revolute(free)
@@ -142,10 +143,10 @@ class Robot(Mechanism):
     def _set_limits(
         self, free: Sequence[str], ranges: Sequence[Range], poses: Mapping[str, Array]
     ) -> None:
-        """Set limits, types and poses of the movable joints.
+        """Set the attributes of the movable joints: limits, ``revolute``, poses and reference.
 
-        ``free`` lists all joints that mimic no other, including locked ones. ``ranges`` and the
-        values of ``poses`` are in the same order.
+        ``free`` are the names of all joints that mimic no other, including locked ones. ``ranges``
+        has a range per joint of ``free``, and each pose a value per joint of ``free``.
         """
         mine = [free.index(name) for name in self.joint_names]
         kept = [ranges[i] for i in mine]
@@ -161,7 +162,7 @@ class Robot(Mechanism):
         self.reference = self.poses["reference"]
 
     def _revolute(self, names: Sequence[str]) -> NDArray[np.bool_]:
-        """Test which of the given joints are not prismatic."""
+        """Return a mask: True for each of the named joints that is not prismatic."""
         return np.array([self.joints[name].kind != "prismatic" for name in names], bool)
 
     @classmethod
@@ -189,9 +190,9 @@ class Robot(Mechanism):
         lock
             Joints to hold at the reference pose.
         base
-            Link in whose frame x is expressed, treated as fixed: a link of the chain to the frame,
-            or one on another branch, such as the other end effector. The task's joints are those
-            between the two links.
+            Link relative to which frames are controlled, as if it were fixed: a link of the chain
+            to the frame, or one on another branch, such as the other end effector. The task's
+            joints are those between the two links.
         surroundings
             URDF of the surroundings, with fixed joints only and its root at the robot's root;
             :class:`Bodies` measures the distances to it.
@@ -221,7 +222,7 @@ class Robot(Mechanism):
                 raise InputError(
                     f": there is no folder {folder!r}",
                     argument="package_dirs",
-                    remedy="correct its path",
+                    remedy="give the path of an existing folder",
                 )
         # no catalogue name contains these
         is_file = any(mark in text for mark in "./\\") or os.path.isfile(text)
@@ -255,9 +256,10 @@ class Robot(Mechanism):
     ) -> Task:
         """Create the task of controlling a frame, or several, with the joints that move them.
 
-        If a turntable, a positioner or another arm carries the workpiece, the frame is controlled
-        relative to the workpiece, ``x = X_w(q)⁻¹ X_t(q)``. The joints of the workpiece are joints
-        of the task.
+        With ``on=``, a frame is controlled relative to a workpiece that a turntable, a positioner
+        or another arm carries: the task's pose is ``x = X_w(q)⁻¹ X_t(q)``, with the placements X_w
+        of the workpiece and X_t of the frame. The joints that move the workpiece are joints of the
+        task.
 
         Parameters
         ----------
@@ -269,7 +271,8 @@ class Robot(Mechanism):
             ``pose`` (m = 6), ``axis`` (position, and the direction of the frame's z axis, 5),
             ``position`` (3), ``xy``, ``xz``, ``yz`` (2).
         joints
-            Subset of the joints of the chain; the others are locked at the reference pose.
+            Names of joints that move the frame, to use only these; the others are locked at the
+            reference pose. By default, all joints that move the frame are used.
         on
             Link of the workpiece, relative to which the frame is controlled; by default the robot's
             :attr:`base`.
@@ -294,11 +297,10 @@ class Robot(Mechanism):
         kind: KindName | Kind,
         joints: Sequence[str] | None,
     ) -> Task:
-        """Create the task of frames; each is a name, (name, kind), or (name, kind, base).
+        """Create the task of several frames, with the arguments of :meth:`task`.
 
-        ``kind`` is used for frames without a kind of their own. ``joints`` restricts the joints;
-        None means all. InputError is raised for a frame given twice, and for a task that is not
-        redundant.
+        ``kind`` is used for frames without a kind of their own. InputError is raised for a frame
+        given twice, and for a task that is not redundant.
         """
         from .several_frames import SeveralFrames  # few robots have two hands
 
@@ -330,7 +332,7 @@ class Robot(Mechanism):
         return task
 
     def _frame_spec(self, given: Any, kind: KindName | Kind) -> FrameSpec:
-        """Check one of several frames, and find all joints that move it.
+        """Check one entry of a list of frames, and complete it: its kind, base and joints.
 
         ``kind`` is used if the frame is given without one.
         """
@@ -360,14 +362,16 @@ class Robot(Mechanism):
             chain = tuple(j for j in chain if j in kept)
         if not chain:
             raise InputError(
-                f"no movable joint moves {frame!r}; choose a frame further along an arm"
+                f"no movable joint moves the link {frame!r}; choose a link farther along an arm "
+                "(`repctl inspect` lists the end effectors)"
             )
         return chain
 
     def _subset(self, joints: Sequence[str], chain: tuple[str, ...], moved: str) -> frozenset[str]:
-        """Check a subset of the joints of a chain, and return it; ``moved`` names what they move.
+        """Check that ``joints`` are joints of ``chain``, and return them.
 
-        InputError is raised for an unknown joint, and for a joint outside the chain.
+        InputError is raised for a joint that is unknown, or does not move the frame; the message
+        calls the frame ``moved``.
         """
         joints = list_of_names(joints, "joints", "a list of joint names")
         for joint in joints:
@@ -382,7 +386,7 @@ class Robot(Mechanism):
     def chain(self, frame: str) -> tuple[str, ...]:
         """List the names of the movable joints between ``base`` and a frame, from the base outward.
 
-        A joint that others mimic takes the place of the first joint that it drives.
+        A joint that others mimic is listed once, at the first joint that moves with it.
         """
         up, down = path_between(self.model, self.base_id, self._frame_id(frame))
         return tuple(
@@ -390,9 +394,9 @@ class Robot(Mechanism):
         )
 
     def reference_positions(self) -> dict[str, Array]:
-        """Compute the origins (3,) of all links at the reference pose, m, in the base frame.
+        """Compute the origins (3,), m, of all links at the reference pose, as a dict by link name.
 
-        Returns a dictionary by link name.
+        They are in the frame of ``base``.
         """
         ids = link_ids(self.model)
         q = self.coupling.joints(self.reference)
@@ -400,10 +404,9 @@ class Robot(Mechanism):
         return dict(zip(ids, placed[0, :, :3, 3], strict=True))
 
     def _mesh_notes(self) -> list[str]:
-        """Write a note on meshes found by the end of their names, and one on missing meshes.
+        """Write a note on meshes found by the end of their names only, and one on missing meshes.
 
-        Only drawings and distances need meshes, not the kinematics. The notes let the user check
-        the files found, and give the folders of missing ones.
+        The kinematics needs no meshes, so they are not errors.
         """
         description = self.description
         collisions = (shape.filename for shape in description.collisions if shape.filename)
@@ -443,9 +446,10 @@ class Robot(Mechanism):
             raise unknown("frame", frame, self.frames, likely=likely) from None
 
     def _ends(self) -> list[list[str]]:
-        """List candidate frames at the ends of arms, legs and heads: one list of links per end.
+        """List the links at the ends of arms, legs and heads: one list per end.
 
-        The end of the longest chain is first; in each list, the best end effector is first.
+        The end with the most joints between it and the root is first; in each list, the best end
+        effector is first.
         """
         return [
             task_links(body)
@@ -453,10 +457,10 @@ class Robot(Mechanism):
         ]
 
     def _beyond_base(self, frame: str) -> bool:
-        """Test whether the path from the base to a frame only leads away from the root.
+        """Test whether a frame is offered for tasks: the base lies between the root and the frame.
 
-        Only such frames are offered as task frames. If the base is the end of its own branch, such
-        as a workpiece, the frames of all other branches are offered.
+        If the base is itself the end of a branch, such as a workpiece, all frames that move
+        relative to the base are offered.
         """
         base = int(self.model.frames[self.base_id].parentJoint)
         at_end = self.base is not None and len(self.model.subtrees[base]) == 1
@@ -465,7 +469,7 @@ class Robot(Mechanism):
 
     @property
     def default_frame(self) -> str:
-        """Default frame of a task: the catalogue's, else the best at the end of the longest arm.
+        """Default frame of a task: the catalogue's, else a link at the end of the longest arm.
 
         An arm ends before its fingers, see :func:`repctl_pin.model.end_effectors.arm_ends`. Among
         the rigidly connected links there, one named as a tool (``tcp``, ``tool0``, ``ee_link``,
@@ -474,10 +478,10 @@ class Robot(Mechanism):
 
     @property
     def offered_frames(self) -> tuple[str, ...]:
-        """Frames to offer for a task: the catalogue's, else the end of the longest arm.
+        """Frames to offer for a task, the default first: the catalogue's, else a single one.
 
-        Among arms of the same length, the one whose end has the best name (:func:`rank`) is chosen;
-        sensors come last.
+        It is the end of the arm with the most joints; among several, the one whose name is most
+        typical of an end effector. A sensor is offered only if there is no other end.
         """
         known = tuple(
             frame for frame in (self.entry.frames if self.entry else ()) if self._beyond_base(frame)
@@ -495,8 +499,9 @@ class Robot(Mechanism):
     def end_frames(self) -> tuple[str, ...]:
         """Candidate task frames, the default first.
 
-        They are all links at the ends of the longest arms, and one link at each other end. Sensors
-        are omitted, and links that fewer than two joints move.
+        They are all links at the ends of the arms with the most joints, and one link at each other
+        end. Links that fewer than two joints move are omitted, and sensors at an end that has other
+        links.
         """
         frames = list(self.offered_frames)
         most = len(self.chain(frames[0]))
@@ -508,7 +513,7 @@ class Robot(Mechanism):
 
     @property
     def movable_frames(self) -> tuple[str, ...]:
-        """All frames that a joint moves; those of :attr:`end_frames` first."""
+        """All links offered for tasks that a joint moves; those of :attr:`end_frames` first."""
         moved = (frame for frame in self.frames if self._beyond_base(frame) and self.chain(frame))
         return tuple(dict.fromkeys([*self.end_frames, *moved]))
 
@@ -517,10 +522,10 @@ class Robot(Mechanism):
 
 
 def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
-    """Convert a loaded model, of yourdfpy or MuJoCo, to URDF text.
+    """Convert a loaded model, of yourdfpy or MuJoCo, to (URDF text, file name, notes).
 
-    Returns the text, a name to use in place of a file name, and notes. For any other object, the
-    text is None, and the object itself is returned in place of the name.
+    The file name is a substitute for error messages. Any other object, such as a path, gives
+    (None, the object, []).
 
     Raises
     ------
@@ -542,7 +547,7 @@ def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
 
 
 def _is(given: Any, module: str, name: str) -> bool:
-    """Test whether an object's class is from a module, without importing the module.
+    """Test whether ``given`` is an instance of the class ``module.name``, which is not imported.
 
     If the module was never imported, no such object can exist.
     """
@@ -551,10 +556,10 @@ def _is(given: Any, module: str, name: str) -> bool:
 
 
 def _named_poses(entry: Entry | None) -> dict[str, dict[str, float]]:
-    """Read the named poses of a catalogue robot: joint values by pose name and joint name.
+    """Read the named poses of a catalogue robot: {pose name: {joint name: rad or m}}.
 
-    Joints without a value are placed at mid-range later. ``reference`` and ``middle`` always exist.
-    ``ready`` is read from this package's own file, if the catalogue names a pose there.
+    The poses are ``reference``, ``middle`` and, if the catalogue has one, ``ready``. Joints without
+    a value are at mid-range; ``middle`` has no values.
     """
     poses: dict[str, dict[str, float]] = {"reference": {}, "middle": {}}
     if entry is not None and entry.srdf is not None and entry.posture is not None:

@@ -18,9 +18,9 @@ from .task import Task, _held
 
 
 class FrameSpec(NamedTuple):
-    """One frame of several: its link, its kind, its base link, and the joints that move it.
+    """One of several frames: the link ``frame``, its kind, its base, and the joints that move it.
 
-    The kind determines which coordinates are controlled. ``base`` is None for the robot's own base.
+    ``base`` is the link relative to which the frame is controlled; None for the robot's own base.
     """
 
     frame: str
@@ -32,8 +32,8 @@ class FrameSpec(NamedTuple):
 class SeveralFrames(Task):
     """Task of controlling several frames of a robot, with all joints that move any of them.
 
-    With ``x = (x₁, …, x_F)``, the J, H, errors and twists (v, ω) of the frames are stacked, the
-    first frame on top. The placements of all frames form one tuple.
+    With ``x = (x₁, …, x_F)`` of F frames, the J, H, errors and twists (v, ω) of the frames are
+    stacked, the first frame on top. A target has one placement per frame.
 
     Attributes
     ----------
@@ -73,14 +73,15 @@ class SeveralFrames(Task):
 
     @property
     def single_tasks(self) -> tuple[Task, ...]:
-        """Tasks of one frame each, with the joints that move it."""
+        """One task per frame, with only the joints that move this frame."""
         return self._singles
 
     @property
     def groups(self) -> tuple[tuple[str, ...], ...]:
-        """Frames that share joints, directly or through others: one tuple of names per group.
+        """Names of the frames, one tuple per group of frames whose chains share joints.
 
-        Several groups are independent tasks, which should be studied one by one.
+        Frames of different groups share no joint: they are independent tasks, which should be
+        studied one by one.
         """
         groups: list[tuple[set[str], list[str]]] = []
         for spec in self.specs:
@@ -96,7 +97,7 @@ class SeveralFrames(Task):
         return tuple(tuple(frames) for _, frames in groups)
 
     def as_target(self, value: Placement, name: str = "target") -> Any:
-        """Convert a target of the user: one placement per frame.
+        """Convert a target of the user, one placement per frame, to :class:`Placements`.
 
         Raises
         ------
@@ -121,10 +122,7 @@ class SeveralFrames(Task):
     # ---- kinematics at one q ----
 
     def placement(self, q: ArrayLike) -> pin.SE3:
-        """Raise InputError, because there are several frames; see :meth:`placements`.
-
-        Code for one frame must not use the first of several by accident.
-        """
+        """Raise InputError, because there are several frames; use :meth:`placements`."""
         raise InputError(
             f"placement(q) requires one frame, but the task has {len(self.parts)} "
             f"({', '.join(self.frames)})",
@@ -132,7 +130,7 @@ class SeveralFrames(Task):
         )
 
     def placements(self, q: ArrayLike) -> Placements:
-        """Evaluate the placements of all frames at q; they can be a target of this task."""
+        """Evaluate the placements of all frames at q (n,); they can be a target of this task."""
         return Placements(part.placement(q) for part in self.parts)
 
     def jacobian(self, q: ArrayLike) -> Array:
@@ -166,7 +164,10 @@ class SeveralFrames(Task):
         return np.concatenate([part.hessians(Q) for part in self.parts], axis=1)
 
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
-        """Evaluate the task error at every row of Q (K, n) to the targets of that row: (K, m)."""
+        """Evaluate the task error at every row of Q (K, n) to its target: (K, m), m and rad.
+
+        ``targets`` has K targets, each with one placement per frame.
+        """
         listed = list_of(targets, "targets", "a list of placements, one per frame")
         goals = {id(target): self.as_target(target) for target in listed}
         columns = zip(*(goals[id(target)] for target in listed), strict=True)
@@ -175,7 +176,7 @@ class SeveralFrames(Task):
         return np.concatenate([part.errors(Q, goal) for part, goal in own], axis=1)
 
     def twists(self, Q: ArrayLike, Qdot: ArrayLike) -> Array:
-        """Evaluate the frames' twists (v, ω) at every row of Q and q̇ (K, n): (K, 6 F)."""
+        """Evaluate the twists (v, ω) of all frames at each row of Q and Qdot (K, n): (K, 6 F)."""
         return np.concatenate([part.twists(Q, Qdot) for part in self.parts], axis=1)
 
     def positions(self, Q: ArrayLike) -> Array:
@@ -185,22 +186,24 @@ class SeveralFrames(Task):
     def joint_origins(self, q: ArrayLike) -> Array:
         """Compute the origins of the joints, from the base outward: (n, 3), m.
 
-        The origin of a joint is relative to the robot's base if the joint moves a frame with that
-        base. Otherwise it is relative to the base of the frame that the joint moves.
+        An origin is in the robot's base frame if the joint moves a frame that is controlled
+        relative to it. Otherwise, it is in the base frame of the frame that the joint moves.
         """
         return self._of_joints(q, "joint_origins")
 
     def axes(self, q: ArrayLike) -> Array:
-        """Compute the joints' rotation axes: unit vectors (n, 3), base axes; 0 if prismatic."""
+        """Compute the joints' rotation axes: unit vectors (n, 3); 0 if prismatic.
+
+        They are in the same base frames as :meth:`joint_origins`.
+        """
         return self._of_joints(q, "axes")
 
     # ---- inside ----
 
     def _of_joints(self, q: ArrayLike, name: str) -> Array:
-        """Collect rows (n, 3), one per joint, from a method of the tasks of one frame.
+        """Collect one row per joint, (n, 3), from the method ``name`` of the tasks of one frame.
 
-        ``name`` is the name of the method, such as ``axes``. For a joint that moves several frames,
-        a row in the robot's own base is preferred.
+        For a joint that moves several frames, a row in the robot's own base frame is preferred.
         """
         whole = self.to_robot(vector(q, self.n, f"q of {self!r}"))
         out = np.zeros((self.n, 3))
@@ -218,10 +221,10 @@ class SeveralFrames(Task):
 
 
 def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:
-    """Split a task into tasks of one frame, each with the q of the joints that move its frame.
+    """Split a task into pairs of a task of one frame and the q of the joints that move this frame.
 
-    This is used where lengths and elbows of single arms are needed. A task of one frame is returned
-    unchanged, with q.
+    q (n,) is the configuration of the whole task. A task of one frame is returned unchanged, with
+    q.
     """
     if not isinstance(task, SeveralFrames):
         return [(task, np.asarray(q, float))]
@@ -230,17 +233,14 @@ def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:
 
 
 def one_frame(task: Task, what: str) -> Task:
-    """Return a task of one frame; raise InputError for several, which ``what`` does not accept.
+    """Return a task of one frame; raise InputError for a task of several.
 
-    Raises
-    ------
-    InputError
-        If the task has several frames.
+    ``what`` is the subject of the message, such as "a joint chain".
     """
     if isinstance(task, SeveralFrames):
         raise InputError(
             f"{what} takes a task of one frame, not of {len(task.frames)} "
             f"({', '.join(task.frames)})",
-            remedy="use a task of one of them",
+            remedy="give a task of one of these frames",
         )
     return task

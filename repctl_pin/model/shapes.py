@@ -19,7 +19,7 @@ class Shape:
     Attributes
     ----------
     name
-        Name of the link, ``_``, and number of the shape on it.
+        Name of the link, ``_``, and number of the shape on the link.
     link
         Name of the link.
     kind
@@ -33,11 +33,11 @@ class Shape:
     xyz, rpy
         Origin of the shape on its link: position, m, and roll, pitch and yaw, rad.
     filename
-        Mesh file name as written in the URDF; ``""`` for primitives.
+        Mesh file name as written in the URDF; empty for other shapes.
     scale
-        Scale of a mesh along its own axes, negative if mirrored.
+        Factors of a mesh along its own axes, negative if mirrored.
     path
-        Mesh file, if it was looked up and found.
+        Mesh file, if it was looked up and found; else None.
     standing
         True for a drawn shape of the surroundings.
     """
@@ -56,9 +56,9 @@ class Shape:
 
 
 def shapes_of(robot: etree._Element, tag: str) -> list[Shape]:
-    """Read all ``visual`` or all ``collision`` elements (``tag``) of a checked URDF.
+    """Read the shapes of a checked URDF: all ``<visual>`` or all ``<collision>`` elements.
 
-    A shape is named after its link, with a number.
+    ``tag`` is ``visual`` or ``collision``.
     """
     colors: dict[str, Color] = {}
     for material in robot.iterchildren("material"):
@@ -93,10 +93,10 @@ def _three(element: etree._Element | None, attribute: str, default: float) -> tu
 
 
 def _color(material: etree._Element | None, known: dict[str, Color]) -> Color | None:
-    """Read the colour of a material, (r, g, b, a) from 0 to 1; None if it has none.
+    """Read the colour (r, g, b, a), 0 to 1, of a ``<material>``; None if it has no colour.
 
-    ``known`` are the colours of named materials, to which a new one is added. Among materials with
-    the same name, the first counts, as in Pinocchio.
+    ``known`` are the colours of the named materials read so far, to which this one is added. Among
+    materials with the same name, the first counts, as in Pinocchio.
     """
     if material is None:
         return None

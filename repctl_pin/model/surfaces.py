@@ -52,7 +52,7 @@ _MANY = 48
 @dataclass(frozen=True, eq=False)
 @read_only
 class Surface:
-    """Triangle mesh in its own frame, V vertices and F faces, ready to be drawn.
+    """Triangle mesh in the frame of its file, with V vertices and F faces, ready to be drawn.
 
     Attributes
     ----------
@@ -104,7 +104,10 @@ def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
 
 
 def _has_no_textures(path: Path) -> bool:
-    """Test whether the colours of a mesh come from its own file, not from textures."""
+    """Test by its format whether a mesh file depends on no texture files.
+
+    Only then does its content determine its colours, so that it can be cached.
+    """
     kind = path.suffix.lower()
     if kind == ".dae" and path.is_file():
         with suppress(InputError, OSError):
@@ -115,10 +118,7 @@ def _has_no_textures(path: Path) -> bool:
 
 
 def _cached(path: Path, most: int) -> Surface:
-    """Read a mesh file as :func:`_read` does, or the arrays that were made of it from the cache.
-
-    ``most`` is the maximum number of triangles.
-    """
+    """Return the result of :func:`_read` from the mesh cache on disk, or read the file."""
     arrays = cached(
         path,
         f"surface of at most {most} triangles",
@@ -139,7 +139,9 @@ def _read(path: Path, most: int) -> Surface:
 
     kind = path.suffix.lower()
     if kind not in KINDS:
-        raise InputError(f"mesh {path} is not one of {', '.join(KINDS)}; convert it")
+        raise InputError(
+            f"mesh {path} has an unsupported format; convert it to one of {', '.join(KINDS)}"
+        )
     try:
         data = _read_bytes(path)
         with np.errstate(all="ignore"):  # values that are not finite are refused below
@@ -151,7 +153,7 @@ def _read(path: Path, most: int) -> Surface:
             if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
                 faces += len(mesh.faces)
                 if faces > most:
-                    raise InputError(f"it has over {most:,} triangles; simplify it")
+                    raise InputError(f"it has over {most:,} triangles; simplify the mesh")
                 pieces.append(_piece(mesh, np.asarray(transform)))
         scale = unit(data) if kind == ".dae" else 1.0
     except InputError as error:
@@ -168,9 +170,10 @@ def _read(path: Path, most: int) -> Surface:
 
 
 def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
-    """Read each mesh file of some shapes once: its surface, or the error if it cannot be drawn.
+    """Read the mesh files of shapes: a dict from the file to its surface or its error.
 
-    Files after the first two million triangles get an error too, so that a page stays usable.
+    A file that cannot be drawn has an InputError. So has every file after the first two million
+    triangles, so that a page stays usable.
     """
     found: Surfaces = {}
     budget = _MOST_IN_ALL
@@ -191,9 +194,10 @@ def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
 
 
 def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
-    """Parse a mesh file with trimesh, without merging or reordering its vertices.
+    """Parse the content of a mesh file to a scene of the library trimesh.
 
-    ``file_type`` is the suffix without a dot, and ``resolver`` reads the files that the mesh names.
+    Vertices are not merged or reordered. ``file_type`` is the suffix without a dot, and
+    ``resolver`` reads other files that the mesh names.
     """
     import trimesh  # type: ignore[import-untyped, unused-ignore]
 
@@ -203,7 +207,7 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
 
 
 def _parsed(trimesh: Any, file: io.BytesIO, file_type: str, resolver: _Beside) -> Any:
-    """Parse a mesh file with ``trimesh``, the imported module; see :func:`_scene`."""
+    """Parse as :func:`_scene` does; ``trimesh`` is the imported module."""
     if file_type != "dae":
         return trimesh.load_scene(file, file_type=file_type, resolver=resolver, process=False)
     # load_scene does not pass process= on to the meshes of a COLLADA file
@@ -216,9 +220,9 @@ def _parsed(trimesh: Any, file: io.BytesIO, file_type: str, resolver: _Beside) -
 
 @contextmanager
 def without_tracebacks() -> Iterator[None]:
-    """Keep trimesh from logging missing files, such as textures, on this thread.
+    """Keep trimesh from logging messages on this thread, as a context manager.
 
-    trimesh continues without such a file, but logs a traceback for each.
+    trimesh continues without a missing texture, but logs a traceback.
     """
     thread = get_ident()
     logger = logging.getLogger("trimesh.util")
@@ -246,24 +250,25 @@ def _read_bytes(path: Path) -> bytes:
     with path.open("rb") as file:
         data = file.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
-        raise InputError(f"{path.name} is larger than {_MOST_BYTES / 1e6:g} MB; simplify it")
+        raise InputError(f"{path.name} is larger than {_MOST_BYTES / 1e6:g} MB; simplify the mesh")
     return data
 
 
 class _Beside:
-    """Resolver for trimesh: reads textures and buffers of a mesh from regular files near it.
+    """Resolver for trimesh: it reads the textures and buffers that the mesh file ``path`` names.
 
-    A mesh file must not make the program read other files of the computer.
+    Only regular files in the folder of the mesh, and in or below the folder above it, are read. So
+    a mesh cannot make the program read other files of the computer.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def get(self, name: str) -> bytes:
-        """Read a file that the mesh names; trimesh ignores the error for a missing one.
+        """Read a file that the mesh names.
 
-        InputError is raised for a file that is neither in the folder of the mesh nor in the one
-        above.
+        FileNotFoundError is raised for a missing file, which trimesh then ignores. InputError is
+        raised for a file that must not be read.
         """
         folder = self.path.parent.resolve()
         file = (folder / name.strip()).resolve()
@@ -297,10 +302,10 @@ def unit(data: bytes) -> float:
 
 
 def _piece(mesh: Any, transform: NDArray[np.float64]) -> tuple[Array, Array, Array]:
-    """Extract the points of one mesh of a trimesh scene, their normals and colours.
+    """Extract (points, normals, colours) of one mesh of a trimesh scene, each (3F, 3).
 
-    Each array has one row per face corner (3F). Points are in the file's frame and unit.
-    ``transform`` (4, 4) is the mesh's placement in the scene.
+    There is one row per corner of its F faces. Points are in the file's frame and unit of length,
+    and colours from 0 to 1. ``transform`` (4, 4) is the mesh's placement in the scene.
     """
     vertices = np.asarray(mesh.vertices, float)
     if not (np.abs(vertices) < 1e9).all() or not (np.abs(transform) < 1e9).all():
@@ -318,9 +323,10 @@ def _piece(mesh: Any, transform: NDArray[np.float64]) -> tuple[Array, Array, Arr
 
 
 def _colors(mesh: Any, corners: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Read the colours (3F, 3) of face corners, from 0 to 1; a texture is sampled there.
+    """Read the colours (3F, 3), red, green and blue from 0 to 1, of the corners of F faces.
 
-    ``corners`` (3F,) are the vertex numbers of the corners. A mesh without colours is grey.
+    ``corners`` (3F,) are the vertex numbers of the corners. A texture gives a corner the colour at
+    its vertex. A mesh without colours is grey.
     """
     from trimesh.visual.color import uv_to_color
 
@@ -339,17 +345,17 @@ def _colors(mesh: Any, corners: NDArray[np.int64]) -> NDArray[np.float64]:
 
 
 def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute averaged normals (3F, 3) of face corners, for smooth shading.
+    """Compute averaged unit normals (3F, 3) of the corners of F faces, for smooth shading.
 
-    A corner's normal is the average over the faces at that point whose normals differ from the
-    normal of its own face by at most the crease angle.
+    A corner's normal is the average over those faces at its point whose normals differ from that of
+    its own face by at most the crease angle, ``arccos(_CREASE)``.
 
     Parameters
     ----------
     corners : (3F, 3) array
         Positions of the face corners, three consecutive rows per face.
     flat : (F, 3) array
-        Normals of the faces, whose lengths are proportional to the areas.
+        Normals of the faces, whose lengths are proportional to the faces' areas.
     """
     grid = 1e-6 * (_extent(corners) or 1.0)
     point = distinct(np.round(corners / grid).astype(np.int64))[1]  # of each corner
@@ -375,12 +381,12 @@ def _by_pairs(
     unit_normal: NDArray[np.float64],
     flat: NDArray[np.float64],
 ) -> None:
-    """Write averaged normals of some corners, given with their points, into ``normals``.
+    """Write averaged normals of K face corners into their rows of ``normals`` (3F, 3).
 
-    Each corner averages those normals of the faces at its point that differ from its own face's
-    normal by at most the crease angle. ``corner`` and ``point`` (K,) are the numbers of face
-    corners and of the points where they lie. ``flat`` (F, 3) are the normals of the faces, each
-    with a length of twice the face's area. ``unit_normal`` (F, 3) are these normals with length 1.
+    The average is that of :func:`smooth`, but each pair of corners at a point is compared.
+    ``corner`` (K,) are the numbers of the corners, and ``point`` (K,) those of the points at which
+    they lie. ``flat`` (F, 3) are the normals of the faces, weighted by area, and ``unit_normal``
+    (F, 3) the same with length 1.
     """
     order = np.argsort(point, kind="stable")
     corner, point = corner[order], point[order]
@@ -396,7 +402,10 @@ def _by_pairs(
 
 
 def _sums(place: NDArray[np.intp], vectors: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Sum vectors (K, 3) by group: (count, 3); ``place`` (K,) has each vector's group number."""
+    """Sum K vectors (K, 3) in groups: (count, 3).
+
+    ``place`` (K,) is the number, 0 to count − 1, of each vector's group.
+    """
     return np.stack([np.bincount(place, vectors[:, k], count) for k in range(3)], 1)
 
 
@@ -440,11 +449,11 @@ def distinct(rows: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp
 
 
 def _join(points: Array, normals: Array, colors: Array, scale: float) -> Surface:
-    """Make the surface of face corners (3F, 3), with each distinct vertex stored once.
+    """Make a surface from the corners of F faces, with each distinct vertex stored once.
 
-    Vertices are distinct if position, normal or colour differ. Positions are rounded to 2⁻¹⁷ of the
-    mesh's size; ``scale`` is the unit of the file in m. ``points``, ``normals`` and ``colors`` have
-    a row per face corner.
+    ``points``, ``normals`` and ``colors`` (3F, 3) have a row per face corner. Vertices are distinct
+    if position, normal or colour differ. Positions are rounded to 2⁻¹⁷ of the mesh's size, and
+    converted from the file's unit of length, ``scale`` in m.
     """
     # what float32, 8 bits a normal and 8 bits a colour will tell apart
     lattice = _extent(points) / 2**17 or 1.0

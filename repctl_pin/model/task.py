@@ -1,4 +1,8 @@
-"""Task kinematics: x = f(q), its Jacobian J, its Hessian H, and the task error."""
+"""Task kinematics: x = f(q), its Jacobian J, its Hessian H, and the task error.
+
+Numbers in parentheses are equations of the paper (docs/notation.md). The base frame is that of the
+robot's ``base`` link, or of its root.
+"""
 
 from __future__ import annotations
 
@@ -30,10 +34,10 @@ from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_be
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
-    """Suggest joint positions in rad if the values, read as degrees, are within the limits.
+    """Return the remedy of a message: to give ``joints`` (n,), which the user gave in degrees.
 
-    ``lower`` and ``upper`` (n,) are the limits, rad or m. The result is the remedy of a message, or
-    an empty text.
+    ``joints`` are the user's values, converted from degrees to rad. The text is empty if they are
+    not within the limits ``lower`` and ``upper`` (n,), rad or m.
     """
     if not ((joints >= lower) & (joints <= upper)).all():
         return ""
@@ -41,9 +45,9 @@ def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
 
 
 def unit_of(revolute: Iterable[bool]) -> str:
-    """Return the unit of a norm over joints, each revolute or not: rad, m, or both.
+    """Return the unit of a norm over joints: ``rad``, ``m`` or ``rad and m``.
 
-    Reports write this unit after a drift.
+    ``revolute`` is True or False for each joint.
     """
     turns = set(map(bool, revolute))
     return "rad and m" if len(turns) > 1 else "rad" if True in turns else "m"
@@ -65,14 +69,14 @@ class Task:
     Attributes
     ----------
     target_type : type
-        Class of a target: a placement, or placements of several frames.
+        Class of a target: pinocchio.SE3, or :class:`Placements` of several frames.
     twist_size : int
         Length of the twists (v, ω) of all frames: 6 per frame.
     n, m, r : int
         Joints, task coordinates, degree of redundancy.
     joint_names : tuple of str
         Joint names from the base outward; q, limits and Jacobian columns are in this order. A joint
-        that others mimic drives them all.
+        that others mimic also moves these.
     lower, upper, velocity_limit : (n,) arrays
         Position limits, rad or m, and speed limits, rad/s or m/s.
     revolute : (n,) array of bool
@@ -80,8 +84,8 @@ class Task:
     reference : (n,) array
         Positions of these joints at the robot's reference pose.
     model : pinocchio.Model
-        Model of the chain; all other joints are fixed at the reference pose. With ``base``, it
-        starts there and has no masses.
+        Model of the chain to the frame; all other joints are fixed at the reference pose. If the
+        robot has a ``base``, the chain starts there and has no masses.
     drive : Coupling
         Map from q to the positions of the model's joints.
 
@@ -119,7 +123,7 @@ class Task:
     def _take_joints(
         self, robot: Mechanism, frame: str, kind: Kind, joint_names: Sequence[str]
     ) -> None:
-        """Set the attributes that depend on the joints and the kind alone: limits, sizes, names."""
+        """Set the attributes that depend on the joints and the kind only, such as the limits."""
         self.robot = robot
         self.frame = frame
         self.kind = kind
@@ -137,7 +141,7 @@ class Task:
         self.r = self.n - self.m
 
     def _driven(self) -> set[int]:
-        """Collect the ids of the joints of the robot's model that q moves, also mimic joints."""
+        """Collect the ids, in the robot's model, of the joints that q moves, also mimic joints."""
         moved = (self.robot.coupling.S[:, self._columns] != 0).any(axis=1)
         return set((np.flatnonzero(moved) + 1).tolist())
 
@@ -153,19 +157,19 @@ class Task:
         self._body_drive = self._drive(self._bodies)
 
     def _drive(self, model: pin.Model) -> Coupling:
-        """Create the map from q to the joints of a model, whose mimic joints follow others."""
+        """Create the map from q to the positions of all joints of a model, also mimic joints."""
         rows = [self.robot.model.getJointId(name) - 1 for name in tuple(model.names)[1:]]
         whole = self.robot.coupling
         return Coupling(whole.S[np.ix_(rows, self._columns)], whole.offset[rows])
 
     @property
     def unit(self) -> str:
-        """Unit of a norm over the joints: rad, m, or both."""
+        """Unit of a norm over the joints: ``rad``, ``m`` or ``rad and m``."""
         return unit_of(self.revolute)
 
     @property
     def _joint_unit(self) -> str:
-        """Unit of a minimum over the joints, such as a margin: rad, m, or either."""
+        """Unit of a minimum over the joints, such as a margin: ``rad``, ``m`` or ``rad or m``."""
         return self.unit.replace(" and ", " or ")
 
     # ---- frames ----
@@ -177,16 +181,16 @@ class Task:
 
     @property
     def single_tasks(self) -> tuple[Task, ...]:
-        """Tasks of one frame each, with the joints that move it; for one frame, the task itself."""
+        """One task per frame, with only the joints that move it; here, the task itself."""
         return (self,)
 
     def as_target(self, value: Placement, name: str = "target") -> pin.SE3:
-        """Convert a target of the user: one placement, or one per frame if there are several.
+        """Convert a target of the user, a placement or a tuple of one placement.
 
         Raises
         ------
         InputError
-            If the target is neither; the message calls the target ``name``.
+            If the target is no placement; the message calls it ``name``.
         """
         if isinstance(value, tuple) and len(value) == 1:
             (value,) = value
@@ -195,19 +199,20 @@ class Task:
     # ---- kinematics at one q -------------------------------------------------------------------
 
     def placement(self, q: ArrayLike) -> pin.SE3:
-        """Evaluate the forward kinematics f(q) of (1): the transform (R, p), base frame, p in m."""
+        """Evaluate the forward kinematics f(q) (1): the frame's placement in the base frame, m."""
         data = self._data
         pin.framesForwardKinematics(self.model, data, self._vector(q))
         return pin.SE3(data.oMf[self._frame_id])
 
     def placements(self, q: ArrayLike) -> tuple[pin.SE3, ...]:
-        """Evaluate the placements of all frames at q; they can be a target of the same task."""
+        """Evaluate the placement at q (n,), as a tuple of one; it can be a target of this task."""
         return (self.placement(q),)
 
     def jacobian(self, q: ArrayLike) -> Array:
-        """Evaluate J (m, n) of ẋ = J q̇ (2): the rows of v first, then those of ω.
+        """Evaluate J (m, n) of ẋ = J q̇ (2) at q (n,).
 
-        x is the pose of the frame, with the velocity v of its origin and the angular velocity ω.
+        ẋ are those rows of the frame's twist that the task's kind selects: first rows of v, the
+        velocity of the frame's origin, then rows of ω, the angular velocity.
         """
         J = self._task_rows(self._scratch.own.jacobian(self._vector(q)))
         return self.drive.derivatives(J)
@@ -217,11 +222,11 @@ class Task:
         return self.hessians(vector(q, self.n, "q")[None])[0]
 
     def error(self, q: ArrayLike, target: Placement) -> Array:
-        """Evaluate the task error (m,), the displacement from f(q) to the target, m and rad.
+        """Evaluate the task error (m,) from the frame's placement at q to the target, m and rad.
 
         ``e = (p* − p, log(R* Rᵀ))`` from the placement (R, p) to the target (R*, p*), restricted to
-        the rows of this kind. For an axis task, the rotation is the shortest one from the tool's z
-        axis to the target's z axis.
+        the rows of the task's kind. For an axis task, the rotation is the shortest one from the
+        frame's z axis to the target's z axis.
         """
         target = self.as_target(target)
         return self.kind.error(self.placement(q), target)
@@ -240,7 +245,7 @@ class Task:
     # ---- batches -------------------------------------------------------------------------------
 
     def jacobians(self, Q: ArrayLike) -> Array:
-        """Evaluate J, the Jacobian of ẋ = J q̇, at every row of Q (K, n): an array (K, m, n)."""
+        """Evaluate J of ẋ = J q̇ at every row of Q (K, n): (K, m, n)."""
         J, R = self._twists(Q)
         Js = J.take(self.rows, axis=1)
         if R is not None:
@@ -248,7 +253,7 @@ class Task:
         return self.drive.derivatives(Js)
 
     def twists(self, Q: ArrayLike, Qdot: ArrayLike) -> Array:
-        """Evaluate the frame's twist (v, ω) at every row of Q and q̇ (K, n): (K, 6), base axes.
+        """Evaluate the frame's twist (v, ω) at each row of Q and Qdot (K, n): (K, 6), base axes.
 
         The units are m/s and rad/s.
         """
@@ -257,10 +262,7 @@ class Task:
         return np.einsum("Kij,Kj->Ki", J, self.drive.rates(Qdot))
 
     def hessians(self, Q: ArrayLike) -> Array:
-        """Evaluate H at every row of Q (K, n): an array (K, m, n, n).
-
-        H is the derivative of the Jacobian J, see :func:`chain_hessians`.
-        """
+        """Evaluate H at every row of Q (K, n): (K, m, n, n), ``[:, a, i, k] = ∂J[a, i]/∂q[k]``."""
         J, R = self._twists(Q)
         H = chain_hessians(np.swapaxes(J, 1, 2), R)[:, self.rows]
         along = np.swapaxes(self.drive.derivatives(H), -1, -2)
@@ -276,7 +278,8 @@ class Task:
         Q = self._matrix(Q)
         if len(Q) != len(targets):
             raise InputError(
-                f"{len(targets)} targets do not match {len(Q)} configurations; give one for each"
+                f"{len(targets)} targets do not match {len(Q)} configurations; "
+                "give one target per configuration"
             )
         order = {name: k for k, name in enumerate(goals)}
         which = [order[id(target)] for target in targets]
@@ -306,17 +309,18 @@ class Task:
         return self._scratch.own.jacobian(self._vector(q))[3:].T[[j - 1 for j in self._first]]
 
     def bodies_model(self) -> tuple[pin.Model, Coupling]:
-        """Return the model of all links, with a fixed root and only the joints that q moves.
+        """Return a model of all links, and the map from q to the positions of its joints.
 
-        The second result maps q to the positions of these joints. The model includes links beside
-        the chain, because they move and can collide.
+        The model has a fixed root and only the joints that q moves, also those beside the chain to
+        the frame, because they move links that can collide.
         """
         return self._bodies, self._body_drive
 
     def inertias(self, Q: ArrayLike) -> Array:
-        """Evaluate the joint-space inertia M (K, n, n) of the chain, kg m² and kg.
+        """Evaluate the joint-space inertia M at every row of Q (K, n): (K, n, n), kg m² and kg.
 
-        The root of the robot is fixed."""
+        It includes all links that q moves. The root of the robot is fixed.
+        """
         model = self._bodies
         data = self._scratch.own.body_data
         drive = self._body_drive
@@ -330,7 +334,9 @@ class Task:
     def dynamics(self) -> Callable[[Array, Array, Array], Array]:
         """Create the inverse dynamics (q, q̇, q̈) → ``τ = M q̈ + C q̇ + g`` (n,), N m and N.
 
-        The function has separate scratch memory."""
+        C q̇ are velocity terms, and g is gravity. The function has its own scratch memory, so each
+        thread needs a function of its own.
+        """
         model, drive = self.bodies_model()
         data = model.createData()
 
@@ -343,9 +349,9 @@ class Task:
     # ---- between the chain and the robot --------------------------------------------------------
 
     def to_robot(self, q: ArrayLike) -> Array:
-        """Embed q (n,) or Q (T, n) in the configuration of the whole robot.
+        """Extend q (n,) or Q (T, n) to the configuration of all movable joints of the robot.
 
-        The other joints are at the reference pose. Drawings and collision checks need all joints.
+        The other joints are at the reference pose.
         """
         (q,) = as_matrices(("q", q, f"{self.n}"))
         whole = np.broadcast_to(
@@ -358,19 +364,23 @@ class Task:
     def narrowed(self) -> list[str]:
         """Sentences on the joints whose limits in the URDF are narrowed by joints that mimic them.
 
-        A warning begins with ``! ``."""
+        A sentence on a large loss, over 5 %, begins with ``! ``.
+        """
         narrowed = self.robot.narrowed
         return [narrowed[joint] for joint in self.joint_names if joint in narrowed]
 
     def from_robot(self, whole: ArrayLike) -> Array:
-        """Extract q (..., n) from configurations of the whole robot; inverts :meth:`to_robot`."""
+        """Extract q (..., n) from configurations of all movable joints of the robot.
+
+        This inverts :meth:`to_robot`.
+        """
         (whole,) = as_matrices(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
         return whole[..., self._columns]
 
     def limit_margin(self, q: ArrayLike) -> Array:
-        """Compute the distance of each joint to its nearer limit: (..., n), below 0 outside.
+        """Compute the distance of each joint to its nearer limit: (..., n), rad or m.
 
-        The unit is rad or m. A joint without limits has an infinite margin.
+        It is negative outside the limits, and inf for a joint without limits.
         """
         if not (isinstance(q, np.ndarray) and q.dtype.kind == "f" and q.shape[-1:] == (self.n,)):
             (q,) = as_matrices(("q", q, f"{self.n}"))
@@ -378,17 +388,15 @@ class Task:
         return np.minimum(q - self.lower, self.upper - q)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return robot, frame, kind, n, m, r and joint names as a dict of plain Python types.
-
-        The JSON output of commands contains it.
-        """
+        """Return a dict for JSON: robot, frame, task (the kind), n, m, r, joints (names)."""
         names = {"robot": self.robot.name, "frame": self.frame, "task": str(self.kind)}
         return {**names, "n": self.n, "m": self.m, "r": self.r, "joints": list(self.joint_names)}
 
     def check(self, q: ArrayLike, what: str = "q", beyond: float = 1e-9) -> Array:
         """Check a configuration of the user, and return it: (n,) finite numbers within the limits.
 
-        ``beyond`` is the distance, rad (m), by which a joint may be outside its limits.
+        ``what`` is its name in messages. ``beyond`` is the distance, rad (m), by which a joint may
+        be outside its limits.
 
         Raises
         ------
@@ -406,7 +414,11 @@ class Task:
             )
         if given is not None and given.shape == (self.n,) and not np.isfinite(given).all():
             bad = self.joint_names[int(np.argmin(np.isfinite(given)))]
-            raise InputError(f": the value of {bad!r} is not a finite number", argument=what)
+            raise InputError(
+                f": the value of joint {bad!r} is not a finite number",
+                argument=what,
+                remedy="correct it",
+            )
         q = vector(q, self.n, what)
         lower, upper, turns = self.lower, self.upper, self.revolute
         outside = ~((q >= lower - beyond) & (q <= upper + beyond))
@@ -425,10 +437,9 @@ class Task:
     # ---- inside --------------------------------------------------------------------------------
 
     def _first_driven(self) -> list[int]:
-        """Find, for each of the n joints, the id of the first joint of the model that it drives.
+        """Find, on the path to the frame, the id of the first joint that each entry of q moves.
 
-        It is the first one on the path to the frame: the joint itself, or one that mimics it. Its
-        origin and axis are reported as those of the joint.
+        This is the joint itself, or one that mimics it.
         """
         leaders = self.robot.coupling.S[:, self._columns] != 0  # (N, n)
         ids = path_between(self.model, 0, self._frame_id)[1]
@@ -437,9 +448,10 @@ class Task:
         return [ids[k] for k in np.argmax(driven, axis=0)]
 
     def _task_rows(self, J: Array) -> Array:
-        """Select the task's rows of the frame's Jacobian J (6, N), at the q evaluated last.
+        """Select the m rows of the task from the frame's Jacobian J (6, N), in base axes.
 
-        An axis task needs the frame's rotation there, which Pinocchio's data still hold.
+        J must be the last one evaluated, because Pinocchio's data must still hold the frame's
+        rotation, which an axis task needs.
         """
         if self.m == 6:
             return J
@@ -448,10 +460,10 @@ class Task:
         return self.kind.in_tool_axes(J, self._data.oMf[self._frame_id].rotation)
 
     def _twists(self, Q: ArrayLike) -> tuple[Array, Array | None]:
-        """Evaluate the frame's Jacobian at every row of Q: (K, 6, N).
+        """Evaluate the frame's Jacobians (K, 6, N), and its rotations (K, 3, 3) for an axis task.
 
-        Its rows are v, then ω; N is the number of joints of the model, mimic joints included. For
-        ``axis``, the second result is the rotations (K, 3, 3) of the frame; otherwise it is None.
+        For other tasks, None is returned instead of the rotations. Q is (K, n); rows are v, then ω,
+        and N is the number of joints of the model, mimic joints included.
         """
         Q = self._matrix(Q)
         Js = np.empty((len(Q), 6, self.model.nv))
@@ -464,9 +476,9 @@ class Task:
         return Js, Rs
 
     def _placements(self, Q: Array) -> tuple[Array, Array]:
-        """Evaluate the frame's position (K, 3) and rotation (K, 3, 3) at every row of Q.
+        """Evaluate the frame's positions (K, 3), m, and rotations (K, 3, 3) in the base frame.
 
-        Positions are in m, both in the base frame.
+        Q (K, N) has a value per joint of the model, mimic joints included.
         """
         here = self._data.oMf[self._frame_id]
         p, R = here.translation, here.rotation  # views, which each evaluation fills
@@ -500,7 +512,7 @@ class Task:
 
     @property
     def frame_words(self) -> str:
-        """Name of the frame, and of the link relative to which it is controlled, if given."""
+        """Name of the frame, followed by "relative to" and the base link if the robot has one."""
         base = self.robot.base
         return self.frame if base is None else f"{self.frame} relative to {base}"
 
@@ -513,7 +525,7 @@ class Task:
 
 
 class _Scratch:
-    """Scratch memory of a task for one thread: Pinocchio's data."""
+    """Scratch memory of a task for one thread: Pinocchio's data of its two models."""
 
     def __init__(self, model: pin.Model, bodies: pin.Model, frame: int) -> None:
         self.data = model.createData()
@@ -522,9 +534,9 @@ class _Scratch:
 
 
 def _held(robot: Mechanism, moving: set[int]) -> pin.Model:
-    """Lock all joints of a robot at the reference pose, except those with ids in ``moving``.
+    """Build the model of a robot in which only the joints with ids in ``moving`` are left.
 
-    Returns the reduced model, in which other joints cost no time.
+    All other joints are locked at the reference pose.
     """
     still = [j for j in range(1, robot.model.njoints) if j not in moving]
     return lock_joints(robot.model, still, robot.coupling.joints(robot.reference))

@@ -1,10 +1,11 @@
-r"""Task of another tool on the same body: of another frame that is fixed in the same link.
+r"""Task of another tool: of another frame that is fixed in the same link as a task's frame.
 
-With T the placement of the tool in the frame, ``x' = x T``. A pose task then has
+With T the placement of the tool in the task's frame, the tool has the pose ``x' = x T``. A pose
+task of the tool then has
 
 .. math:: J' = A\,J, \qquad A = \begin{bmatrix} I & -[R\,t]_\times \\ 0 & I \end{bmatrix},
 
-in base axes, with R the frame's rotation and t the tool's offset. A is invertible, so J' has the
+in base axes, with R the frame's rotation and t the position in T. A is invertible, so J' has the
 null space of J: regular configurations and repeatable motions do not depend on the tool.
 """
 
@@ -50,7 +51,7 @@ class ToolTask(Task):
 
 
 def with_tool(task: Task, placement: Placement) -> ToolTask:
-    """Create the task of a tool at a placement in the frame of a pose task.
+    """Create the pose task of a tool, placed at ``placement`` in the frame of a pose task.
 
     Raises
     ------
@@ -69,7 +70,7 @@ def turned_frame(task: Task, rotation: Array) -> ToolTask:
 
 
 def carried(task: Task, tool: pin.SE3) -> ToolTask:
-    """Create the task of the same kind for a frame placed at ``tool`` in a task's frame."""
+    """Create the task of the same kind for a new frame, placed at ``tool`` in the task's frame."""
     if isinstance(task, ToolTask):
         link, tool = task.link, task.tool * tool
     else:
@@ -106,15 +107,15 @@ def require_pose(task: Task) -> Task:
 
 
 def rigid(placement: Placement) -> pin.SE3:
-    """Check the placement of a tool, and make its rotation exact.
+    """Check the placement of a tool, and return it with an exact rotation.
 
-    A rotation that is written with few digits is replaced by the nearest rotation. InputError is
-    raised if the matrix is not a rotation, or if the position is not finite or more than 1,000 m
-    away.
+    A rotation matrix that is written with few digits is replaced by the nearest rotation.
+    InputError is raised if it is not a rotation to 1e-6, or if the position is not finite or is
+    more than 1,000 m from the frame.
     """
     tool = as_placement(placement, "placement")
     if not np.isfinite(tool.translation).all():
-        raise InputError("the position of the tool must be finite numbers, m")
+        raise InputError("the position of the tool has a number that is not finite; give it in m")
     if (away := float(np.linalg.norm(tool.translation))) > _FARTHEST:
         raise InputError(
             f"the tool is {away:.3g} m from the frame: at most {_FARTHEST:,.0f} m is accepted",
@@ -128,17 +129,18 @@ def rigid(placement: Placement) -> pin.SE3:
 
 
 def placement_between(task: Task, other: Task) -> pin.SE3:
-    """Compute the constant placement T of another task's frame in the frame of a task.
+    """Compute the constant placement of the frame of ``other`` in the frame of ``task``.
 
     Raises
     ------
     InputError
-        If the frames are not on the same body, or the tasks have different joints.
+        If joints move one frame relative to the other, or the tasks differ in their joints or their
+        number of coordinates.
     """
     if other.joint_names != task.joint_names or other.m != task.m:
         raise InputError(
             f"{other.frame!r} is not on the body of {task.frame!r}: different joints move the two",
-            remedy="give a link that is fixed to it",
+            remedy=f"give a link that is fixed to {task.frame!r}",
         )
     rng = np.random.default_rng(0)
     Q: Array = task.reference + rng.uniform(-1, 1, (4, task.n))
@@ -148,13 +150,13 @@ def placement_between(task: Task, other: Task) -> pin.SE3:
         raise InputError(
             f"{other.frame!r} is not on the body of {task.frame!r}: "
             "the two move relative to each other",
-            remedy="give a link that is fixed to it",
+            remedy=f"give a link that is fixed to {task.frame!r}",
         )
     return places[0]
 
 
 def _new_name(link: str, model: pin.Model) -> str:
-    """Make a frame name that the model does not have for a link's tool, such as ``flange tool``."""
+    """Return a name for the tool of a link, such as ``flange tool``, that no frame has yet."""
     taken = {frame.name for frame in model.frames}
     name = f"{link} tool"
     while name in taken:

@@ -51,10 +51,11 @@ _LONG = 20.0
 class Joint:
     """Joint of a URDF as plain data.
 
-    ``lower``, ``upper`` (rad or m), ``velocity``, ``acceleration`` and ``jerk`` (per s, s² and s³)
-    are infinite without a limit; ``acceleration`` is the smaller one of the file's ``acceleration``
-    and ``deceleration``. ``mimic`` names the independent joint that this joint follows at
-    ``multiplier · q + offset``. ``line`` is the joint's line in the file.
+    ``parent`` and ``child`` are links, and ``axis`` is a unit vector. ``lower``, ``upper`` (rad or
+    m), ``velocity``, ``acceleration`` and ``jerk`` (per s, s² and s³) are infinite without a limit;
+    ``acceleration`` is the smaller one of the file's ``acceleration`` and ``deceleration``.
+    ``mimic`` names the independent joint whose position q this joint follows at
+    ``multiplier · q + offset``; None for an independent joint. ``line`` is the line in the file.
     """
 
     name: str
@@ -79,10 +80,18 @@ class Description:
 
     Attributes
     ----------
+    name : str
+        Name of the robot.
+    path : Path
+        The file.
+    joints : tuple of Joint
+        All joints, fixed ones included; each has at most one coordinate.
+    links : tuple of str
+        Names of all links.
     root : str
         Root link, which has no parent joint.
     shapes : tuple of Shape
-        Visual shapes to draw.
+        Visual shapes, at most ``MAX_SHAPES``.
     collisions : tuple of Shape
         All collision shapes of the file.
     meshes : tuple of str
@@ -114,7 +123,7 @@ class Description:
 def read_urdf(
     path: str | Path, package_dirs: Sequence[str] = (), data: bytes | None = None
 ) -> Description:
-    """Read and check a URDF.
+    """Read and check a URDF; return its content as plain data.
 
     Parameters
     ----------
@@ -123,7 +132,8 @@ def read_urdf(
     package_dirs
         Folders in which the ``$(find package)`` of a xacro file is looked up.
     data
-        Content to use instead of the file's; the file is then not read.
+        URDF text to use instead of the file, which is then not read; ``path`` names it in
+        messages.
 
     Raises
     ------
@@ -171,7 +181,7 @@ def read_urdf(
 
 
 def check_surroundings(description: Description) -> Description:
-    """Check that surroundings have fixed joints only, and a collision shape; return them.
+    """Check that the URDF of surroundings has only fixed joints, and a collision shape; return it.
 
     Raises
     ------
@@ -182,7 +192,7 @@ def check_surroundings(description: Description) -> Description:
         if joint.kind != "fixed":
             raise UrdfError(
                 f"{description.path}, line {joint.line}: joint {joint.name!r} moves, "
-                'but surroundings must be rigid; give it type="fixed"'
+                'but surroundings must be rigid; set its type="fixed"'
             )
     if not description.collisions:
         raise UrdfError(
@@ -193,18 +203,19 @@ def check_surroundings(description: Description) -> Description:
 
 
 def _still_notes(elements: Mapping[str, etree._Element]) -> list[str]:
-    """Write the note on joints with the speed limit 0, which is read as no limit.
+    """Write a note on the joints with the speed limit 0, which is read as no limit.
 
-    ``elements`` are the joints' elements, by name.
+    ``elements`` are the XML elements of the joints, by name. The list is empty if there are none.
     """
     still = [repr(name) for name, element in elements.items() if _no_speed(element)]
     return [f"speed limit 0 of joint {', '.join(still)} read as no limit"] if still else []
 
 
 def _read(path: Path, package_dirs: Sequence[str]) -> bytes:
-    """Read a regular file of limited size; a .xacro file is expanded with its packages.
+    """Read the content of a URDF or MJCF file; a .xacro file is expanded to a URDF.
 
-    UrdfError says what is wrong with the path, or that the file is too large for a URDF.
+    UrdfError is raised if the path is not that of a readable regular file, or the content is too
+    large for a URDF.
     """
     try:
         if path.is_dir():
@@ -233,7 +244,7 @@ def _read(path: Path, package_dirs: Sequence[str]) -> bytes:
 
 
 def _is_mjcf(data: bytes) -> bool:
-    """Test whether the content of a file is MJCF."""
+    """Test whether the root element of a file's content is ``<mujoco>``."""
     start = data.find(b"<mujoco")
     return 0 <= start and b"<robot" not in data[:start]
 
@@ -241,10 +252,11 @@ def _is_mjcf(data: bytes) -> bool:
 def _joint(
     element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]
 ) -> Joint:
-    """Read a joint; a missing range or speed limit counts as unlimited, with a note.
+    """Read a joint from its XML element.
 
-    ``joints`` are the elements of all joints by name, in which the leader of a mimic joint is
-    found; ``notes`` receives the notes. A limit beyond 1000 also counts as none.
+    ``lower = upper = 0`` counts as no range, with a note in ``notes``. A speed limit of 0, and
+    position and speed limits beyond 1000, count as no limits. ``joints`` are the elements of all
+    joints by name, among which the leader of a mimic joint is found.
     """
     name = element.get("name")
     kind = element.get("type")
@@ -288,7 +300,7 @@ def _joint(
 
 
 def _no_speed(element: etree._Element) -> bool:
-    """Test whether a joint moves and has speed limit 0, which exporters write for no limit."""
+    """Test whether a moving joint has the speed limit 0, which exporters write for no limit."""
     limit = element.find("limit")
     moves = element.get("type") not in ("fixed", None) and limit is not None
     return moves and limit.get("velocity") is not None and number(limit, "velocity") == 0
@@ -297,10 +309,11 @@ def _no_speed(element: etree._Element) -> bool:
 def _mimicked(
     element: etree._Element, joints: Mapping[str, etree._Element], notes: list[str]
 ) -> tuple[str | None, float, float]:
-    """Find the independent joint that a mimic joint follows, also through other mimic joints.
+    """Find the independent joint that a joint follows, directly or through other mimic joints.
 
-    Returns its name, multiplier and offset; None, 1 and 0 for an independent joint. A name without
-    the robot's prefix, which macros often omit, is accepted, with a note in ``notes``.
+    Return (name, multiplier, offset); (None, 1, 0) if ``element`` is no mimic joint. ``joints`` are
+    the elements of all joints by name. If the written name lacks the robot's prefix, which macros
+    often omit, the joint with the prefix is meant, with a note in ``notes``.
     """
     chain = mimic_chain(element, joints)
     if not chain:
@@ -316,10 +329,10 @@ def _mimicked(
 
 
 def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
-    """Combine a chain of ``<mimic>`` elements into one multiplier and one offset.
+    """Combine a chain of ``<mimic>`` elements into (multiplier, offset).
 
-    The chain leads from a follower, whose element comes first, to the joint that all of them
-    follow. With q the position of that joint, the follower is at multiplier · q + offset.
+    The first element is that of the follower, the last one names the independent joint. With q the
+    position of this joint, the follower is at multiplier · q + offset.
     """
     multiplier = 1.0
     offset = 0.0
@@ -330,10 +343,10 @@ def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
 
 
 def _fix_still_followers(robot: etree._Element, notes: list[str]) -> None:
-    """Fix the joints that mimic a fixed joint, at their offsets, and add one note on them.
+    """Convert joints that mimic a fixed joint to fixed joints, and add one note on them.
 
-    A fixed joint is at 0, so its followers do not move either. The followers keep their ``<mimic>``
-    elements, by which fingers are recognised.
+    A fixed joint is at 0, so these joints rest at their mimic offsets. They keep their ``<mimic>``
+    elements, by which fingers are recognised. ``robot`` is changed.
     """
     joints = {joint.get("name"): joint for joint in robot.findall("joint")}
     chains = {name: mimic_chain(joint, joints) for name, joint in joints.items()}
@@ -359,9 +372,9 @@ def _fix_still_followers(robot: etree._Element, notes: list[str]) -> None:
 
 
 def _degrees(joints: tuple[Joint, ...]) -> list[str]:
-    """Write a note on revolute joints with a limit beyond two turns, which may be in degrees.
+    """Write a note on revolute joints with a limit beyond two turns, possibly in degrees.
 
-    The list has one note, on the largest limit; it is empty if there is none.
+    The list has one note, on the largest such limit, or none.
     """
     far = {}
     for joint in joints:
@@ -379,10 +392,10 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
 
 
 def _millimetres(robot: etree._Element, root: str) -> list[str]:
-    """Write a note on links longer than 20 m, which may be in millimetres.
+    """Write a note on joints over 20 m from the joint before them, possibly in millimetres.
 
-    A single long link is ignored: the robot may stand far from the root of its file. The list has
-    one note, on the largest length; it is empty if there are fewer than two.
+    The list has one note, on the largest such distance, or none. A single one is ignored, and so
+    are joints on the link ``root``: the robot can stand far from the root of its file.
     """
     long = {}
     for joint in robot.findall("joint"):
@@ -400,11 +413,10 @@ def _millimetres(robot: etree._Element, root: str) -> list[str]:
 
 
 def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
-    """Write the URDF for Pinocchio, see :class:`Description`; modifies the tree.
+    """Write the URDF text for Pinocchio, see :attr:`Description.xml`; ``robot`` is changed.
 
-    ``joints`` are those that were read, with mimic joints and missing limits resolved. Only joints,
-    links and inertias remain, and each joint has one coordinate, so that Pinocchio has nothing left
-    to reject or to interpret.
+    ``joints`` are the joints that were read from it, in the same order; their axes and limits
+    replace those of the file.
     """
     for joint, element in zip(joints, robot.findall("joint"), strict=True):
         effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
@@ -426,7 +438,10 @@ def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
 
 
 def _drop_unknown_limits(robot: etree._Element, notes: list[str]) -> None:
-    """Remove limits of −1, which exporters write for an unknown effort or rate, with one note."""
+    """Remove limits of −1, which exporters write for an unknown limit, and add one note.
+
+    These are limits of effort, velocity, acceleration, deceleration and jerk; ``robot`` is changed.
+    """
     joints: dict[str, None] = {}
     unknown: dict[str, None] = {}
     for limit in robot.findall("joint/limit"):
@@ -442,11 +457,11 @@ def _drop_unknown_limits(robot: etree._Element, notes: list[str]) -> None:
 
 
 def _read_quaternions(robot: etree._Element, notes: list[str]) -> None:
-    """Replace the ``quat_xyzw`` of every origin by ``rpy``, as URDF 1.1 and later allow.
+    """Replace the attribute ``quat_xyzw`` of every origin, which URDF 1.1 allows, by ``rpy``.
 
-    In a file with an older version, or without a version, the attribute is ignored, and ``notes``
-    receives a note. UrdfError is raised for a quaternion of length 0, and for an origin that has
-    both.
+    In a file of an older version, or without a version, the attribute is removed, with a note in
+    ``notes``. UrdfError is raised for a quaternion of length 0, and for an origin with both
+    attributes. ``robot`` is changed.
     """
     origins = [origin for origin in robot.iter("origin") if origin.get("quat_xyzw") is not None]
     if origins and robot.get("version", "1.0") == "1.0":
@@ -468,7 +483,7 @@ def _read_quaternions(robot: etree._Element, notes: list[str]) -> None:
 
 
 def _move(joint: etree._Element, motion: pin.SE3) -> None:
-    """Move the origin of a joint by a motion in its own frame."""
+    """Move the ``<origin>`` of a joint's XML element by a transform in the joint's own frame."""
     origin = joint.find("origin")
     if origin is None:
         origin = etree.SubElement(joint, "origin")
@@ -490,7 +505,7 @@ def _few(joints: Collection[str]) -> str:
 
 
 def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
-    """Remove colours that are not four numbers, as Pinocchio does, with a note."""
+    """Remove colours that are not four numbers, with a note each, as Pinocchio ignores them."""
     for color in list(robot.iter("color")):
         words = color.get("rgba", "0 0 0 0").split()
         if len(words) != 4 or any(finite(word) is None for word in words):
@@ -502,7 +517,7 @@ def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
 
 
 def _one_line(text: str) -> str:
-    """Fold a message into one printable line, whatever it quotes from a file."""
+    """Convert a text to one line of printable characters; others become U+FFFD."""
     return "".join(c if c.isprintable() else "�" for c in " ".join(text.split()))
 
 
@@ -529,9 +544,9 @@ def _split_joints(robot: etree._Element, notes: list[str]) -> frozenset[str]:
 
     The joints that replace a planar joint translate in the plane normal to its axis, and rotate
     about the axis. The rotations of a floating joint and of a ball joint are yaw, pitch and roll,
-    singular where the pitch is ±π/2. ``notes`` receives a note for each joint that is replaced,
-    with the limits that are dropped. Every joint then has one coordinate, as all formulas assume.
-    Returns the names of the joints that replace ball joints.
+    singular where the pitch is ±π/2. A note on each joint that is replaced, and on its limits,
+    which are dropped, is added to ``notes``. ``robot`` is changed. Return the names of the joints
+    that replace ball joints. UrdfError is raised if a new name is taken.
     """
     balls: list[str] = []
     names = {element.get("name") for element in robot}
@@ -565,10 +580,10 @@ def _split_joints(robot: etree._Element, notes: list[str]) -> frozenset[str]:
 
 
 def _planar(axis: tuple[float, float, float]) -> tuple[_Step, ...]:
-    """Return the three joints that replace a planar joint with a given unit axis.
+    """Return (suffix, type, axis) of the three joints that replace a planar joint.
 
-    Two are prismatic, along directions in the plane (x and y if the axis is z); the third is
-    continuous, about the axis.
+    ``axis`` is the unit normal of the plane. Two joints are prismatic, along directions in the
+    plane (x and y if the normal is z); the third is continuous, about the normal.
     """
     a = np.array(axis)
     u = np.eye(3)[(int(np.argmax(np.abs(a))) + 1) % 3]
@@ -586,8 +601,8 @@ def _replace(
 ) -> None:
     """Replace a joint by a chain of single-axis joints, with massless links between them.
 
-    ``steps`` has the suffix, the type and the axis of each new joint, and ``names`` its name. The
-    chain takes the joint's place in the tree, and its line number for messages.
+    ``steps`` has (suffix, type, axis) and ``names`` the name of each new joint. The chain takes the
+    joint's place in ``robot``, and keeps its line number for messages.
     """
     at = robot.index(joint)
     parent = joint.find("parent").get("link")

@@ -84,12 +84,12 @@ _ANY_SIZE = ("limit", "safety_controller", "dynamics", "calibration")
 
 
 def check(robot: etree._Element) -> str:
-    """Check a URDF, given as a plain XML tree; return the name of its root link.
+    """Check all rules on a URDF, given as a plain XML tree; return the name of its root link.
 
     Raises
     ------
     UrdfError
-        If the URDF is not valid; the message names the first error.
+        If a rule is violated; the message is on the first violation found.
     """
     links = robot.findall("link")
     joints = robot.findall("joint")
@@ -136,8 +136,8 @@ def check(robot: etree._Element) -> str:
 def numbers(element: etree._Element, attribute: str) -> list[float] | None:
     """Read the finite numbers of an attribute, and check their count; None if it is missing.
 
-    The table ``_NUMBERS`` has the count for each element. UrdfError is raised for a wrong count,
-    for text, and for numbers that are too large.
+    The count is that of URDF, such as 3 for ``xyz``. UrdfError is raised for a wrong count, for
+    text, and for numbers that are too large.
     """
     text = element.get(attribute)
     if text is None:
@@ -179,10 +179,7 @@ def finite(word: str) -> float | None:
 
 
 def axis_of(joint: etree._Element) -> tuple[float, float, float]:
-    """Return a joint's unit axis: x if none is given, as URDF defines; 0 for a zero axis.
-
-    :func:`_check_joint` refuses a zero axis.
-    """
+    """Return a joint's unit axis: x if none is given, as URDF defines; (0, 0, 0) for length 0."""
     axis = joint.find("axis")
     x, y, z = (numbers(axis, "xyz") if axis is not None else None) or (1.0, 0.0, 0.0)
     norm = math.hypot(x, y, z)
@@ -216,7 +213,11 @@ def _check_names(elements: Sequence[etree._Element]) -> None:
 
 
 def _check_numbers(element: etree._Element) -> None:
-    """Check all numbers of an element: present, finite, and not negative where they cannot be."""
+    """Check the numbers of an element, and raise UrdfError for the first violated rule.
+
+    Required ones must be present, all must be finite, and sizes, masses and limits of rates must
+    not be negative. A mesh must have a filename.
+    """
     for attribute in _NUMBERS.get(element.tag, {}):
         values = numbers(element, attribute)
         if values is None:
@@ -231,7 +232,7 @@ def _check_numbers(element: etree._Element) -> None:
 
 
 def _check_body(link: etree._Element) -> None:
-    """Check that a link's inertia and shapes are complete, and raise UrdfError if not.
+    """Raise UrdfError unless a link's inertia and shapes are complete.
 
     Pinocchio silently ignores incomplete ones.
     """
@@ -307,10 +308,11 @@ def _check_mimic(joint: etree._Element, joints: Mapping[str, etree._Element]) ->
 def mimic_chain(
     joint: etree._Element, joints: Mapping[str, etree._Element]
 ) -> list[tuple[etree._Element, str]]:
-    """List the ``<mimic>`` elements from a joint to the independent joint that it follows.
+    """List (``<mimic>`` element, name of the joint to which it refers), from a joint on.
 
-    Each comes with the name of the joint that it refers to; the last one is the independent joint.
-    UrdfError is raised for a name that does not exist, and for a loop.
+    The joint of the last pair is independent. The list is empty for an independent joint.
+    ``joints`` are the elements of all joints by name. UrdfError is raised for a name that does not
+    exist, and for a loop.
     """
     chain: list[tuple[etree._Element, str]] = []
     seen = {joint.get("name")}
@@ -337,12 +339,11 @@ def mimic_chain(
 
 
 def _leader(name: str, mimicked: str, joints: Collection[str]) -> str | None:
-    """Find the joint that a mimic joint follows; None if there is none.
+    """Return the name of the joint that a mimic joint follows; None if no such joint exists.
 
-    The leader has the written name, or that name with the follower's prefix, which macros often
-    omit: ``left_index_2`` that mimics ``index_1`` follows ``left_index_1`` if there is no joint
-    ``index_1``. ``name`` is the name of the mimic joint, ``mimicked`` the written name, and
-    ``joints`` are the names of all joints.
+    ``name`` is the mimic joint, ``mimicked`` the name written in its ``<mimic>``, and ``joints``
+    are the names of all joints. Macros often omit the robot's prefix: ``left_index_2``, which
+    mimics ``index_1``, follows ``left_index_1`` if there is no joint ``index_1``.
     """
     if mimicked in joints:
         return mimicked
@@ -411,9 +412,10 @@ def _check_tree(links: Sequence[etree._Element], joints: Sequence[etree._Element
 
 
 def _connected(root: etree._Element, below: Mapping[str, list[etree._Element]]) -> set[str]:
-    """List the links connected to the root; raise UrdfError for a chain that is too long.
+    """Collect the names of the links connected to the root, which is included.
 
-    ``below`` has the joints under each link.
+    ``below`` maps a link's name to the joints whose parent it is. UrdfError is raised for a chain
+    with too many links or too many moving joints.
     """
     # links, each with the number of links and of movable joints from the root to it
     reached = [(root.get("name"), 1, 0)]

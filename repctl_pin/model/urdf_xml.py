@@ -42,21 +42,21 @@ _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 def parse(data: bytes, notes: list[str]) -> etree._Element:
-    """Parse bytes to a plain tree of links, joints and materials, without namespaces and comments.
+    """Parse a URDF to an XML tree of links, joints and materials, without namespaces and comments.
 
     Parameters
     ----------
     data
         Content of the file.
     notes
-        Receives a line per kind of ignored content, which Pinocchio ignores, too: an unknown XML
-        version, undeclared prefixes, leftover xacro, zero bytes at the end.
+        List to which a text is added per kind of ignored content, which Pinocchio ignores too: an
+        unknown XML version, undeclared prefixes, leftover xacro, zero bytes at the end.
 
     Raises
     ------
     UrdfError
-        If the bytes are not XML, are another kind of XML, or exceed the limits on nesting and
-        attributes.
+        If the bytes are not XML, are another kind of XML, contain unexpanded xacro, or exceed the
+        limits on nesting and attributes.
     """
     whole = data.rstrip(b"\0") if not data.startswith(_UTF16) else data
     if whole != data:
@@ -79,10 +79,9 @@ def parse(data: bytes, notes: list[str]) -> etree._Element:
 
 
 def _read_xml(data: bytes, notes: list[str]) -> etree._Element:
-    """Parse XML, accepting only parser errors that change no element.
+    """Parse XML, and raise UrdfError for a parser error that could change an element.
 
-    Such an error adds a note to ``notes``. Other errors raise UrdfError, because the parser would
-    silently drop what it cannot read. Nothing is fetched from the network.
+    Other parser errors add a note to ``notes``. Nothing is fetched from the network.
     """
     parser = etree.XMLParser(
         recover=True, resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False
@@ -109,9 +108,9 @@ def _not_xml(where: int, what: str | None) -> UrdfError:
 
 
 def _note_foreign(root: etree._Element, notes: list[str]) -> None:
-    """Add notes on ignored xacro elements and undeclared namespace prefixes.
+    """Add notes on ignored xacro elements, whose content is missing, and undeclared prefixes.
 
-    The parts that xacro would have added are missing from the robot.
+    The prefixes are those of XML namespaces.
     """
     elements = [e for e in root.iter() if isinstance(e.tag, str)]
     xacro = [e for e in elements if _prefix(e) == "xacro"]
@@ -133,10 +132,7 @@ def _note_foreign(root: etree._Element, notes: list[str]) -> None:
 
 
 def _some(names: Iterable[str]) -> str:
-    """Write the first three distinct names, and how many more there are.
-
-    The text reads ``a, b, c and 2 more``.
-    """
+    """Write the first three distinct names and the number of others: ``a, b, c and 2 more``."""
     different = [short(name)[1:-1] for name in dict.fromkeys(names)]
     more = f" and {len(different) - 3} more" if len(different) > 3 else ""
     return ", ".join(different[:3]) + more
@@ -153,9 +149,9 @@ def _local(element: etree._Element) -> str:
 
 
 def _refuse_other_files(data: bytes) -> None:
-    """Refuse other kinds of files that are often given as a URDF, before XML parsing.
+    """Raise UrdfError for other kinds of files that are often given as a URDF.
 
-    These are empty files, Git LFS pointers, binary files, web pages and other texts. UrdfError
+    These are empty files, Git LFS pointers, binary files, web pages and other texts. The message
     names the kind of file, which an error of the XML parser would not.
     """
     if not data.strip():
@@ -178,9 +174,9 @@ def _refuse_other_files(data: bytes) -> None:
 
 
 def _check_root(root: etree._Element) -> None:
-    """Check the root element, nesting and attribute count; refuse xacro and SRDF files.
+    """Raise UrdfError unless the root is ``<robot>`` and nesting and attributes are limited.
 
-    UrdfError is raised with the kind of file, and what to give instead.
+    xacro and SRDF files, whose root is ``<robot>`` too, are refused.
     """
     tag = _local(root)
     if tag.lower() in _OTHERS:
@@ -211,9 +207,9 @@ def _check_root(root: etree._Element) -> None:
 
 
 def _plain(element: etree._Element) -> etree._Element:
-    """Copy an element without namespaces, comments and foreign elements; keep the line numbers.
+    """Copy an element without namespaces, comments and elements of other namespaces.
 
-    All later checks then see plain tags, and can name the line of the file.
+    The line numbers in the file are kept.
     """
     attributes = {k: v for k, v in element.attrib.items() if not k.startswith("{") and ":" not in k}
     copy = etree.Element(_local(element), attributes)
@@ -223,7 +219,7 @@ def _plain(element: etree._Element) -> etree._Element:
 
 
 def bad(element: etree._Element, what: str) -> UrdfError:
-    """Create the error for an element: its line, its label and the message."""
+    """Create the error ``line N: label: what`` for an element."""
     return UrdfError(f"{line(element)}: {label(element)}: {what}")
 
 
@@ -237,7 +233,7 @@ def line(element: etree._Element) -> str:
 
 
 def label(element: etree._Element) -> str:
-    """Describe an element in a message: ``joint 'elbow'``, ``<axis> of joint 'elbow'``."""
+    """Describe an element for a message, such as ``joint 'elbow'``, ``<axis> of joint 'elbow'``."""
     owner = element
     while owner.getparent() is not None and owner.getparent().getparent() is not None:
         owner = owner.getparent()
@@ -290,7 +286,8 @@ def expand(path: Path, most: int, package_dirs: Sequence[str] = ()) -> bytes:
     path
         The xacro file.
     most
-        Maximum size of the result, bytes; a longer result is cut after one byte more.
+        Maximum size of the result, bytes; a longer result is cut to ``most`` + 1 bytes, by which
+        the caller recognises it.
     package_dirs
         Folders in which ``$(find package)`` is looked up: packages, folders with packages, or the
         folder of one package as ``NAME=DIR``.

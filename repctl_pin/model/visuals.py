@@ -1,8 +1,9 @@
 """Visible shapes of a robot, their placements at configurations, and their corners.
 
-Mesh files are read where they are drawn. A robot without shapes, and a link whose
-mesh is missing, are drawn from the kinematics: links as tubes, joints as cylinders. Surroundings
-are drawn by their collision shapes."""
+Mesh files are read where they are drawn. A robot without shapes, and a link whose mesh is missing,
+are drawn from the kinematics: links as tubes, revolute joints as cylinders, and prismatic joints as
+sliders on rails. Surroundings are drawn by their collision shapes.
+"""
 
 from __future__ import annotations
 
@@ -66,12 +67,12 @@ _Placed = tuple[Shape, pin.SE3]
 @dataclass(frozen=True, eq=False)
 @read_only
 class Visuals:
-    """Shapes of a robot and the joints that move them. Create the object with :meth:`of`.
+    """Shapes to draw of a robot and its surroundings. Create the object with :meth:`of`.
 
     Attributes
     ----------
     shapes
-        Shapes to draw.
+        The S shapes; the path of a mesh is known.
     """
 
     shapes: tuple[Shape, ...]
@@ -111,7 +112,7 @@ class Visuals:
         )
 
     def placements(self, Q: ArrayLike) -> Array:
-        """Compute the placement of every shape at every configuration.
+        """Compute the placements of all S shapes at T configurations: (T, S, 4, 4).
 
         Parameters
         ----------
@@ -120,8 +121,9 @@ class Visuals:
 
         Returns
         -------
-        (T, S, 4, 4) rigid transforms, m, relative to the robot's root, which stands still although
-        the robot's ``base`` may move. The scale of a mesh is not included."""
+        Rigid transforms (T, S, 4, 4), m, relative to the robot's root, which is at rest even if the
+        link ``base`` moves. The scale of a mesh is not included.
+        """
         Q = np.ascontiguousarray(Q, dtype=float)
         n = self._coupling.S.shape[1]
         if Q.ndim != 2 or Q.shape[1] != n:
@@ -132,11 +134,11 @@ class Visuals:
         return frame_placements(self._model, self._frame.tolist(), Q) @ self._on_frame
 
     def corners(self, surfaces: Surfaces | None = None) -> list[Array]:
-        """Collect the corners of each shape's convex hull in its own frame, scaled: (P, 3), m.
+        """List, for each shape, the corners of its convex hull in its own frame, scaled: (P, 3), m.
 
-        A mesh may have stray points far from its link. A few points that lie outside the convex
-        hull of the link's collision shapes, by over half the size of that hull, are left out. A
-        shape that cannot be read has one corner, at its origin.
+        Stray points of a mesh, far from its link, are left out: a few points that lie outside the
+        convex hull of the link's collision shapes by over half the size of that hull. A shape that
+        cannot be read has one corner, at its origin.
 
         Parameters
         ----------
@@ -151,7 +153,7 @@ class Visuals:
         return [*found]
 
     def _confirmed_corners(self, surfaces: Surfaces | None) -> list[Array]:
-        """Collect the corners of :meth:`corners` from the meshes, without stray points."""
+        """Compute the result of :meth:`corners`, which is then cached."""
         found = _corners(self.shapes, surfaces)
         hulls: dict[str, Array | None] = {}
         for k, (shape, place) in enumerate(zip(self.shapes, self._on_frame, strict=True)):
@@ -166,7 +168,7 @@ class Visuals:
 
 
 def _find_shapes(robot: Mechanism) -> Iterator[_Placed]:
-    """Iterate over a robot's visible shapes; the path of a missing mesh is None."""
+    """Yield the URDF's visual shapes, with the path of each mesh; None if the file is missing."""
     for shape in robot.description.shapes:
         path = _mesh_file(shape, robot.description, robot)
         own_colors = path is not None and path.suffix.lower() != ".stl"
@@ -175,9 +177,9 @@ def _find_shapes(robot: Mechanism) -> Iterator[_Placed]:
 
 
 def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
-    """Iterate over the first ``MAX_SHAPES`` shapes of the surroundings, placed from the root.
+    """Yield the first ``MAX_SHAPES`` shapes of the surroundings, placed relative to the root.
 
-    A missing mesh is skipped here; :class:`Bodies` raises an error on it.
+    A missing mesh is skipped here; :class:`Bodies` raises an error for it.
     """
     around = robot.surroundings
     if around is None:
@@ -203,18 +205,9 @@ def _mesh_file(shape: Shape, of: Description, robot: Mechanism) -> Path | None:
 def _skeleton(
     robot: Mechanism, links: dict[str, pin.Frame], draw: Container[str]
 ) -> Iterator[_Placed]:
-    """Iterate over the tubes and joint shapes that are drawn for links without meshes.
+    """Yield the tubes and joint shapes that are drawn in place of the links ``draw``, by name.
 
-    Without them such links would be invisible.
-
-    Parameters
-    ----------
-    robot
-        The robot.
-    links
-        Link frames of the robot's model, by name.
-    draw
-        Names of the links to draw.
+    ``links`` are the link frames of the robot's model, by name.
     """
     thick = 0.02 * (_extent(robot) or 1.0)
     for joint in robot.description.joints:
@@ -229,10 +222,10 @@ def _skeleton(
 
 
 def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iterator[_Placed]:
-    """Iterate over the shapes of a joint: a cylinder if it is revolute, else a slider on a rail.
+    """Yield the shapes of a joint: a cylinder if it is revolute, else a slider and its rail.
 
-    ``thick`` is the radius of tubes, m; the rail is drawn only if ``rail`` is True. ``place`` is
-    the joint's origin in its parent link.
+    ``place`` is the joint's origin in its parent link, and ``thick`` the radius of tubes, m. If
+    ``rail`` is False, the rail, which belongs to the parent link, is left out.
     """
     name = joint.name
     along = pin.SE3(_turn_z_to(joint.axis), np.zeros(3))
@@ -252,7 +245,10 @@ def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iter
 
 
 def _joint_origin(model: pin.Model, links: dict[str, pin.Frame], joint: Joint) -> pin.SE3:
-    """Compute a joint's origin in its parent link's frame, also for a fixed joint."""
+    """Compute the placement of a joint's origin in the frame of its parent link.
+
+    ``links`` are the link frames of the model, by name. A fixed joint is no joint of the model.
+    """
     parent = links[joint.parent]
     child = links[joint.child]
     if child.parentJoint == parent.parentJoint:  # fixed joint, or locked at the reference pose
@@ -261,9 +257,9 @@ def _joint_origin(model: pin.Model, links: dict[str, pin.Frame], joint: Joint) -
 
 
 def _extent(robot: Mechanism) -> float:
-    """Compute the diagonal of the box around all link origins at the reference pose, m.
+    """Compute the size of a robot, m: the diagonal of the box around its link origins.
 
-    The thickness of drawn tubes is a share of this diagonal.
+    The robot is at the reference pose.
     """
     q = robot.coupling.joints(robot.reference)
     placed = frame_placements(robot.model, link_ids(robot.model).values(), q[None])
@@ -271,7 +267,7 @@ def _extent(robot: Mechanism) -> float:
 
 
 def _turn_z_to(direction: ArrayLike) -> Array:
-    """Compute a rotation matrix (3, 3) that maps the z axis to a direction, of any length."""
+    """Compute a rotation matrix (3, 3) that maps the z axis to the direction of a vector (3,)."""
     z = np.asarray(direction, float) / np.linalg.norm(direction)
     if z[2] < -1 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
@@ -282,9 +278,10 @@ def _turn_z_to(direction: ArrayLike) -> Array:
 
 
 def _file_times(robot: Mechanism, shapes: Sequence[Shape]) -> list[tuple[Shape, int]]:
-    """List the drawn shapes and the collision shapes, each with the time of its mesh file, ns.
+    """List (shape, modification time of its mesh file, ns): data on which cached corners depend.
 
-    The time is 0 without a mesh, or if its file is missing.
+    The list has the drawn ``shapes`` and the robot's collision shapes. The time is 0 without a
+    mesh, or if its file is missing.
     """
     solid = robot.description.collisions
     found = [replace(shape, path=_mesh_file(shape, robot.description, robot)) for shape in solid]
@@ -299,15 +296,15 @@ def _file_times(robot: Mechanism, shapes: Sequence[Shape]) -> list[tuple[Shape, 
 
 
 def _corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[Array]:
-    """Collect the corners of each shape's convex hull in its own frame, scaled: (P, 3) each, m."""
+    """List, for each shape, the corners of its convex hull in its own frame, scaled: (P, 3), m."""
     return [_hull_corners(shape, surfaces) * np.array(shape.scale) for shape in shapes]
 
 
 def _widened_hull(robot: Mechanism, link: str) -> Array | None:
-    """Compute the half-spaces of the hull of a link's collision shapes, widened: (F, 4).
+    """Compute the convex hull of a link's collision shapes, widened by half its size: (F, 4).
 
-    A point p of the link's frame is inside if ``n·p + d ≤ 0`` for all rows (n, d). None if the link
-    has no such shapes, or one of them is missing.
+    A point p of the link's frame, m, is inside if ``n·p + d ≤ 0`` for all rows (n, d). Return None
+    if the link has no collision shapes, one of them is missing or unreadable, or the hull is flat.
     """
     points = []
     for shape in robot.description.collisions:
@@ -335,11 +332,12 @@ def _widened_hull(robot: Mechanism, link: str) -> Array | None:
 def _confirmed(
     shape: Shape, corners: Array, place: Array, hull: Array, surfaces: Surfaces | None
 ) -> Array:
-    """Drop stray points of a mesh, and return the corners (P, 3) of the hull of the others.
+    """Return the corners (P, 3), m, of the hull of a mesh without its stray points.
 
-    ``corners`` are the corners of the hull of all points, ``place`` (4, 4) is the shape's placement
-    on its link, and ``hull`` the result of :func:`_widened_hull`. If many points are outside, the
-    collision shapes do not cover the link, so no point is dropped.
+    A stray point is outside ``hull``, the result of :func:`_widened_hull`. If many points are
+    outside, the collision shapes do not cover the link, so no point is left out. ``corners`` are
+    those of the hull of all points, scaled, and ``place`` (4, 4) is the shape's placement on its
+    link.
     """
 
     def inside(points: Array) -> NDArray[np.bool_]:
@@ -365,10 +363,10 @@ def _confirmed(
 
 
 def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
-    """Collect the corners of a shape's convex hull before scaling: (P, 3).
+    """Return the corners (P, 3) of a shape's convex hull, before scaling.
 
-    The corners suffice for the bounding box and for the point that moves most. The corners of a
-    mesh are cached by file and time; an unreadable mesh has one corner, at its origin.
+    Those of a mesh are cached by file and modification time; an unreadable mesh has one corner, at
+    its origin.
     """
     if shape.kind != "mesh":
         return _primitive_corners(shape)
@@ -389,27 +387,24 @@ def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
 
 
 def _mesh_corners(surface: Surface | InputError) -> Array:
-    """Collect the corners (P, 3) of a mesh's convex hull; the origin for an unreadable mesh.
-
-    A mesh without a hull, such as a flat one, gives all its points.
-    """
+    """Return the corners (P, 3) of a mesh's convex hull; the origin for an unreadable mesh."""
     if isinstance(surface, InputError):
         return np.zeros((1, 3))
     return _hull_points(surface.points)
 
 
 def _hull_points(points: Array) -> Array:
-    """Select the points (P, 3) at the corners of the hull of points (V, 3); all if flat."""
+    """Select those of the points (V, 3) that are corners of their convex hull: (P, 3).
+
+    All distinct points are returned if the hull is flat.
+    """
     with contextlib.suppress(QhullError, ValueError):  # flat
         points = points[ConvexHull(points).vertices]
     return np.unique(points, axis=0)
 
 
 def _primitive_corners(shape: Shape) -> Array:
-    """Collect the corners of a box, or of a polytope that approximates a round shape: (P, 3), m.
-
-    Round shapes are rings of 24 points.
-    """
+    """Return the corners (P, 3), m, of a box, or of a polytope that approximates a round shape."""
     ends = np.array([-0.5, 0.5])
     if shape.kind == "box":
         return np.array(list(product(*(edge * ends for edge in shape.size))))

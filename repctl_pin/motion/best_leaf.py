@@ -90,20 +90,18 @@ _APART = 0.3
 class _LeafCandidate:
     """A start configuration, with the margins of the cycle that begins there.
 
-    A leaf is a set of configurations on which the potentials h of the inverse are constant. The
-    start selects the leaf h(q) = c on which the whole motion stays, so one cycle shows the margins
-    of all cycles. :func:`best_leaf` compares starts by these margins.
+    All later cycles have the same margins, because the motion stays on the leaf of its start.
 
     Attributes
     ----------
     q0 : (n,) array
         Start configuration, with the frame at the path's first point.
     relative_margins : dict
-        Relative margins of ``limits``, ``bodies`` and ``leaf``: the minimum limit margin relative
-        to half the joint's range, the minimum body distance relative to a tenth of the arm's
-        length, and the minimum leaf margin.
+        Minimum margins over the cycle, without unit: ``limits``, the joint-limit margin divided by
+        half the joint's range; ``bodies``, the body distance divided by a tenth of the arm length;
+        and ``leaf``, the leaf margin.
     limit_margin : float
-        Minimum joint-limit margin over the cycle, rad or m; negative outside.
+        Minimum joint-limit margin over the cycle, rad or m; negative if a limit is exceeded.
     body_distance : float
         Minimum body distance over the cycle, m; inf without bodies.
     leaf_margin : float
@@ -111,7 +109,7 @@ class _LeafCandidate:
     distance : float
         Relative distance from the desired inverse, ``(Σ ‖G − G_d‖² / Σ ‖G_d‖²)^½`` over the cycle.
     motion : Motion
-        Motion of the cycle; if a region Ω was given, ``motion.outside`` is the share outside Ω.
+        Motion of the cycle; ``motion.outside`` is its fraction outside Ω, if a region Ω was given.
     """
 
     q0: Array
@@ -124,10 +122,9 @@ class _LeafCandidate:
 
     @property
     def binds(self) -> str:
-        """Name of the smallest relative margin: ``limits``, ``bodies`` or ``leaf``.
+        """Name of the smallest relative margin, ``limits``, ``bodies`` or ``leaf``.
 
-        A report names this margin, because a better start must increase it. ``leaf`` is the leaf
-        margin, the distance from an algorithmic singularity.
+        A better start must increase this margin.
         """
         return min(self.relative_margins, key=lambda margin: self.relative_margins[margin])
 
@@ -138,12 +135,12 @@ class _LeafCandidate:
 
     @property
     def order(self) -> tuple[float, ...]:
-        """Sort key, larger is better: fewest kinds of violations, then the largest smallest margin.
+        """Sort key by which the better of two candidates is the larger.
 
-        The tuple has minus the number of kinds of violations (joint limits, collisions), the
-        relative margins in steps of 0.01 from the smallest up, and the smallest one unrounded. If
-        the smallest margins of two candidates are equal, the next smallest ones decide. Otherwise
-        two wrist links that are always close would hide all other margins.
+        First, a candidate without violations is better than one with joint-limit violations or
+        collisions, or both. Then the smallest relative margins are compared, rounded to 0.01; if
+        they are equal, the next smallest ones. Otherwise two wrist links that are always close
+        would hide all other margins. Last, the smallest margins are compared unrounded.
         """
         broken = (self.limit_margin < -1e-9) + (self.body_distance < 0)
         relative_margins = np.rint(np.sort(list(self.relative_margins.values())) / _ALIKE)
@@ -157,8 +154,8 @@ class BestLeaf:
     Attributes
     ----------
     best, given : LeafCandidate or None
-        The best start found, and the given one. ``given`` is None if the leaf of that start allows
-        no full cycle. ``best.motion.rms_speed`` is the joint speed from the best start.
+        The best start found and the given one, with their margins; ``best.motion.rms_speed`` is the
+        joint speed. ``given`` is None if no full cycle can begin at the given start.
     tried : int
         Number of starts evaluated.
 
@@ -182,12 +179,12 @@ class BestLeaf:
     def q0(self) -> Array:
         """Start configuration (n,) on the best leaf.
 
-        It selects the leaf h(q) = c, and so the joint path of all cycles.
+        Start the motion there to stay on that leaf.
         """
         return self.best.q0
 
     def summary(self) -> str:
-        """Summarise the margins of the given and of the best start in text."""
+        """Summarise the margins of the given and of the best start, in three lines of text."""
         first = f"best of {self.tried} leaves of {self.best.motion.path.name}"
         return f"{first}\n  given start  {_line(self.given)}\n  best start   {_line(self.best)}"
 
@@ -203,16 +200,17 @@ def best_leaf(
     steps: int = 96,
     seed: int = 0,
 ) -> BestLeaf:
-    """Search the self-motion of the start for the leaf of best margins or lowest speed.
+    """Search the self-motion of a start for the start with the best margins or the lowest speed.
 
-    With a repeatable inverse, the joint path of all cycles is known after the first, so limits,
-    body distances and leaf margin can be checked before the robot moves. Ω is the region of joint
-    space of the design, and a leaf the set h(q) = c on which a motion stays, selected by its start.
-    Starts are sampled within the joint limits along the self-motion of the given start, in both
-    directions; for r > 1, in several directions. The best one is then refined by a pattern search.
-    The result has no more kinds of violations than the given start and, for ``by="limits"``, never
-    a smaller limit margin. With a region, starts whose cycle stays inside it are preferred; without
-    one a cycle can go far outside Ω, where the inverse is no longer close to G_d.
+    Each start selects a leaf, the set h(q) = c on which the motion stays. With a repeatable
+    inverse, the joint path of all cycles is known after the first, so limits, body distances and
+    leaf margin can be checked before the robot moves. Starts are sampled within the joint limits
+    along the self-motion of the given start, in both directions; for r > 1, in several directions.
+    The best one is then refined by a pattern search. The result has no more kinds of violations, of
+    joint limits or by collisions, than the given start; for ``by="limits"``, its limit margin is
+    never smaller. With a region, only starts whose cycle stays inside it replace the given one.
+    Without a region, a cycle can go far outside the region of the design, where the inverse is no
+    longer close to G_d.
 
     Parameters
     ----------
@@ -225,7 +223,8 @@ def best_leaf(
     region
         Design region Ω, such as ``design.region``.
     desired
-        Desired inverse G_d, such as ``design.desired``, for the distance; by default J⁺.
+        Desired inverse G_d, such as ``design.desired``, from which the distance of the inverse is
+        evaluated; by default J⁺.
     by
         ``"limits"`` maximises the smallest relative margin. ``"speed"`` then minimises the joint
         speed (rms) over the collision-free leaves with at least half of the joint-limit margin of
@@ -292,7 +291,7 @@ _Better: TypeAlias = "Callable[[_LeafCandidate, _LeafCandidate], bool]"
 
 @dataclass(eq=False)
 class _Search:
-    """Evaluated starts on one path, and their comparison with the given start.
+    """Search among starts on one path, which are compared with the given start.
 
     Attributes
     ----------
@@ -323,10 +322,11 @@ class _Search:
             self.seen.append(self.given)
 
     def allowed(self, starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
-        """Yield the starts with a full cycle inside the region and a sufficient leaf margin.
+        """Evaluate starts (n,), and yield the candidates among which the best is chosen.
 
-        A None in ``starts`` is a start that cannot be reached; it counts as tried. A leaf
-        margin is sufficient if it is at least 0.1, or at least that of the given start.
+        They have a full cycle inside the region, and a leaf margin of at least 0.1, or at least
+        that of the given start. A None in ``starts`` is a start that cannot be reached; it counts
+        as tried.
         """
         for q in starts:
             self.tried += 1
@@ -340,7 +340,7 @@ class _Search:
                 yield candidate
 
     def clearer(self, one: _LeafCandidate, other: _LeafCandidate) -> bool:
-        """Test whether ``one`` has better margins than ``other``.
+        """Test whether ``one`` is better than ``other`` by :attr:`_LeafCandidate.order`.
 
         The limit margin of ``one`` must also be at least that of the given start.
         """
@@ -351,16 +351,16 @@ class _Search:
     def improved(
         self, best: _LeafCandidate | None, starts: Iterable[Array | None], better: _Better
     ) -> _LeafCandidate | None:
-        """Return the best of ``best`` and the candidates at ``starts``, compared by ``better``."""
+        """Return the best of ``best``, if any, and of the allowed ``starts``, by ``better``."""
         for candidate in self.allowed(starts):
             best = candidate if best is None or better(candidate, best) else best
         return best
 
     def refined(self, best: _LeafCandidate, better: _Better) -> _LeafCandidate:
-        """Improve the best start by a pattern search along the null vectors, with shrinking steps.
+        """Improve the start ``best`` by a pattern search along the null vectors.
 
-        Whenever no neighbour is better, the step is halved, from 0.05 down to at least 0.01 (rad;
-        for prismatic joints, arm lengths).
+        A candidate is replaced by a better one a step away; if there is none, the step is halved
+        until it is too short. Steps are in rad, or in arm lengths for prismatic joints.
         """
         target = self.path.placement(0.0)
         size = _STRIDE / 2
@@ -415,9 +415,10 @@ class _Search:
 
 
 def _fastest(search: _Search, best: _LeafCandidate, seed: int) -> _LeafCandidate:
-    """Find the start of lowest joint speed with at least half of the limit margin of ``best``.
+    """Find the start of lowest joint speed (rms) with at least half the limit margin of ``best``.
 
-    The search compares all starts seen so far with random ones, and refines the best.
+    Starts with collisions are excluded. All starts seen so far are compared with random ones, and
+    the best is refined. ``seed`` is the random seed.
     """
     least_margin = max(best.limit_margin, 0.0) / 2
 
@@ -474,10 +475,9 @@ def _fast_starts(
 
 
 def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
-    """Move configurations Q (K, n) towards a target by Newton steps with J⁺; return them (K, n).
+    """Move configurations Q (K, n) towards a target by up to ``iterations`` Newton steps with J⁺.
 
-    Rows that do not reach the target in ``iterations`` steps are returned too; test them with
-    :func:`_inside`.
+    Return them (K, n), also those that do not reach the target; :func:`_inside` tests this.
     """
 
     def correction(Q: Array, on: NDArray[np.intp]) -> Array:
@@ -494,21 +494,21 @@ def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
 def _inside(
     task: Task, Q: Array, target: Placement, margin: float, *, near: float = 1e-6
 ) -> NDArray[np.bool_]:
-    """Test which configurations Q (K, n) reach a target and have a joint-limit margin: (K,) bool.
+    """Test which rows of Q (K, n) reach a target and keep a margin from the joint limits.
 
-    A target is reached if no entry of the task error exceeds ``near``, m or rad. ``margin`` is the
-    smallest joint-limit margin allowed, rad or m.
+    Return a mask (K,). The target is reached if no entry of the task error exceeds ``near``, m or
+    rad. ``margin`` is the distance to keep from all joint limits, rad or m.
     """
     error = np.abs(task.errors(Q, [target] * len(Q))).max(axis=1, initial=0.0)
     return np.asarray((error < near) & (task.limit_margin(Q).min(axis=1, initial=np.inf) >= margin))
 
 
 def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Array | None]:
-    """Generate configurations one step from q along ± each null vector, with the frame at a target.
+    """Yield the neighbours of q (n,): one step along each null vector n and along −n.
 
-    The pattern search compares these neighbours. ``size`` is the length of the step, in rad, or in
-    arm lengths for prismatic joints. For a step that leaves the joint limits, or from which the
-    target cannot be reached, None is yielded.
+    The frame stays at the target. ``size`` is the length of the step, in rad, or in arm lengths for
+    prismatic joints. None is yielded in place of a neighbour that is outside the joint limits or
+    does not reach the target.
     """
     N = nullspace(task.jacobian(q))
     L = joint_scale(task, q)
@@ -518,9 +518,9 @@ def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Ar
 
 
 def _directions(task: Task, start: Array, seed: int) -> list[Array]:
-    """Choose null vectors (n,) to search along: the columns of N, and eight random ones if r > 1.
+    """Choose null vectors (n,) of J at the start along which to search.
 
-    N (n, r) spans the null space of J at the start. For r = 1 its column is the only direction.
+    They are an orthonormal basis of the null space and, if r > 1, eight random ones.
     """
     N = nullspace(task.jacobian(start))
     if task.r == 1:
@@ -531,10 +531,7 @@ def _directions(task: Task, start: Array, seed: int) -> list[Array]:
 
 
 def _line(candidate: _LeafCandidate | None) -> str:
-    """Format the margins and violations of a candidate on one line.
-
-    For None, the text says that the start has no full cycle.
-    """
+    """Format the margins and violations of a candidate on one line; None has no full cycle."""
     if candidate is None:
         return "no full cycle from this start"
     outside = candidate.motion.outside

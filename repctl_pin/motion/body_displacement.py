@@ -28,23 +28,23 @@ def displacements(
 ) -> tuple[Array, NDArray[np.intp]]:
     """Compute how far each body moves between two placements: the maximum over its points.
 
-    This expresses drift in metres instead of joint angles. A point p of a body moves by ``D p̃``
-    with ``D = T′ − T`` and ``p̃ = (p, 1)``. The distance ‖D p̃‖ is a convex function of p, so its
-    maximum over a polytope is at a corner, and the corners of the bodies suffice.
+    This expresses drift in metres instead of joint angles. With the placements T before and T′
+    after, a point p of a body moves by ``(T′ − T) p̃`` with ``p̃ = (p, 1)``. Its length is a convex
+    function of p, so the maximum over a polytope is at a corner.
 
     Parameters
     ----------
     before, after : (T, S, 4, 4) arrays
-        Rigid placements of S bodies at T moments, m.
+        Rigid placements of S bodies at T moments, m; an axis of length 1 counts for all moments.
     bodies : sequence of S arrays (P, 3)
-        Corners of each body in its own frame, m; at least one.
+        Corners of each body's convex hull in its own frame, m; at least one.
 
     Returns
     -------
     displacement : (T, S) array
         Displacement of each body, m.
     which : (T, S) array of int
-        Index of the corner that moves farthest.
+        Index of the corner, of each body, that moves farthest.
     """
     D = (after - before)[..., :3, :]  # (T, S, 3, 4)
     way = np.empty(D.shape[:2])
@@ -61,7 +61,9 @@ def displacements(
 
 
 def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tuple[str, float]:
-    """Find the link whose shape is displaced most, and the displacement of that shape, m.
+    """Find the link whose shape is displaced most: its name, and the displacement, m.
+
+    The result is ("", 0) if no shape belongs to one of the links.
 
     Parameters
     ----------
@@ -70,7 +72,7 @@ def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tup
     off : (S,) array
         Displacement of each shape, m.
     links
-        Links that count, see :func:`.arm_links`.
+        Names of the links to consider, such as :func:`.arm_links`.
     """
     own = [k for k, shape in enumerate(shapes) if shape.link in links]
     which = max(own, key=lambda k: off[k], default=-1)
@@ -78,9 +80,7 @@ def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tup
 
 
 def farthest_link(task: Task, ends: Array) -> tuple[str, float]:
-    """Find the link that is displaced most after a motion, and its displacement, m.
-
-    It is the link whose drawn body contains the point that is displaced most.
+    """Find the most displaced part of an arm after a motion: its link, and the displacement, m.
 
     Parameters
     ----------
@@ -96,8 +96,7 @@ def farthest_link(task: Task, ends: Array) -> tuple[str, float]:
 def cycle_displacements(motion: JointMotion) -> Array:
     """Compute the displacement of the most displaced part after each cycle: (cycles,), m.
 
-    The part is the link whose drawn body has the point that is displaced most; it can differ from
-    cycle to cycle. Reports show this beside the drift, which is a norm of joint angles.
+    The displacement is from the start; the part can differ from cycle to cycle.
     """
     shapes, off = _off(motion.task, motion.q[:: motion.steps])
     links = arm_links(motion.task)
@@ -108,8 +107,8 @@ def cycle_displacements(motion: JointMotion) -> Array:
 def _off(task: Task, Q: Array) -> tuple[Sequence[Shape], Array]:
     """Compute how far each drawn shape is displaced from the first configuration of Q (K + 1, n).
 
-    Return the S shapes of the robot, and the maximum displacement of a point of each at the K other
-    configurations: (K, S), m.
+    Return the S shapes of the robot, and their displacements at the K other configurations:
+    (K, S), m. The displacement of a shape is the maximum over its points.
     """
     visuals = Visuals.of(task.robot)
     placements = visuals.placements(task.to_robot(Q))
@@ -122,14 +121,12 @@ def _off(task: Task, Q: Array) -> tuple[Sequence[Shape], Array]:
 class LinkPoints:
     """The most displaced point of each link of an arm. Create the object with :meth:`of`.
 
-    The audit of a recording measures the arm's displacement at these points.
-
     Attributes
     ----------
     task : Task
         Task of the arm.
     links : tuple of str
-        The L links that are drawn.
+        Names of the L links of the arm that have a drawn shape.
     """
 
     task: Task
@@ -140,9 +137,9 @@ class LinkPoints:
 
     @classmethod
     def of(cls, task: Task, Q: Array) -> LinkPoints:
-        """Choose the points that are displaced most from the first to any other of Q (K, n).
+        """Choose, on each link, the point that is displaced most from the first row of Q (K, n).
 
-        There is one point per link of the arm; links without a drawn shape have none.
+        The displacement is the maximum over all rows of Q.
         """
         visuals = Visuals.of(task.robot)
         own = arm_links(task)
@@ -159,13 +156,13 @@ class LinkPoints:
         return cls(task, tuple(best), visuals, np.array([*best.values()]), np.array(points))
 
     def at(self, Q: Array) -> Array:
-        """Compute the point of each of the L links at Q (K, n): (K, L, 3), m, base axes."""
+        """Compute the positions of the L points at Q (K, n): (K, L, 3), m, in the root frame."""
         placements = self._visuals.placements(self.task.to_robot(Q))
         return np.einsum("KLij,Lj->KLi", placements[:, self._shape, :3], self._point)
 
 
 def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
-    """Compute the displacements of other end effectors from their start, by link: (T,) each, m.
+    """Compute the displacements of other end effectors from their start: {link: (T,) array, m}.
 
     On a robot with two arms on one waist, the other hand drifts as well.
 
@@ -184,7 +181,7 @@ def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
 
 
 def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
-    """Predict the cycle in which a drifting joint leaves its range, to warn before it happens.
+    """Predict the cycle in which a drifting joint first exceeds its limits.
 
     Every further cycle is assumed to add the joint displacement of the last cycle.
 
@@ -196,8 +193,8 @@ def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
     Returns
     -------
     (int, str) or None
-        The cycle, counted from 1, and the joint's name; None if the motion closes, a joint is
-        outside its range already, or none leaves its range within another 100 cycles.
+        The cycle, counted from 1, and the joint's name. None if the motion closes, if a joint
+        exceeds its limits already, or if none does within another 100 cycles.
     """
     if motion.first_violation is not None or motion.closes:
         return None

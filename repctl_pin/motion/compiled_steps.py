@@ -34,23 +34,23 @@ def compiled_steps(
     h: ArrayLike,
     most: Array,
 ) -> Steps | None:
-    """Make the function that integrates a strategy in C; None if that is not possible.
+    """Create the function that integrates a strategy in C, see :data:`Steps`.
 
-    This requires the native library, and a strategy and a task that runge_kutta.c supports. With
-    None, :func:`follow` takes the same steps in Python, more slowly.
+    Return None without the native library, and for a strategy or task that runge_kutta.c does not
+    support; :func:`follow` then takes the same steps in Python, more slowly.
 
     Parameters
     ----------
     strategy
         Controller.
     tableau
-        Nodes c and weights b of the Runge–Kutta method.
+        Nodes c and weights b of the Runge–Kutta method, one each per stage.
     xdot : (steps, stages, m) array
-        Task velocities of the steps of a cycle.
+        Task velocity ẋ at each stage of each step of a cycle, m/s and rad/s.
     h : (steps,) array
         Durations of the steps, s.
     most : (n,) array
-        Maximum joint motion per step, rad or m; the function stops before a longer step.
+        Maximum motion of each joint per step, rad or m; the function stops before a longer step.
     """
     native = library()
     law = None if native is None else _law_of(strategy)
@@ -89,11 +89,11 @@ def _run(
 
 
 def _law_of(strategy: Strategy) -> tuple[Any, dict[str, float], dict[str, Array]] | None:
-    """Find the struct Arm, the scalars and the posture of a strategy's law; None if C lacks it.
+    """Return the parts of the C struct LAW that depend on a strategy; None if C lacks its formula.
 
-    A law is the formula that gives q̇ from q and ẋ. The result is the C struct with the arm's
-    geometry, a dictionary of numbers of the C struct LAW (``on_leaf``, ``gain``), and a dictionary
-    with the posture (n,), the target of a null-space task. Both dictionaries are empty for J⁺.
+    They are (struct :data:`ARM`, numbers, arrays). The numbers are ``on_leaf`` of a repeatable
+    inverse and ``gain`` of a posture control; the array ``posture`` (n,) is that of the latter. For
+    J⁺, both dicts are empty.
     """
     kind = type(strategy)
     if isinstance(strategy, RepeatableInverse) and kind is RepeatableInverse:

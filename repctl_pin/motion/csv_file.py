@@ -31,14 +31,14 @@ _LARGEST = 64_000_000
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Recorded:
-    """Motion of one strategy as stored in a file: joint positions and, if given, times.
+    """Motion of one strategy as read from a file: joint positions and, if given, times.
 
     Attributes
     ----------
     strategy : str
-        Name of the strategy, as in the file; without one, the name of the file.
+        Name of the strategy in the file; without a column for it, the name of the file.
     joints : tuple of str
-        Joints with a column.
+        Names of the k joints with a column.
     q : (T + 1, k) array
         Joint positions, rad or m.
     cycles : int
@@ -67,12 +67,13 @@ def csv_text(
     Parameters
     ----------
     motions
-        One motion, or several by the names of their strategies; a timed motion has columns for
-        accelerations, and none for cycles.
+        One motion, or pairs (name of the strategy, motion). A timed motion gives columns for
+        accelerations too, and no column ``cycle``.
     most
         Maximum number of rows per cycle, cycle ends included; by default all rows, with all digits.
     run
-        Text of an additional last column that names the run.
+        Content of an additional last column ``run`` in each row; by default, there is no such
+        column.
 
     Raises
     ------
@@ -114,9 +115,10 @@ def csv_text(
 
 
 def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
-    """Format the rows of a motion as text: cycle, time, positions, velocities.
+    """Yield the rows of a motion as texts: cycle, time, positions, velocities.
 
-    ``most`` is the maximum number of rows per cycle; None writes all rows, with all digits.
+    ``most`` is the maximum number of rows per cycle, with 10 digits; None gives all rows, with all
+    digits.
     """
     rows = rows_of(motion, most or motion.steps)
     q = motion.q[rows]
@@ -140,7 +142,7 @@ def read_motions(
     known
         Joint names of the robot.
     cycles
-        Number of cycles, if the file does not contain this number; None means 1.
+        Number of cycles in the file; by default the last value of its column ``cycle``, else 1.
 
     Raises
     ------
@@ -164,7 +166,7 @@ def read_motions(
         if rest or not steps:
             raise InputError(
                 f"{file}: {len(rows)} rows of {key!r} do not split into one start row "
-                f"and {count} cycles of equal length; correct the number of cycles"
+                f"and {count} cycles of equal length; give another number of cycles"
             )
         times = values[rows, n] if clocks else None
         if times is not None and (late := np.flatnonzero(np.diff(times) <= 0)).size:
@@ -175,7 +177,10 @@ def read_motions(
 
 
 def _rows_by_key(table: CsvTable, count: int) -> dict[str, list[int]]:
-    """List the rows of each motion of a table, by strategy or, without one, by file name."""
+    """Group the indices of the ``count`` rows of a table by motion: {name: indices}.
+
+    The name is that in the column ``strategy`` or, if it is missing or empty, the file's.
+    """
     stem = table.file.stem
     keys = [stem] * count
     if "strategy" in table.names:
@@ -188,30 +193,30 @@ def _rows_by_key(table: CsvTable, count: int) -> dict[str, list[int]]:
 
 
 def _count(end: float | None, asked: int | None, table: CsvTable, row: int) -> int:
-    """Return the number of cycles: ``asked``, else the last value of ``cycle``, else 1.
+    """Return the number of cycles of a motion: ``asked``, else ``end``, else 1.
 
-    ``end`` is the last value of the column ``cycle``, in the row ``row`` of the table; None without
-    this column. InputError is raised if the motion ends within a cycle.
+    ``asked`` is the user's number, and ``end`` the value of the column ``cycle`` in the motion's
+    last row, number ``row`` of the table; None without them. InputError is raised if ``end`` is
+    used and is not a whole number.
     """
     count = asked or (1 if end is None else round(end))
     if asked is None and end is not None and (count < 1 or abs(end - count) > 1e-6):
         raise InputError(
             f"{table.where(row)}: the motion ends within a cycle, at {end:g} cycles",
-            remedy="give the number of cycles",
+            remedy="give the number of cycles (cycles=), or correct the column cycle",
         )
     return count
 
 
 def _joints(names: Sequence[str], known: Sequence[str], where: str) -> tuple[str, ...]:
-    """Select the joint columns of a header, in its order, and refuse columns of unknown meaning.
+    """Select the names of joints from the column names of a file, in their order.
 
-    ``known`` are the names of the robot's joints. An unknown column could be a misspelt joint.
-    ``where`` names the file and the line in messages.
+    ``known`` are the names of the robot's joints, and ``where`` names the file in messages.
 
     Raises
     ------
     InputError
-        If a column is unknown, or there is no joint column.
+        If there is no joint column, or a column has an unknown name: it could be a misspelt joint.
     """
     joints = tuple(name for name in names if name in known)
     beside = {*_BESIDE, *_CLOCKS, _RUN}
@@ -220,5 +225,5 @@ def _joints(names: Sequence[str], known: Sequence[str], where: str) -> tuple[str
     ]
     if strange or not joints:
         what = f"the robot has no joint {strange[0]!r}" if strange else "there is no joint column"
-        raise InputError(f"{where}: {what}; its joints are {', '.join(known)}")
+        raise InputError(f"{where}: {what}; name the columns after its joints {', '.join(known)}")
     return joints

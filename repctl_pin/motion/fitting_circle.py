@@ -43,16 +43,17 @@ def fitting_circle(
 ) -> TaskPath:
     """Find a circle that a controller can follow for a cycle, within joint limits and a region.
 
-    The circle stays away from singularities, and one without collisions is preferred. The default
-    controller is J⁺. The default radius is the largest possible from a list of round numbers up to
-    a seventh of the reach, which includes the strokes of prismatic joints. The default plane is
-    horizontal if possible, else vertical. Four positions of the start on the circle are tried.
+    The circle stays away from singularities, and one without collisions is preferred. The frame
+    starts on it at q0 (n,). ``control`` is the controller, by default J⁺, and ``radius`` is in m.
+    By default, the largest possible of some round numbers is chosen, up to a seventh of
+    :func:`arm_reach`. ``plane`` is ``"xy"``, ``"yz"`` or ``"xz"``, by default the first possible.
+    Four positions of the start on the circle are tried.
 
     Raises
     ------
     InputError
-        If no such circle is found. Without a radius, circles down to 1 cm are tried, and down to 1
-        mm inside a region and for very short arms.
+        If no such circle is found. Without ``radius``, circles down to 1 cm are tried, and down to
+        1 mm inside a region and for very short arms.
     """
     # what to try: radii, planes, and places of the start on the circle
     planes = (plane,) if plane is not None else task.kind.planes
@@ -93,11 +94,12 @@ def fitting_circle(
 
 
 def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) -> TaskPath:
-    """Create a circle through the frame's position at q0; its ``spec`` text recreates it.
+    """Create a circle that starts at the frame's position at q0 (n,).
 
-    ``degrees`` is the position of the start on the circle, counted from the first axis of
-    ``plane``, such as ``"xy"``. If there are several frames, the first one moves, and the others
-    stand still.
+    ``radius`` is in m. ``degrees`` is the angle of the start on the circle, counted from the first
+    axis of ``plane``, such as ``"xy"``. The path's ``spec`` is the text from which
+    :func:`parse_path` recreates it. If there are several frames, the first one moves, and the
+    others are at rest.
     """
     if len(task.frames) > 1:
         from ..paths.several_paths import several_paths
@@ -113,10 +115,10 @@ def circle_at(task: Task, q0: Array, radius: float, plane: str, degrees: float) 
 
 
 def dexterity_at(task: Task, q: Array) -> float:
-    """Evaluate ``σ_min / σ_max`` of J at q, lengths in arm lengths; 0 at a singularity.
+    """Evaluate ``σ_min / σ_max`` of J at q (n,); 0 at a singularity.
 
-    Dividing by the arm length makes the ratio independent of the unit and of the arm's size. A
-    circle is refused if the ratio falls to half of its value at the start.
+    Rows of translations are divided by the arm length, which makes the ratio independent of the
+    arm's size. A circle is refused if the ratio falls to half of its value at the start.
     """
     J = task.jacobian(q).copy()
     J[task.kind.linear] /= max(arm_length(task, q), 1e-9)

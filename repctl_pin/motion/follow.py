@@ -55,17 +55,17 @@ _MOST = 100_000_000
 
 @dataclass(frozen=True)
 class _Method:
-    """Integration method of :func:`follow`: functions that take its steps, in Python and in C.
+    """Integration method of :func:`follow`: the functions that take its steps.
 
     Attributes
     ----------
     advance : Advance
-        Takes one step.
-    at_end : function q → q̇ at the end of the motion, optional
-        By default, q̇ at the end is that of the last step.
-    compiled : function (joint motion per step (n,)) → Steps or None
-        Makes the function that takes the steps in C; None if C does not support the strategy. The
-        function stops before a step that :func:`_run` could refuse.
+        Function that takes one step in Python.
+    at_end : function q → q̇, optional
+        Velocity at the end of the motion; by default, q̇ there is that of the last step.
+    compiled : function (most (n,)) → Steps or None
+        Creates the function that takes steps in C, or None if C does not support the strategy. It
+        stops before a step in which a joint moves by more than ``most``, rad or m.
     """
 
     advance: Advance
@@ -87,10 +87,9 @@ def follow(
 ) -> Motion:
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
-    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With a :class:`LeafLock`, a
-    repeatable strategy steps from point to point of the path. Newton corrections then remove the
-    task error and c − h(q), where c is the level of the potentials h that the strategy keeps
-    constant.
+    With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With a :class:`LeafLock`, Newton
+    steps from point to point of the path replace the integration: they remove the task error, and
+    the difference of the potentials h(q) of a repeatable strategy from their level.
 
     Parameters
     ----------
@@ -177,7 +176,7 @@ def followed(
     integrator: str | LeafLock = "rk4",
     feedback: float = 0.0,
 ) -> Motion:
-    """Integrate as :func:`follow` does, from arguments that were checked before."""
+    """Integrate as :func:`follow` does; all arguments but the start's pose are checked already."""
     task = strategy.task
     period = period or path.period or PERIOD
     check_length(task, cycles, steps)
@@ -209,10 +208,10 @@ def _locked(
     lock: LeafLock,
     feedback: float,
 ) -> _Method:
-    """Create the integration method of a motion on the leaf of q0 (n,).
+    """Create the method of :func:`follow` with a leaf lock, ``lock``, for a motion from q0 (n,).
 
-    Raises InputError if the strategy is not repeatable or ``feedback`` is not 0. ``grid`` are the
-    values of s at the ends of the steps, ``period`` is in s, and ``lock`` has the options.
+    ``grid`` are the values of s at which steps begin and end, and ``period`` is in s. InputError is
+    raised if the strategy is not repeatable, or ``feedback`` is not 0.
     """
     if feedback:
         raise InputError(
@@ -221,23 +220,17 @@ def _locked(
             "omit feedback="
         )
     if not isinstance(strategy, RepeatableInverse):
-        raise InputError("a leaf lock requires a repeatable strategy, such as design.inverse")
+        raise InputError("a leaf lock requires a repeatable inverse, such as design.inverse")
     return _Method(locked_steps(strategy, path, grid, q0, period, lock))
 
 
 def unresolved(strategy: Strategy, motion: Motion) -> str:
-    """Write whether the drift of an open-loop motion depends on the number of steps, and where.
+    """Return a text that says in which cycle a motion's drift is not resolved; empty if it is.
 
-    A study then shows this text instead of a drift. The motion is integrated again, with twice the
-    steps per cycle. The drift is resolved if the two runs end each cycle within 1 % of the drift,
-    or within the distance that counts as closed. On a regular motion, the error of the fourth-order
-    method is far smaller; near a singularity, where J⁺ grows without bound, neither number of steps
-    is enough.
-
-    Returns
-    -------
-    str
-        Empty if the drift is resolved.
+    A study shows the text instead of a drift. The motion, which must be without feedback, is
+    integrated again with twice the steps per cycle. The drift is resolved if both runs end each
+    cycle within 1 % of the drift of each other, or within the distance that counts as closed. Near
+    a singularity, where J⁺ grows without bound, neither number of steps is enough.
     """
     path = motion.path
     task = strategy.task
@@ -263,10 +256,7 @@ def unresolved(strategy: Strategy, motion: Motion) -> str:
 
 
 def check_length(task: Task, cycles: int, steps: int) -> None:
-    """Raise InputError for a motion that does not fit into memory, before a long computation.
-
-    The limit is on cycles times steps times joints.
-    """
+    """Raise InputError if a motion of ``cycles`` of ``steps`` steps does not fit into memory."""
     if cycles * steps * task.n > _MOST:
         raise InputError(
             f"{cycles} cycles of {steps} steps do not fit into memory; use fewer cycles or steps"
@@ -281,12 +271,12 @@ def _size(points: ArrayLike) -> float:
 def _run(
     method: _Method, task: Task, path: TaskPath, counts: tuple[int, int], size: float, q: Array
 ) -> tuple[Array, Array, float]:
-    """Take all steps from q; return positions and velocities (T + 1, n), and the maximum damping.
+    """Take all steps from q (n,); return q and q̇, (T + 1, n) each, and the maximum damping λ.
 
-    ``method`` takes the steps. ``counts`` are the numbers of cycles and of steps per cycle;
-    ``size`` is the path's size, m. A SingularityError names the cycle if a joint moves by more than
-    1 rad in a step (for a prismatic joint, by the length of the arm or of the path): the result
-    would be meaningless.
+    ``counts`` are (number of cycles, steps per cycle), and ``size`` is the path's size, m. A
+    SingularityError that names the cycle is raised if a joint moves in one step by more than 1 rad,
+    or a prismatic joint by more than the arm's length and the path's size: the result would be
+    meaningless.
     """
     (cycles, n_steps), used = counts, 0.0
     # largest credible motion of a joint in one step
@@ -331,11 +321,11 @@ def _run(
 def _integrated(
     strategy: Strategy, path: TaskPath, steps: int, period: float, integrator: str, feedback: float
 ) -> _Method:
-    """Make the stepper of a motion by a fixed-step Runge–Kutta method, in Python or in C.
+    """Create the method of :func:`follow` with a Runge–Kutta method of fixed steps.
 
-    ``integrator`` is a key of ``_INTEGRATORS``: ``"euler"`` or ``"rk4"``. ``period`` is the
-    duration of a cycle, s, and ``feedback`` the gain of the task error, 1/s. All twists of the path
-    are evaluated here, once for all cycles. ``steps`` is the number of steps per cycle.
+    ``steps`` is the number of steps per cycle, ``period`` the duration of a cycle, s,
+    ``integrator`` is ``"euler"`` or ``"rk4"``, and ``feedback`` the gain K of the task error, 1/s.
+    The twists of the path are evaluated here, once for all cycles.
     """
     task = strategy.task
     nodes, weights = _INTEGRATORS[integrator]
@@ -382,9 +372,10 @@ def _integrated(
 def _velocity(
     strategy: Strategy, path: TaskPath, feedback: float
 ) -> Callable[[Array, Array, float], Array]:
-    """Make the function (q, velocity of the path, s) → q̇, with the feedback gain in 1/s.
+    """Create the function (q, velocity of the path, s) → q̇, with the gain ``feedback``, 1/s.
 
-    The velocity of the path is ẋ or, for an axis task, whose ẋ depends on q, the twist (v, ω).
+    The velocity of the path is ẋ (m,). For an axis task, whose ẋ depends on q, it is the twist
+    (v, ω).
     """
     task, own = strategy.task, strategy.velocity
     turning = task.kind.tool_axes
@@ -401,23 +392,21 @@ def _velocity(
 
 
 def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
-    """Return the cached function for a path of this package, else the plain function.
+    """Return a cached function of a path, ``sample``, or the same function without its cache.
 
-    ``sample`` is a function of a path with an ``lru_cache``. A path of this package has a ``spec``,
-    the text that makes it, and does not change. The functions of a user's path may depend on
-    variables that change between two calls.
+    ``sample`` has an ``lru_cache``, which is right for the paths of this package, those with a
+    ``spec``. A path that the user defines by functions can change between two calls.
     """
     return sample if path.spec else sample.__wrapped__  # type: ignore[attr-defined]
 
 
 @lru_cache(maxsize=4)
 def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
-    """Evaluate a path's twists per cycle at several places of each step: (steps, places, 6 F).
+    """Evaluate a path's twists at fractions ``places`` of each step: (steps, places, 6 F).
 
-    A twist is (v, ω), velocity and angular velocity, for each of the F frames. A place is a
-    fraction of a step. At a corner, the twist on the step's side is used. The last results are
-    cached, because several strategies follow the same path. InputError is raised if a user's twist
-    is not finite.
+    A twist is (v, ω) of each of the F frames, m and rad per cycle. At a corner, it is the twist on
+    the step's side. The last results are cached, because several strategies follow the same path.
+    InputError is raised if a twist that the user computes is not finite.
     """
     found = [
         [path.twist(min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE)) for c in places]
@@ -430,18 +419,18 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
 
 @lru_cache(maxsize=4)
 def _placements(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
-    """Evaluate a path's placements (pose of the frame) at both ends of every step of a cycle.
+    """Evaluate a path's placements at the ends of the steps of a cycle: one more than steps.
 
-    There is one more placement than steps. The last results are cached for the next strategy.
+    The last results are cached, because several strategies follow the same path.
     """
     return tuple(path.placement(s) for s in path_grid(path, steps).tolist())
 
 
 def path_grid(path: TaskPath, steps: int) -> Array:
-    """Compute the values of s at which one cycle's steps begin and end, with all corners.
+    """Compute the values of s, from 0 to 1, at which the steps of a cycle begin and end.
 
-    s runs from 0 to 1 along the path. Each piece between two corners gets its share of ``steps``,
-    at least one. So no step crosses a corner, where the velocity jumps.
+    Each piece of the path between two corners gets its share of ``steps``, at least one. So no step
+    crosses a corner, where the velocity jumps. There can be a few more steps than ``steps``.
     """
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))

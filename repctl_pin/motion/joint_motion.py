@@ -46,6 +46,8 @@ class JointMotion:
         Joint positions and velocities, rad or m, and per second.
     cycles, steps : int
         Number of cycles, and of steps per cycle: T = cycles · steps.
+
+    A time in cycles has fractions: 2.5 is the middle of the third cycle.
     """
 
     task: Task
@@ -67,22 +69,23 @@ class JointMotion:
 
     @property
     def closes(self) -> bool:
-        """Test whether every cycle ends in the configuration it began in.
+        """True if every cycle ends in the configuration in which the motion began.
 
         The tolerance is 1e-5 rad, or 1e-5 arm lengths for prismatic joints, to allow for
-        integration errors."""
+        integration errors.
+        """
         return bool(self._gaps.max() < CLOSED)
 
     @property
     def first_closes(self) -> bool:
-        """Test whether the first cycle ends in its start configuration; see :attr:`closes`."""
+        """True if the first cycle ends in its start configuration; see :attr:`closes`."""
         return bool(self._gaps[1] < CLOSED)
 
     @property
     def _gaps(self) -> Array:
-        """Distance of the ends of all cycles from the start: (cycles + 1,), rad or arm lengths.
+        """Distance of the end of each cycle from the start: (cycles + 1,), rad or arm lengths.
 
-        The first entry is 0, that of the start itself.
+        The first entry, 0, is that of the start itself.
         """
         gaps = (self.q[:: self.steps] - self.q[0]) / joint_scale(self.task, self.q[0])
         return np.linalg.norm(gaps, axis=1)
@@ -94,9 +97,9 @@ class JointMotion:
 
     @property
     def rms_speed(self) -> float:
-        """Joint speed, rms over time, of the mean velocities per step: ``√(Σ ‖Δq‖²/Δt / Σ Δt)``.
+        """Joint speed, rms over time: ``√(Σ ‖Δq‖²/Δt / Σ Δt)``, rad/s or m/s.
 
-        The unit is rad/s or m/s. Motions with different time steps are thus comparable.
+        The sums are over the steps, with the mean velocity Δq/Δt of each step.
         """
         times = np.diff(self.t)
         return float(
@@ -105,10 +108,10 @@ class JointMotion:
 
     @property
     def first_rms_speed(self) -> float:
-        """Joint speed ‖q̇‖, rms over the first cycle, rad/s or m/s.
+        """Joint speed ‖q̇‖, rms over the samples of the first cycle, rad/s or m/s.
 
-        Controllers are compared over the first cycle because J⁺ drifts to other configurations
-        later.
+        Controllers are compared over the first cycle, because a controller that drifts, such as
+        J⁺, is at other configurations later.
         """
         return float(np.sqrt(np.mean(self.speed[: self.steps] ** 2)))
 
@@ -119,9 +122,9 @@ class JointMotion:
 
     @property
     def speed_ratio(self) -> float:
-        """Maximum ratio of a joint's speed to its limit; above 1 the motion must be slowed down.
+        """Maximum ratio of a joint's speed to its limit.
 
-        The duration must be multiplied by this ratio; see :meth:`Motion.slowed`.
+        If it is above 1, the duration must be multiplied by it; see :meth:`Motion.slowed`.
         """
         return float(self._speed_shares.max())
 
@@ -132,7 +135,7 @@ class JointMotion:
 
     @property
     def first_overspeed(self) -> tuple[float, str] | None:
-        """First violation of a speed limit: (cycle in fractions, joint name), or None."""
+        """First violation of a speed limit: (time in cycles, joint name), or None."""
         return self._first(self._speed_shares > TOO_FAST, -self._speed_shares)
 
     @property
@@ -144,17 +147,17 @@ class JointMotion:
     def limit_margin(self) -> Array:
         """Distance of each of the robot's joints to its nearer limit: (T + 1, n), rad or m.
 
-        Negative outside; inf without limits."""
+        It is negative outside the limits, and inf for a joint without limits.
+        """
         return self.task.limit_margin(self.q)
 
     @cached_property
     def body_distance(self) -> Array:
         """Minimum distance between the robot's bodies, or to its surroundings: (T + 1,), m.
 
-        Below 0 the bodies collide.
-
-        Bodies are the URDF's collision shapes; meshes count as their convex hulls. The distance is
-        0 if only hulls overlap, and inf without shapes. See :class:`Bodies`.
+        It is below 0 in a collision. Bodies are the URDF's collision shapes; a mesh of the robot is
+        replaced by its convex hull. The distance is 0 if only hulls overlap, and inf without pairs
+        of bodies to measure. See :class:`Bodies`.
         """
         distances = bodies_of(self.task).distances(self.q)
         distances.setflags(write=False)
@@ -164,51 +167,43 @@ class JointMotion:
     def clearance(self) -> Clearance:
         """Minimum body distance and first collision, at the samples and between them.
 
-        Between two samples, the joints move on a straight line. First, at most 100 samples per
-        cycle are evaluated; more are evaluated only where these do not decide.
+        Between two samples, the joints move on a straight line. All pairs of bodies are evaluated
+        at about 100 samples per cycle. Bounds on the distances show where more are needed.
         """
         return self._clearance_from(_COARSE)
 
     def _clearance_from(self, most: int) -> Clearance:
-        """Compute :attr:`clearance` from at most ``most`` samples per cycle.
-
-        More samples are evaluated only where these do not decide.
-        """
+        """Compute :attr:`clearance`, with all pairs evaluated at ``most`` samples per cycle."""
         return bodies_of(self.task)._along(self.q, rows_of(self, most))
 
     @property
     def nearest_bodies(self) -> tuple[float, Nearest]:
-        """Time of the minimum body distance, in cycles, and the two bodies at that time.
-
-        The time has fractions: 2.5 is the middle of the third cycle. Reports name the two links.
-        """
+        """Minimum body distance: (time in cycles, distance and links of the two bodies)."""
         found = self.clearance
         return found.at / self.steps, Nearest(found.distance, found.links)
 
     @property
     def first_touch(self) -> tuple[float, tuple[str, str]] | None:
-        """First collision: (cycle in fractions, names of the two links), or None.
+        """First collision: (time in cycles, names of the two links), or None.
 
-        It may lie between two samples. A motion with a collision is written to a trajectory file
-        only if violations are allowed.
+        It may lie between two samples.
         """
         touch = self.clearance.touch
         return None if touch is None else (touch[0] / self.steps, touch[1])
 
     @property
     def first_violation(self) -> tuple[float, str] | None:
-        """First time that a joint exceeds its limits: (cycle, joint name), or None.
+        """First violation of position limits: (time in cycles, joint name), or None.
 
-        The cycle is counted in fractions: 2.5 is the middle of the third cycle. A drifting
-        controller often exceeds a limit only after many cycles.
+        A drifting controller often exceeds a limit only after many cycles.
         """
         return self._first(self.limit_margin < -1e-9, self.limit_margin)
 
     def _first(self, broken: NDArray[np.bool_], margins: Array) -> tuple[float, str] | None:
-        """Find the first violation: time in cycles, and joint with the smallest margin; or None.
+        """Find the first violation: (time in cycles, joint name), or None.
 
-        ``broken`` (T + 1, n) marks at each sample the joints that violate a limit. Among several,
-        the joint with the smallest of ``margins`` (T + 1, n) is returned.
+        ``broken`` (T + 1, n) is a mask: True where a joint violates a limit. Among several joints,
+        the one with the smallest of ``margins`` (T + 1, n) is named.
         """
         if not broken.any():
             return None
@@ -217,12 +212,12 @@ class JointMotion:
 
     @property
     def broken_cycle(self) -> int:
-        """Number, from 1, of the cycle of the first joint-limit violation; 0 without one."""
+        """Number, counted from 1, of the cycle in which a joint first exceeds its limits, or 0."""
         violation = self.first_violation
         return 0 if violation is None else cycle_of(violation[0], self.cycles)
 
     def cycle(self, k: int) -> Array:
-        """Return the joint positions of cycle k, from 0, with both ends: (steps + 1, n)."""
+        """Return the joint positions of cycle k, counted from 0, with both ends: (steps + 1, n)."""
         k = as_int(k, "the cycle number")
         if k >= self.cycles:
             raise InputError(
@@ -231,9 +226,9 @@ class JointMotion:
         return self.q[k * self.steps : (k + 1) * self.steps + 1]
 
     def thinned(self, most: int) -> Self:
-        """Return the motion at no more than ``most`` points per cycle, cycle ends included.
+        """Return the motion with at most ``most`` steps per cycle, by leaving out samples.
 
-        Body distances take far longer per point than the motion itself.
+        The ends of the cycles are kept.
         """
         rows = rows_of(self, as_int(most, "most", 1))
         arrays = {field.name: getattr(self, field.name) for field in fields(self)}
@@ -246,14 +241,14 @@ class JointMotion:
 
 
 def cycle_of(moment: float, cycles: int) -> int:
-    """Return the number, from 1, of the cycle at a time in cycles: 2.5 is in cycle 3."""
+    """Return the number, counted from 1, of the cycle at a time in cycles: 2.5 is in cycle 3."""
     return min(int(moment) + 1, cycles)
 
 
 def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
-    """Select the indices of at most ``most`` rows per cycle of a motion, cycle ends included.
+    """Select the indices of at most ``most`` rows per cycle of a motion, and of the last row.
 
-    Plots, files and collision checks need fewer samples than the integration has.
+    The ends of all cycles are included.
     """
     cycle = np.rint(np.linspace(0, motion.steps, min(motion.steps, most) + 1)).astype(np.intp)[:-1]
     return np.append(
@@ -269,9 +264,9 @@ class Violation:
     Attributes
     ----------
     moment : float
-        Time in cycles and fractions of one: 2.5 is the middle of the third cycle.
+        Time in cycles: 2.5 is the middle of the third cycle.
     cycle : int
-        Number of that cycle, from 1.
+        Number of that cycle, counted from 1.
     names : tuple of str
         Name of the joint, or of the two links.
     """
@@ -289,9 +284,9 @@ class Violation:
 
 
 def violations_of(motion: JointMotion) -> tuple[Violation, ...]:
-    """List the first limit violation and the first collision of a motion, in order of time.
+    """List the first joint-limit violation and the first collision of a motion, in order of time.
 
-    The tuple is empty if the motion can be sent to the robot.
+    The tuple is empty if there is neither.
     """
     beyond = motion.first_violation
     touch = motion.first_touch
@@ -303,18 +298,18 @@ def violations_of(motion: JointMotion) -> tuple[Violation, ...]:
 
 
 def checked_words(motion: JointMotion) -> str:
-    """Write at how many points collisions were checked, as an addition to body distances.
+    """Return the text " at N points" to qualify a body distance that was only sampled.
 
-    The text is empty after a collision, and if the distances hold between the samples too.
+    The text is empty if the distance holds between the samples too, and after a collision.
     """
     found = motion.clearance
     return "" if found.between or found.touch else f" at {found.points:,} points"
 
 
 def refuse_violations(motion: JointMotion, remedy: str) -> None:
-    """Raise InputError for a motion with a limit violation or a collision.
+    """Raise InputError if a motion that is to be written has a limit violation or a collision.
 
-    A trajectory that could damage a robot is then not written. ``remedy`` ends the message.
+    ``remedy`` ends the message.
 
     Raises
     ------

@@ -29,8 +29,8 @@ q̇ is the mean over the step."""
 class LeafLock:
     """Leaf lock for :func:`follow`: Newton corrections of the task error and of c − h(q).
 
-    Each correction from point to point of the path is ``q += J_V⁻¹ [x − f(q); c − h(q)]``, so
-    errors do not accumulate. f(q) is the pose of the frame, and x its target. h(q) are the
+    Each correction is ``q += J_V⁻¹ [x − f(q); c − h(q)]``, so errors do not accumulate from point
+    to point of the path. f(q) is the pose of the frame, and x the next point. h(q) are the
     potentials of the repeatable inverse, and c is their level. J_V = [J; Vᵀ], with V = ∂hᵀ/∂q.
 
     Attributes
@@ -40,7 +40,7 @@ class LeafLock:
     leaf : (r,) array, optional
         Level c; by default h(q0).
     velocity_limit : float or (n,) array, optional
-        Joint speed limits, rad/s or m/s.
+        Joint speed limits, rad/s or m/s, that shorten the steps; by default, there are none.
     damping : float
         Maximum damping λ_max near singularities, see :meth:`RepeatableInverse.step`.
 
@@ -76,18 +76,17 @@ def locked_steps(
     period: float,
     lock: LeafLock,
 ) -> Advance:
-    """Make the function that steps from point to point of a path, on one leaf.
+    """Create the function that steps from point to point of a path on the leaf h(q) = c.
 
-    The leaf is the set h(q) = c, with c from ``lock.leaf`` or the start q. A step to the placement
-    x repeats ``q += J_V⁻¹ [x − f(q); c − h(q)]`` ``lock.corrections`` times. A step does not use
-    the path's twist, so errors of earlier steps are removed. The q̇ of a step is its mean velocity.
+    A step to the next placement makes ``lock.corrections`` corrections, see :class:`LeafLock`. The
+    q̇ of a step is its mean velocity.
 
     Parameters
     ----------
     grid : (steps + 1,) array
         Values of s at which the steps of a cycle begin and end.
     q : (n,) array
-        Start of the motion, whose level ``c = h(q)`` is kept unless the lock has another.
+        Start of the motion; c = h(q), unless ``lock.leaf`` gives another level.
     period : float
         Period of a cycle, s.
     """

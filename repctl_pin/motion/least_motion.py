@@ -1,8 +1,8 @@
 """Closed motion of minimum joint speed on a path, to which repeatable controllers are compared.
 
-The minimum is found by Newton's method in the null space, on an augmented Lagrangian of the limits.
-A motion is K configurations q_k at the points s_k of the path, s from 0 to 1; N_k spans the null
-space of J at q_k. The cost and the limits with their multipliers are :class:`_Cost`.
+A closed motion is K configurations q_k, one at each point x(s_k) of the path, with s from 0 to 1.
+Its cost, an augmented Lagrangian with the joint limits, is :class:`_Cost`. It is minimised by
+Newton steps along the null space of J, each followed by a correction back onto the path.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ def least_closed_motion(
     controller, needs less joint speed (rms) on this path from this start. So the minimum shows how
     close a repeatable inverse comes to the best motion; pass the motion of that inverse as
     ``guess`` to search near it. At the minimum, ``N_kᵀ (2 q_k − q_{k−1} − q_{k+1}) = 0`` for
-    uniform steps, wherever no joint is at its limit. Collisions are not considered; see
-    ``motion.body_distance``.
+    uniform steps, wherever no joint is at its limit; N_k spans the null space of J at q_k.
+    Collisions are not considered; see ``motion.body_distance``.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def least_closed_motion(
     period
         Period, s; by default the path's, else 5.
     free_start
-        True if the start may also move, along its self-motion.
+        True if the start is optimised too, along its self-motions; False to keep q0.
     limit_margin
         Minimum margin from every joint limit, rad or m; a fixed start may have less.
     guess
@@ -141,10 +141,7 @@ def least_closed_motion(
 
 
 def _plain(cost: _Cost, start: Array) -> Array:
-    """Follow the path with J⁺ from a start: configurations (K + 1, n), in general not closed.
-
-    This is the first guess, which :func:`_closed` then deforms.
-    """
+    """Follow the path with J⁺ from a start (n,): K + 1 configurations, in general not closed."""
     Q = [start]
     for target in [*cost.targets[1:], cost.targets[0]]:
         Q.append(solve_near(cost.task, Q[-1], target, tolerance=1e-10))
@@ -152,11 +149,11 @@ def _plain(cost: _Cost, start: Array) -> Array:
 
 
 def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
-    """Deform a motion (K + 1, n) on the path until it is closed; return one cycle (K, n).
+    """Deform a motion (K + 1, n) along the path until it is closed; return its cycle (K, n).
 
-    The motion of J⁺ is not closed in general, and the descent must begin with a closed one. Each
-    stage subtracts the gap ``q_K − q_0``, at most 0.3 rad or m of it, in proportion to s, and moves
-    the configurations back to the path along J⁺. ``grid`` are the values of s, from 0 to 1.
+    Each stage subtracts the gap ``q_K − q_0``, or a part of at most 0.3 rad or m, in proportion to
+    s, and moves the configurations back onto the path along J⁺. ``grid`` (K + 1,) are the values of
+    s.
     """
     for _ in range(_STAGES):
         gap = Q[-1] - Q[0]
@@ -175,19 +172,19 @@ def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
 
 
 def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
-    """Sample the first cycle of a motion at the points of a path, and move it onto the path.
+    """Convert the first cycle of a motion to K configurations (K, n) on the path.
 
-    Return one cycle (K, n). A fixed start replaces the first configuration. ``grid`` are the values
-    of s, 0 to 1. InputError is raised for another number of joints, or for a guess too far from the
-    path.
+    They are interpolated at the values of s in ``grid`` (K + 1,), and moved onto the path. If the
+    start is fixed, ``start`` (n,) is the first of them. InputError is raised for another number of
+    joints, or for a guess too far from the path.
     """
     cycle = guess.cycle(0)
     t = guess.t[: guess.steps + 1]
     if cycle.shape[1] != cost.task.n:
         raise InputError(
-            f"has {cycle.shape[1]} joints, not {cost.task.n}",
+            f"has {cycle.shape[1]} joints, but the task has {cost.task.n}",
             argument="guess",
-            remedy="give a motion of the task's joints",
+            remedy="give a motion of the same task",
         )
     s = (t - t[0]) / (t[-1] - t[0])
     Q = np.stack([np.interp(grid[:-1], s, joint) for joint in cycle.T], axis=1)
@@ -203,13 +200,13 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Cost:
-    """Augmented Lagrangian of a discrete closed motion, the K configurations q_k of one cycle.
+    """Augmented Lagrangian of a closed motion: a function of the K configurations q_k of its cycle.
 
-    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where ``e_k`` is the excess of ``q_k + λ_k /
-    ρ_k`` over the joint limits, narrowed by ``margin``, and λ_k are the multipliers. w_k is the
-    inverse of the step length in s, and ρ_k the stiffness times the point's share of the cycle. The
-    limits are penalties in the cost, which the multipliers make exact. ``first`` is the index of
-    the first configuration that is free: 0, or 1 if the start is fixed.
+    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where w_k is ``weights``, and ``e_k`` is how far
+    ``q_k + λ_k / ρ_k`` exceeds the joint limits, narrowed by ``margin``. λ_k are the
+    ``multipliers`` of the limits, and ρ_k = ``stiffness · share``. ``targets`` are the placements
+    on the path. ``first`` is the index of the first configuration that is optimised: 0, or 1 if the
+    start is fixed.
     """
 
     task: Task
@@ -227,9 +224,8 @@ class _Cost:
     ) -> _Cost:
         """Create the cost at the points s = ``grid`` (K + 1,) of a path, with all multipliers 0.
 
-        There is one Lagrange multiplier per joint and configuration, for the joint limits;
-        :func:`_within_limits` computes the multipliers. ``free_start`` is True if the start may
-        move, and ``margin`` is the joint-limit margin to keep, rad or m.
+        ``free_start`` is True if the start is optimised too, and ``margin`` the joint-limit margin
+        to keep, rad or m.
         """
         targets = [path.placement(float(s)) for s in grid[:-1]]
         lengths = np.diff(grid)
@@ -245,10 +241,10 @@ class _Cost:
         )
 
     def excess(self, Q: Array, *, shifted: bool = True) -> Array:
-        """Compute how far joints exceed their limits, narrowed by the margin: (K, n), rad or m.
+        """Compute how far Q (K, n) exceeds the joint limits, narrowed by ``margin``: (K, n).
 
-        If ``shifted``, the positions are those in the augmented Lagrangian: joint values plus the
-        multiplier divided by the point's stiffness, λ_k / ρ_k.
+        The unit is rad or m, negative below the lower limits. With ``shifted``, Q + λ/ρ is compared
+        instead of Q: the result is e_k of the cost.
         """
         lower, upper = self.task.lower, self.task.upper
         if shifted:
@@ -257,9 +253,9 @@ class _Cost:
         return Q - np.clip(Q, lower + kept, upper - kept)
 
     def value(self, Q: Array) -> float:
-        """Evaluate the augmented Lagrangian, up to a constant; the line search compares its values.
+        """Evaluate the augmented Lagrangian of a cycle Q (K, n), up to a constant.
 
-        Q (K, n) is one cycle. Only configurations that are free are tested for limits.
+        Limits count only for configurations that are optimised.
         """
         chords = ((np.roll(Q, -1, axis=0) - Q) ** 2).sum(axis=1)
         beyond = (self.excess(Q)[self.first :] ** 2).sum(axis=1)
@@ -267,20 +263,16 @@ class _Cost:
         return float(self.weights @ chords + stiff @ beyond) / 2
 
     def moved(self, Q: Array) -> Array | None:
-        """Move free configurations of Q (K, n) along J⁺ onto the path; None if one cannot reach it.
-
-        A step along the null space moves the frame off the path in second order.
-        """
+        """Move Q (K, n) along J⁺ onto the path, except for a fixed start; None if that fails."""
         moved = _on_path(self.task, self.targets[self.first :], Q[self.first :])
         return None if moved is None else np.vstack([Q[: self.first], moved])
 
     def step(self, Q: Array, *, exact: bool) -> tuple[Array, float]:
-        """Compute a Newton step (K, n) along the null space, and its predicted decrease.
+        """Compute a Newton step (K, n) at Q along the null space, and the predicted decrease.
 
-        Self-motions are ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so that Newton's matrix is the
-        Gauss–Newton matrix plus the blocks ``−λᵀ (H N) N`` with ``λ = J⁺ᵀ ∇``, ∇ the gradient of
-        the cost. If ``exact`` is False, only the convex parts of these blocks are used, so that the
-        matrix is positive definite.
+        N spans the null space of J. Self-motions are ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so
+        Newton's matrix is the Gauss–Newton matrix plus the blocks of :meth:`_bent`. If ``exact`` is
+        False, their positive semidefinite parts are used, so that the matrix is positive definite.
 
         Raises
         ------
@@ -305,11 +297,12 @@ class _Cost:
         return step, -float((slope * a).sum()) / 2
 
     def _bent(self, Q: Array, inverse: Array, N: Array, gradient: Array, *, exact: bool) -> Array:
-        """Evaluate the blocks ``−λᵀ (H N) N`` (K, r, r) at the configurations Q that are optimised.
+        """Evaluate the blocks ``−Σ_a μ_a Nᵀ H_a N`` (K, r, r) of Newton's matrix.
 
-        λ = J⁺ᵀ ∇cost (K, m) are the multipliers of the path constraint. ``inverse`` is J⁺
-        (K, n, m), and ``gradient`` (K, n) is the gradient of the cost. Unless ``exact``, each block
-        is replaced by its positive semidefinite part.
+        ``μ = J⁺ᵀ ∇`` are the multipliers of the path constraint, with the gradient ∇ of the cost.
+        Q (K, n) are the configurations that are optimised; ``inverse`` is J⁺ (K, n, m), N is
+        (K, n, r), and ``gradient`` (K, n) is ∇. Unless ``exact``, each block is replaced by its
+        positive semidefinite part.
         """
         forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
         bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(Q))
@@ -319,10 +312,7 @@ class _Cost:
 
 
 def _inverses(J: Array) -> tuple[Array, Array]:
-    """Evaluate J⁺ (K, n, m) and N (K, n, r), null-space bases, of Jacobians (K, m, n).
-
-    One QR factorisation of Jᵀ gives both.
-    """
+    """Return J⁺ (K, n, m) and orthonormal bases N (K, n, r) of the null spaces of J (K, m, n)."""
     m = J.shape[1]
     basis, R = row_factor(J, mode="complete")
     inverse = np.swapaxes(np.linalg.solve(R[:, :m], np.swapaxes(basis[:, :, :m], 1, 2)), 1, 2)
@@ -330,18 +320,15 @@ def _inverses(J: Array) -> tuple[Array, Array]:
 
 
 def _convex(blocks: Array) -> Array:
-    """Replace the negative eigenvalues of symmetric blocks (K, r, r) by 0.
-
-    A Newton matrix made of such blocks is positive definite, so the step is a descent direction.
-    """
+    """Replace the negative eigenvalues of symmetric matrices (K, r, r) by 0."""
     values, vectors = np.linalg.eigh(blocks)
     return (vectors * np.maximum(values, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
 
 
 def _on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
-    """Move configurations (K, n) along J⁺ to their target placements; None if one of them fails.
+    """Move configurations Q (K, n) by Newton steps with J⁺ to ``targets``, one placement per row.
 
-    ``targets`` has one placement per row. A row fails at a singularity or after 20 Newton steps.
+    Return None if a row comes to a singularity, or does not converge within 20 steps.
     """
 
     def correction(Q: Array, rows: NDArray[np.intp]) -> Array:
@@ -356,10 +343,10 @@ def _on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
 
 
 def _descended(cost: _Cost, Q: Array) -> Array:
-    """Minimise the cost from Q (K, n) by Newton's method with a line search: (K, n).
+    """Minimise the cost, with constant multipliers, from Q (K, n); return the cycle (K, n).
 
-    The limits are in the cost as penalties. Where Newton's matrix is not positive definite, its
-    convex approximation is used.
+    Newton's method with a line search is used; where Newton's matrix is not positive definite, it
+    is replaced by one that is.
 
     Raises
     ------
@@ -387,10 +374,10 @@ def _descended(cost: _Cost, Q: Array) -> Array:
 
 
 def _within_limits(cost: _Cost, Q: Array) -> Array:
-    """Minimise the cost within the joint limits by the method of multipliers: (K, n).
+    """Minimise the cost within the joint limits, from a cycle Q (K, n) on the path: (K, n).
 
-    The search begins at Q (K, n), which is on the path. After each descent the multipliers are
-    updated, and the penalty is made five times as stiff, until no configuration exceeds its limits.
+    By the method of multipliers, each descent is followed by an update of the multipliers, and the
+    stiffness is multiplied by five, until no configuration exceeds its limits.
 
     Raises
     ------

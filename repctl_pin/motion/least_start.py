@@ -1,8 +1,9 @@
 """Search for the start whose closed motion needs minimum joint speed, before a design is made.
 
 Other starts with the frame at the same placement lie on the self-motions of the given start. The
-closed motion of :mod:`least_motion` from each start shows what the best controller could reach. A
-start is freed if the search for the closed motion may also move the start along its self-motions.
+closed motion of :mod:`least_motion` from each start shows what the best controller could reach. All
+motions here are such closed motions of minimum joint speed, of 24 points. A start is *freed* if it
+is optimised together with the motion, along its self-motions.
 """
 
 from __future__ import annotations
@@ -50,8 +51,8 @@ class _LeastStart(NamedTuple):
     Attributes
     ----------
     best : Motion
-        The motion of lowest joint speed with at least half of the largest joint-limit margin and no
-        collision; ``given`` if no other is better.
+        The motion of lowest joint speed (rms) without a collision and with at least half of the
+        joint-limit margin of ``clearest``; ``given`` if no such motion is slower than it.
     given : Motion
         The motion from the given start.
     clearest : Motion
@@ -66,8 +67,8 @@ class _LeastStart(NamedTuple):
 def least_start(task: Task, path: TaskPath, q0: ArrayLike) -> _LeastStart:
     """Search the self-motions of a start for the start that needs minimum joint speed.
 
-    The motion from that start has at least half of the largest joint-limit margin found, and no
-    bodies collide in it. The motions have few points per cycle, enough to compare starts.
+    Motions with collisions, and with less than half of the largest joint-limit margin found, are
+    excluded.
 
     Parameters
     ----------
@@ -105,11 +106,11 @@ def least_start(task: Task, path: TaskPath, q0: ArrayLike) -> _LeastStart:
 
 
 def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
-    """Improve a motion by freeing its start; return ``given`` if no result is better.
+    """Improve a motion by freeing its start; return ``given`` if no result is better than it.
 
-    ``given`` is the motion from the user's start. ``kept`` is the joint-limit margin that the
-    result must have, rad or m. The search requires larger and larger margins, by the factors of
-    ``_SPARE``.
+    ``given`` is the motion from the user's start, and ``kept`` the joint-limit margin that the
+    result must have, rad or m. The search requires larger and larger margins, the multiples
+    ``_SPARE`` of ``kept``, until the result has that margin.
     """
     found = (_free(motion, factor * kept) for factor in _SPARE)
     better = (one for one in found if one is not None and _better(one, given, kept))
@@ -117,11 +118,11 @@ def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
 
 
 def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) -> Iterator[Motion]:
-    """Generate closed motions of minimum joint speed from starts along a start's self-motions.
+    """Yield the motions from starts along the self-motions of the start of ``given``, a motion.
 
-    Each motion is the guess for the motion from the next start. ``turn`` (r, r) rotates the
-    directions. The walks go on beyond joint limits, because later parts of a self-motion can be
-    within them again. ``given`` is the motion from that start.
+    Each motion is the guess for that from the next start. The rotation ``turn`` (r, r) selects the
+    directions of the self-motions. They are followed beyond joint limits, because later parts can
+    be within them again.
     """
     start = given.q[0]
     target = path.placement(0.0)
@@ -135,7 +136,7 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) 
 
 
 def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion | None:
-    """Find the closed motion of minimum joint speed from a start; None if there is none.
+    """Find the motion from a start q (n,); None if there is none, or q is outside the limits.
 
     It is the better of two local minima, found from ``guess`` and from the motion of J⁺.
     """
@@ -148,10 +149,10 @@ def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion
 
 
 def _free(motion: Motion, margin: float) -> Motion | None:
-    """Improve a motion by freeing its start, with a margin from the limits; None if that fails.
+    """Improve a motion by freeing its start; None if that fails.
 
-    The first search may move the start and keeps the margin. The second one begins at the start
-    found, and minimises the joint speed without that margin.
+    The first search optimises the start too, and keeps ``margin``, rad or m, from the joint limits.
+    The second one keeps the start found, and minimises the joint speed without that margin.
     """
     try:
         found = least_closed_motion(
@@ -170,9 +171,9 @@ def _free(motion: Motion, margin: float) -> Motion | None:
 
 
 def _better(motion: Motion, given: Motion, margin: float) -> bool:
-    """Test whether a motion is slower than ``given``, has a limit margin, and no collision.
+    """Test whether a motion needs less joint speed than ``given``, and has no collision.
 
-    ``margin`` is the smallest joint-limit margin allowed, rad or m.
+    Its joint-limit margin must be at least ``margin``, rad or m.
     """
     fast = motion.rms_speed < given.rms_speed
     return fast and _margin(motion) >= margin and motion.clearance.touch is None

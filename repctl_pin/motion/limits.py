@@ -56,11 +56,11 @@ _UNLIMITED = 10.0
 
 
 def presumed_acceleration(task: Task) -> tuple[Array, str]:
-    """Choose acceleration limits (n,) of a task's joints; return them and their source in words.
+    """Choose acceleration limits (n,), rad/s² or m/s², of a task's joints; name their source.
 
-    The fastest cycle, which a study reports, requires such limits. The URDF's limits are used if it
-    has one for every joint, else published limits of the arm. If there are none, each limit is the
-    joint's speed limit divided by 0.2 s, or 10 rad/s² (m/s²) without a speed limit.
+    The second result is the source, as a text. The URDF's limits are used if it has one for every
+    joint, else published limits of the arm. If there are none, each limit is the joint's speed
+    limit divided by 0.2 s, or 10 rad/s² (m/s²) without a speed limit.
     """
     entry = task.robot.entry
     names = task.joint_names
@@ -80,11 +80,11 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
 @dataclass(frozen=True, eq=False, kw_only=True)
 @read_only
 class Limits:
-    """Limits for :func:`timed`, :func:`approach` and :class:`Governor`, from speeds to torques.
+    """Limits of speed, acceleration, jerk and torque for timed motions and the governor.
 
-    They determine how fast a joint path can be traversed. There is no fastest motion from rest
-    without acceleration limits. So these must be given unless the URDF has them (``acceleration``
-    and ``deceleration`` of ``<limit>``, URDF 1.2).
+    They are arguments of :func:`timed`, :func:`approach` and :class:`Governor`. Acceleration limits
+    must be given unless the URDF has them (``acceleration`` and ``deceleration`` of ``<limit>``,
+    URDF 1.2), because without them no motion from rest is the fastest.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class Limits:
         Jerk limits of the robot's joints, rad/s³ or m/s³, or a name of published limits: ``panda``,
         ``fr3``. By default the URDF's if it has one for every joint, else not limited.
     torque : bool
-        Observe the URDF's effort limits too, by Pinocchio's inverse dynamics. Not for a governor.
+        True to respect the URDF's effort limits too. Not for a governor.
     tool_speed : float or (2,) array, optional
         Largest speed of the frame along the path, m/s; or of its linear and its angular speed, m/s
         and rad/s. Not for a governor.
@@ -105,8 +105,8 @@ class Limits:
     Raises
     ------
     InputError
-        If a number is not above 0, or no limits of that name are known. The error is raised later,
-        by the function that uses the limits, if the URDF lacks accelerations that were not given.
+        If a number is not above 0, or no limits are published under a name. Missing acceleration
+        limits raise it later, in the function that uses the limits.
 
     Examples
     --------
@@ -138,18 +138,19 @@ def _known(
     name: str,
     published: dict[str, tuple[tuple[float, ...], str]] | None = None,
 ) -> Array | str | None:
-    """Check limits as far as that is possible without a robot; return numbers or a known name.
+    """Check limits of the user as far as that is possible without a robot, and return them.
 
-    ``given`` is a positive number, or one per joint, or a name in ``published``, which maps names
-    to numbers and their source. None is returned as it is. Other values raise an InputError that
-    calls them ``name``.
+    ``given`` is a number above 0, one per joint, a name in ``published``, or None. Numbers are
+    returned as an array. Other values raise an InputError that calls them ``name``. ``published``
+    maps names to (numbers, their source).
     """
     if given is None:
         return None
     if isinstance(given, str) and published is not None:
         if given not in published:
             raise InputError(
-                f"no {name}s of {given!r} are known, only of {', '.join(published)}; give numbers"
+                f"no {name} limits are published for {given!r}, only for {', '.join(published)}; "
+                f"give numbers, one {name} limit per joint"
             )
         return given
     array = as_numbers(given)
@@ -181,10 +182,11 @@ class JointLimits:
     velocity, acceleration, jerk : (n,) arrays
         Limits in rad or m, per s, s² and s³; ``jerk`` is None if it is not limited.
     torque, dynamics
-        Effort limits (n,), N m or N, and the inverse dynamics that computes the efforts; or None.
+        Effort limits (n,), N m or N, and the function (q, q̇, q̈) → efforts (n,); None if efforts
+        are not limited.
     tool
-        Function of q and dq/ds (K, n) → (K,): the tool's speed as a fraction of its limit if the
-        path q(s) is followed at ds/dt = 1; None without a limit.
+        Function (q, q̇), (K, n) each, → speed of the frame as a fraction of its limit (K,); None
+        without a limit.
     """
 
     velocity: Array
@@ -195,10 +197,9 @@ class JointLimits:
     tool: Callable[[Array, Array], Array] | None = None
 
     def most_rate(self, Q: Array, slope: Array) -> Array:
-        """Compute the largest ṡ, 1/s, within the speed limits at K points of a path: (K,).
+        """Compute the largest ṡ within the speed limits at K points of a path q(s): (K,).
 
-        s is the path parameter, whose rate ṡ timing chooses. Q (K, n) are the configurations, and
-        ``slope`` (K, n) their derivatives dq/ds.
+        Q (K, n) are the configurations, and ``slope`` (K, n) their derivatives dq/ds.
         """
         used = (np.abs(slope) / self.velocity).max(axis=1)
         if self.tool is not None:
@@ -207,12 +208,13 @@ class JointLimits:
 
 
 def joint_limits(task: Task, limits: Limits) -> JointLimits:
-    """Compute the limits of a task's joints as numbers, given by the user or else by the URDF.
+    """Convert the user's limits to numbers per joint of a task, completed by those of the URDF.
 
     Raises
     ------
     InputError
-        If the sizes do not fit, or the URDF lacks efforts or masses for torque limits.
+        If a size does not fit, acceleration limits are missing, or the URDF lacks efforts or masses
+        for torque limits.
     """
     what = "rp.Limits, such as rp.Limits(acceleration=5.0)"
     limits = require_type(limits, Limits, "limits", what)
@@ -243,7 +245,10 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
 
 
 def limits_of_file(task: Task, what: str) -> Array:
-    """Get the URDF's ``acceleration`` or ``jerk`` limits of a task's joints (n,), inf if none."""
+    """Return the URDF's limits (n,) of a task's joints; inf for a joint without one.
+
+    ``what`` is ``acceleration`` or ``jerk``.
+    """
     robot = task.robot
     columns = [robot.joint_names.index(name) for name in task.joint_names]
     found: Array = getattr(robot, f"{what}_limit")[columns]
@@ -251,17 +256,17 @@ def limits_of_file(task: Task, what: str) -> Array:
 
 
 def _own_acceleration(task: Task, *, also_jerk: bool) -> Array:
-    """Return the URDF's acceleration limits of a task's joints (n,).
+    """Return the URDF's acceleration limits (n,) of a task's joints.
 
-    InputError is raised if a joint has no such limit. ``also_jerk`` is True if jerk is limited; the
-    message then says that this requires acceleration limits.
+    InputError is raised if a joint has none; with ``also_jerk``, the message adds that jerk limits
+    require them too.
     """
     own = limits_of_file(task, "acceleration")
     if not np.isfinite(own).all():
         joint = task.joint_names[int(np.argmax(~np.isfinite(own)))]
         also = "; jerk= requires it too" if also_jerk else ""
         raise InputError(
-            f"acceleration= is missing, and the URDF has no acceleration limit of {joint!r}; "
+            f"acceleration= is missing, and the URDF has no acceleration limit of joint {joint!r}; "
             f"give rad/s² (prismatic: m/s²) per joint, or one of {', '.join(_PRESETS)}{also}"
         )
     return own
@@ -272,26 +277,26 @@ def _per_joint(
 ) -> Array:
     """Convert limits of acceleration or jerk, numbers or a published name, to an array (n,).
 
-    ``known`` maps published names to numbers and their source. InputError is raised unless there is
-    one number, or one per joint; ``what`` names the limit in the message. ``given`` are the limits
-    as the user gives them.
+    ``known`` maps published names to (numbers, their source), and ``what`` is ``acceleration`` or
+    ``jerk``. InputError is raised unless there is one number, or one per joint.
     """
     n = len(task.joint_names)
     if isinstance(given, str):
         name, given = given, np.array(known[given][0], dtype=float)
         if len(given) != n:
             raise InputError(
-                f"{name!r} has {what}s of {len(given)} joints, but {task.frame!r} is moved by {n}",
+                f"{name!r} has {what} limits of {len(given)} joints, "
+                f"but {task.frame!r} is moved by {n}",
                 remedy=f"give {n} numbers, one {what} per joint, in place of the name",
             )
     return per_joint(given, n, what)
 
 
 def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
-    """Make the function that computes the largest used share of the tool's speed limits.
+    """Create the function (q, q̇) → ``max(|v| / v_max, |ω| / ω_max)`` (K,) of the frame.
 
-    The function maps q and q̇, (K, n) each, to ``max(|v| / v_max, |ω| / ω_max)`` (K,) of the frame.
-    ``most`` is v_max, m/s, or v_max and ω_max, rad/s; a single number does not limit ω.
+    q and q̇ are (K, n). ``most`` is v_max, m/s, or (v_max, ω_max), m/s and rad/s; a single number
+    does not limit ω.
     """
     v_max, omega_max = per_joint(most, 2, "tool_speed", "m/s and rad/s")
     if np.size(np.asarray(most)) == 1:  # m/s alone

@@ -43,13 +43,13 @@ class Motion(JointMotion):
     drift : (cycles,) array
         ``‖q(after cycle k) − q(0)‖``, k = 1, 2, …, rad (m for prismatic joints).
     tracking_error : (T + 1,) array
-        Position error of the frame in the task's coordinates, m.
+        Distance of the frame from its point on the path, in the coordinates of the task, m.
     turning_error : (T + 1,) array
         Orientation error of the frame, rad; 0 if the task has no orientation.
     damping : float
-        Maximum damping λ used near singularities, in the units of J; 0 if every step was exact.
+        Maximum damping λ of the leaf lock's steps near singularities; 0 if every step was exact.
     region : Bounded, optional
-        Design region Ω, see :attr:`outside`.
+        Region Ω of joint space for which the design was made, see :attr:`outside`.
     closing_radius : ClosingRadius, optional
         Closing radius of the design's certificate, ``design.proof.closes``, see
         :attr:`beyond_closing_radius`.
@@ -84,7 +84,7 @@ class Motion(JointMotion):
 
     @property
     def outside(self) -> float | None:
-        """Share of the motion outside Ω, where repeatability is not guaranteed; None without Ω.
+        """Fraction of the samples outside Ω, where repeatability is not guaranteed; None without Ω.
 
         Ω is the region of joint space for which the design was made.
         """
@@ -92,11 +92,10 @@ class Motion(JointMotion):
 
     @cached_property
     def beyond_closing_radius(self) -> float | None:
-        """Share of the samples beyond the proved closing radius; None without such a radius.
+        """Fraction of the samples beyond the proved closing radius; None without such a radius.
 
-        The closing radius is a distance from the start pose, or from the path, for which it was
-        proved. Every closed path within it is proved to end in the configuration it began in.
-        Beyond the radius, paths may close as well, but this is not proved.
+        Every closed path that stays within this distance of a start pose, or of a path, is proved
+        to end in the configuration it began in. Other paths may close too, but this is not proved.
         """
         closes = self.closing_radius
         if not closes:
@@ -106,12 +105,10 @@ class Motion(JointMotion):
 
     @cached_property
     def path_loss(self) -> tuple[float, float, float] | None:
-        """Time, in cycles, at which the frame leaves its path, and maximum errors, m and rad.
+        """(Time in cycles when the frame leaves its path, maximum errors, m and rad), or None.
 
-        None if the frame stays on the path.
-
-        The frame is on the path while its errors are at most 0.001 arm lengths and 0.001 rad. The
-        drift of a controller that leaves its path is meaningless.
+        None means that the frame stays on the path: its errors are at most 0.001 arm lengths and
+        0.001 rad. The drift of a controller that leaves its path is meaningless.
         """
         length = arm_length(self.task, self.q[0]) or 1.0
         off = ~((self.tracking_error <= ON_PATH * length) & (self.turning_error <= ON_PATH))
@@ -121,19 +118,19 @@ class Motion(JointMotion):
         return when, float(self.tracking_error.max()), float(self.turning_error.max())
 
     def slowed(self, factor: float) -> Motion:
-        """Return the motion with its duration multiplied by ``factor``.
+        """Return the same joint path with all times multiplied by ``factor``.
 
-        This is valid for controllers ``q̇ = G ẋ``, whose joint path does not depend on the speed.
+        A controller ``q̇ = G ẋ`` makes this motion if it follows the path more slowly.
         """
         factor = positive(factor, "the factor")
         return replace(self, t=self.t[0] + (self.t - self.t[0]) * factor, qdot=self.qdot / factor)
 
     def retimed(self, limit: ArrayLike | None = None) -> Motion:
-        """Slow the motion down wherever a joint exceeds its speed limit, on the same joint path.
+        """Return the same joint path, slowed down wherever a joint exceeds its speed limit.
 
-        For strategies ``q̇ = G ẋ``, scaling ẋ scales q̇ by the same factor. Each step is stretched
-        by the maximum ratio of speed to limit in it and at its ends; steps within the limits keep
-        their duration.
+        The duration of each step is multiplied by the maximum ratio of speed to limit in it and at
+        its ends; steps within the limits keep their duration. A controller ``q̇ = G ẋ`` makes this
+        motion if ẋ is scaled likewise.
 
         Parameters
         ----------
@@ -171,11 +168,11 @@ def motion_along(
     *,
     damping: float = 0.0,
 ) -> Motion:
-    """Create a motion along a path, and evaluate its drift and the errors of the frame.
+    """Create a motion along a path from its samples, and evaluate its drift and its errors.
 
-    ``t`` (T + 1,), ``q`` and ``qdot`` (T + 1, n) are its samples, with equal numbers of steps per
-    cycle. ``targets`` are the placements on the path at the points of one cycle, with both ends.
-    ``damping`` is the maximum damping λ that was used.
+    ``t`` (T + 1,), ``q`` and ``qdot`` (T + 1, n) are the samples of whole cycles. ``targets`` are
+    the placements on the path at the samples of one cycle, both ends included; their number gives
+    the steps per cycle. ``damping`` is the maximum damping λ that was used.
     """
     steps = len(targets) - 1
     cycles = (len(q) - 1) // steps

@@ -1,7 +1,7 @@
 """Paths given by name: ``circle:0.1``, ``square:0.2``, ``loop.csv``.
 
 The option ``--path`` of the commands takes such a name, called the spec of the path. A path also
-depends on the robot and its start q0, so parsing returns a function of both.
+depends on the robot and its start q0, so parsing returns a function of the task and q0.
 """
 
 from __future__ import annotations
@@ -38,11 +38,12 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
     Parameters
     ----------
     text
-        Name of the path. A circle without DEGREES is turned until the arm can follow it, see
-        :func:`fitting_circle`; with DEGREES, the start lies on the circle at this angle from the
-        first axis of the plane.
+        Name of the path, such as ``circle:RADIUS`` or ``circle:RADIUS:DEGREES``. In the first form,
+        the circle lies where the arm can follow it, see :func:`fitting_circle`; DEGREES is the
+        angle of the start on the circle, from the first axis of the plane.
     plane
-        ``xy``, ``yz`` or ``xz``; None is the first that fits.
+        ``xy``, ``yz`` or ``xz``; by default the first plane that the task allows or, for
+        ``circle:RADIUS``, in which the arm can follow the circle.
 
     Raises
     ------
@@ -50,7 +51,7 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
         If the name is unknown, a number is missing or not above 0, or the CSV cannot be used.
     """
     if plane is not None and plane not in PLANES:
-        raise InputError(f"no plane {plane!r}; choose from {', '.join(PLANES)}")
+        raise InputError(f"there is no plane {plane!r}; choose from {', '.join(PLANES)}")
     # rounding of corners, for any path that has them
     words, _, blended = text.partition(":blend=")
     blend = _length(blended, text) if blended or text.endswith(":blend=") else 0.0
@@ -58,7 +59,7 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
     if words.lower().endswith(".csv") or os.path.isfile(words):
         if plane is not None:
             raise InputError(
-                f": the points of {words} have their own positions",
+                f": the points of the file {words} already lie in space",
                 argument="plane",
                 remedy="omit the plane",
             )
@@ -68,7 +69,7 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
     if blend and kind not in ("square", "polygon"):
         raise InputError(
             f"path {text!r}: only a square, a polygon and a file have corners to blend",
-            remedy="omit the blend",
+            remedy="omit :blend=",
         )
     if kind == "circle" and len(parts) == 1:
         radius = _length(parts[0], text)
@@ -89,11 +90,12 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
 
 
 def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
-    """Make the function ``(task, q0, plane) → path`` of a kind of path and its text parameters.
+    """Create the function ``(task, q0, plane) → path`` for the shape ``kind`` with its parameters.
 
-    ``kind`` and ``parts`` are the texts between the colons, and ``text`` is the whole name, for
-    messages. ``blend`` is the radius of rounded corners, m. Kinds of plug-ins come last. InputError
-    is raised for an unknown kind, and for parameters that the kind does not take.
+    ``kind`` and ``parts`` are the texts between the colons, such as ``square`` and ``["0.2"]``.
+    ``text`` is the whole name, for messages, and ``blend`` the radius of rounded corners, m. A
+    shape can also be that of a plug-in. InputError is raised for an unknown shape, and for
+    parameters that it does not have.
     """
     if kind == "circle" and len(parts) == 2:
         radius = _length(parts[0], text)
@@ -116,13 +118,18 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
     if kind in others:
         return lambda task, q0, plane: plugin("paths", kind)(task, q0, *numbers, plane=plane)
     more = "".join(f", {name}" for name in others)
-    raise InputError(f"no path {text!r}; give {_FORMS}{more}, lengths in m")
+    raise InputError(f"there is no path {text!r}; give {_FORMS}{more}, lengths in m")
 
 
 def _regular_polygon(corners: float, radius: float, text: str, blend: float) -> _Drawn:
-    """Make a regular polygon whose corners lie on a circle of a given radius, m."""
+    """Create the result of :func:`_drawn` for a regular polygon on a circle of a radius, m.
+
+    ``corners`` is their number, and ``text`` the whole name, for messages.
+    """
     if corners > MOST_POINTS:
-        raise InputError(f"path {text!r} has more than {MOST_POINTS} corners; give a circle")
+        raise InputError(
+            f"path {text!r} has more than {MOST_POINTS} corners; give fewer, or a circle"
+        )
     count = int(corners)
     angles = 2 * np.pi * np.arange(1, count) / count
     ring = [(radius * (np.cos(a) - 1), radius * np.sin(a)) for a in angles]
@@ -130,10 +137,10 @@ def _regular_polygon(corners: float, radius: float, text: str, blend: float) -> 
 
 
 def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> _Drawn:
-    """Make the function that creates a polygon from corners (x, y) in a plane, m from the start.
+    """Create the result of :func:`_drawn` for a polygon with corners (x, y) in the plane, m.
 
-    The start is the corner (0, 0), which ``corners`` omits. ``blend`` is the radius of its rounded
-    corners, m; ``name`` describes it in reports.
+    They are counted from the start, the corner (0, 0), which is not among them. ``blend`` is the
+    radius of rounded corners, m, and ``name`` describes the polygon in reports.
     """
 
     def draw(task: Task, q0: Array, plane: str) -> TaskPath:
@@ -145,9 +152,9 @@ def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> _Dr
 
 
 def _length(part: str, text: str) -> float:
-    """Parse a length above 0, m, of a path; raise InputError for any other text.
+    """Parse a number above 0, such as a length in m; raise InputError for any other text.
 
-    ``part`` is the length and ``text`` the whole path, which the message quotes.
+    ``part`` is the number, and ``text`` the name of the whole path, for the message.
     """
     value = number(part)
     if not (np.isfinite(value) and value > 0):

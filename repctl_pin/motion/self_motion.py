@@ -1,7 +1,7 @@
 """Walks along the self-motions of a configuration, during which the frame stays at rest.
 
 The self-motions of a redundant arm have r = n − m dimensions. A walk is a sequence of
-configurations of one self-motion, a step apart. Searches for a better start use walks.
+configurations with the frame at one placement, a step apart. Searches for a better start use walks.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ def self_motions(
     *,
     limits: bool = True,
 ) -> Iterator[Iterator[Array]]:
-    """Walk along the self-motions of a start, up to a joint limit or a full turn.
+    """Yield walks along the self-motions of a start, each up to a joint limit or a full turn.
 
-    Yields one iterator of configurations (n,) per walk.
+    A walk is an iterator of configurations (n,).
 
     Parameters
     ----------
     task
-        Task that holds the frame.
+        Task whose frame stays at the target.
     start : (n,) array
         Configuration with the frame at the target; the walks do not contain it.
     target
         Placement of the frame.
     directions
-        Null vectors (n,) at the start; there is a walk along each, and one against it.
+        Null vectors (n,) of J at the start; for each, there are two walks, in opposite directions.
     stride
         Length of a step, rad; for prismatic joints in arm lengths.
     limits
-        True if a walk ends at a joint limit; otherwise it continues beyond the limit.
+        True to end a walk at a joint limit; False to continue beyond it.
     """
     for direction in directions:
         for sign in (1.0, -1.0):
@@ -55,12 +55,11 @@ def self_motions(
 def _walk(
     task: Task, q: Array, target: Placement, along: Array, stride: float, limits: bool
 ) -> Iterator[Array]:
-    """Generate the configurations (n,) of a walk along one self-motion, in one direction.
+    """Yield the configurations (n,) of one walk from q (n,), see :func:`self_motions`.
 
-    ``along`` (n,) is the first direction; each step goes along its projection onto the null space.
-    ``stride`` is the length of a step, rad; for prismatic joints in arm lengths. The walk ends
-    after a full turn (2π), at a joint limit if ``limits`` is True, or where the direction leaves
-    the null space. ``target`` is the placement of the frame.
+    ``along`` (n,) is the direction of the first step; each further step continues in the direction
+    of the last one, projected onto the null space. The walk ends after a length of 2π rad, at a
+    joint limit if ``limits`` is True, or where there is no next step.
     """
     L = joint_scale(task, q)
     for _ in range(int(2 * np.pi / stride)):
@@ -79,11 +78,11 @@ def _walk(
 def self_moved(
     task: Task, q: Array, step: Array, target: Placement, *, limits: bool = True
 ) -> Array | None:
-    """Return the configuration (n,) one step along a self-motion, with the frame at the target.
+    """Solve for the configuration (n,) near q + step with the frame at the target.
 
-    Return None if there is no such configuration near q + step, or if it is outside the joint
-    limits and ``limits`` is True. A step along the null space changes the pose in second order,
-    which Newton's method corrects.
+    ``step`` (n,) is a null vector of J at q, so the pose at q + step differs from the target only
+    in second order. Return None if there is no solution, or if it is outside the joint limits and
+    ``limits`` is True.
     """
     try:
         return solve_near(task, q + step, target, tolerance=1e-11, limits=limits)

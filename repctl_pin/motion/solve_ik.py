@@ -38,9 +38,9 @@ _FAR = 10
 
 
 class _Attempt(NamedTuple):
-    """Result of Newton's method from one start: the last configuration, and its task error (m,).
+    """Result of Newton's method from one start: the last configuration q (n,), and its error.
 
-    The attempt that ends nearest to the target is named in the message if all starts fail.
+    ``error`` (m,) is the task error, m and rad, from q to the target.
     """
 
     q: Array
@@ -61,12 +61,11 @@ def solve_ik(
     iterations: int = _ITERATIONS,
     limits: bool = True,
 ) -> Array:
-    """Find q with f(q) at the target, by Newton's method with J⁺ and bounded steps.
+    """Solve the inverse kinematics by Newton's method: find q with the frame at the target.
 
-    The first start is q0. If it does not lead to the target, 40 more starts follow. Start k lies on
-    the line from q0 to the k-th of 40 random configurations inside the joint limits, and farther
-    along this line for larger k. The first solution is returned; the random numbers are the same in
-    each call.
+    The first start is q0. If it leads to no solution, 40 more follow. Start k lies on the line from
+    q0 to the k-th of 40 random configurations inside the joint limits, at the fraction k / 40 of
+    it. The first solution is returned; the random numbers are the same in each call.
 
     Parameters
     ----------
@@ -77,13 +76,15 @@ def solve_ik(
     target : pinocchio.SE3 or (4, 4) array
         Desired placement of the frame.
     tolerance, iterations
-        Maximum task error (m and rad), and maximum number of Newton steps per start.
+        Norm of the task error (m and rad) at which Newton's method stops, and maximum number of
+        its steps per start. A result is accepted if its error is below this tolerance, or 1e-9.
     limits
-        True to refuse configurations outside the joint limits.
+        True to accept only solutions within the joint limits.
 
     Returns
     -------
     (n,) array
+        Configuration, rad or m.
 
     Raises
     ------
@@ -138,10 +139,10 @@ def solve_ik(
 def solve_near(
     task: Task, q0: Array, target: Placement, *, tolerance: float, limits: bool = False
 ) -> Array:
-    """Find q near q0 with f(q) at the target: like :func:`solve_ik`, but from q0 only.
+    """Solve the inverse kinematics as :func:`solve_ik` does, but only from the start q0 (n,).
 
-    Walks along a path or a self-motion need the solution nearest to the previous one. ``tolerance``
-    is the maximum task error, m and rad.
+    So the solution is near q0, as needed from point to point of a path. ``limits`` is True to
+    accept only a solution within the joint limits.
 
     Raises
     ------
@@ -161,9 +162,9 @@ def solve_near(
 
 
 def _starts(task: Task, q0: Array) -> Iterator[Array]:
-    """Yield q0, then configurations between q0 and random ones, the nearest first.
+    """Yield the 41 starts of :func:`solve_ik`: q0 (n,), then ever farther ones.
 
-    There are 41 in all. Starts near q0 come first, because they lead to solutions similar to q0.
+    Starts near q0 come first, because they lead to solutions near q0.
     """
     yield q0
     count = _STARTS - 1
@@ -173,11 +174,11 @@ def _starts(task: Task, q0: Array) -> Iterator[Array]:
 
 
 def _newton(task: Task, q0: Array, target: pin.SE3, tolerance: float, iterations: int) -> _Attempt:
-    """Solve for the target from one start, and return where Newton's method ends, solved or not.
+    """Run Newton's method from one start q0 (n,), and return where it ends, solved or not.
 
-    Steps are ``J⁺ e`` with the task error e, at most 0.3 rad or m per joint. The method ends at an
-    error below ``tolerance``, after ``iterations`` steps, or at a singularity; in the last case the
-    start is returned.
+    Steps are ``J⁺ e`` with the task error e, of bounded length. The method ends at an error below
+    ``tolerance``, after ``iterations`` steps, or at a singularity; in the last case, q0 is returned
+    with the error at the singularity.
     """
     error = task.error(q0, target)
 
@@ -207,17 +208,7 @@ def _newton(task: Task, q0: Array, target: pin.SE3, tolerance: float, iterations
 def _require_reach(task: Task, target: pin.SE3, *, limits: bool) -> None:
     """Raise InputError if the target is farther from the first joint than the arm is long.
 
-    The message is clearer than that of a failed search, because it names the distance and the arm's
-    length.
-
-    Parameters
-    ----------
-    task
-        Task that places the frame.
-    target
-        Placement of the frame.
-    limits
-        True if prismatic joints stay within their limits.
+    With ``limits``, prismatic joints stay within their limits; otherwise their stroke is unlimited.
     """
     if isinstance(target, Placements):
         for single, own in zip(task.single_tasks, target, strict=True):
@@ -239,21 +230,20 @@ def _where(target: pin.SE3) -> str:
 
 
 def _amount(task: Task, error: Array) -> str:
-    """Format a task error (m,): the distance and, if it is the larger part, the angle."""
+    """Format a task error (m,): the distance, m, and the angle, rad, if it is the larger number."""
     way = float(np.linalg.norm(error[task.kind.linear]))
     angle = float(np.linalg.norm(error[~task.kind.linear]))
     return f"{way:.3g} m" if way >= angle else f"{way:.3g} m and {angle:.3g} rad"
 
 
 def reach_start(task: Task, q0: ArrayLike, path: TaskPath) -> Array:
-    """Solve for a configuration at the first point of a path; q0 itself if it is there already.
-
-    A motion must begin on its path. At a path with named corners, the message names the corner.
+    """Solve for a configuration at the first point of a path; q0 (n,) if it is there already.
 
     Raises
     ------
     InputError
-        If no solution is found from q0, or only one outside the joint limits.
+        If no solution is found, or only solutions outside the joint limits; for a path with named
+        corners, the message names the corner.
     """
     q = np.asarray(q0, float)
     if np.linalg.norm(task.error(q, path.placement(0.0))) <= _THERE:
@@ -265,15 +255,10 @@ def reach_start(task: Task, q0: ArrayLike, path: TaskPath) -> Array:
 
 
 def check_reach(task: Task, q0: ArrayLike, path: TaskPath) -> None:
-    """Raise InputError for a path that the frame cannot reach, without regard to joint limits.
+    """Raise InputError if the frame cannot follow a path, without regard to joint limits.
 
-    The corners and 48 more points are tested.
-
-    Raises
-    ------
-    InputError
-        If a point is out of reach; the message names the first one, or the corner of the path after
-        it.
+    The corners and 48 more points are solved one after another, beginning at q0 (n,). The message
+    is on the first point without a solution; for a path with named corners, it names the corner.
     """
     q = start = np.asarray(q0, float)
     for s in np.union1d(np.linspace(0, 1, _POINTS), path.breaks):
@@ -286,10 +271,11 @@ def check_reach(task: Task, q0: ArrayLike, path: TaskPath) -> None:
 def _with_corner(
     error: InputError, task: Task, start: Array, q: Array, path: TaskPath, s: float
 ) -> InputError:
-    """Return an error extended by the path's name, its corner near s, and a hint at the cause.
+    """Return an error, extended by the path's name, the corner at or after s, and a hint.
 
-    ``start`` and ``q`` are the start and the last configuration that was on the path. s is the path
-    parameter, 0 to 1. For a path without named corners the error is returned unchanged.
+    ``error`` is raised at the path parameter s, 0 to 1. ``start`` (n,) is the start of the path and
+    ``q`` (n,) the last configuration on it. For a path without named corners, the error is returned
+    unchanged.
     """
     if not path.corners:
         return error
@@ -307,10 +293,10 @@ def _with_corner(
 
 
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
-    """Suggest a different unit or origin with which the whole path can be reached; else empty.
+    """Ask whether waypoints are in mm, or counted from the start, if the path then is in reach.
 
-    Waypoints in mm, or counted from the start, are common errors. ``knots`` are the values of the
-    path parameter s at the corners and both ends.
+    The text is empty otherwise. ``start`` (n,) is the start configuration, and ``knots`` are the
+    values of the path parameter s at the corners and both ends.
     """
     if len(task.frames) > 1:
         return ""
@@ -327,16 +313,16 @@ def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) ->
 
 
 def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
-    """Test whether the frame can reach all points (K, 3), m, from q, in one fixed orientation."""
+    """Test whether Newton's method from q (n,) reaches all points (K, 3), m.
+
+    The orientation is that at the start of the path.
+    """
     rotation = path.placement(0.0).rotation
     return not any(_shortfall(task, q, pin.SE3(rotation, point)) for point in points)
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
-    """Explain in text why a target cannot be reached from q; the text is empty if it can.
-
-    The text is the message of the failed inverse kinematics, for a message about a path.
-    """
+    """Return the message of :func:`solve_near` if no solution is found from q (n,), else empty."""
     try:
         solve_near(task, q, target, tolerance=_THERE)
     except InputError as error:
@@ -345,9 +331,9 @@ def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
 
 
 def random_configurations(task: Task, count: int, rng: np.random.Generator) -> Array:
-    """Draw configurations (count, n), uniform between the joint limits.
+    """Sample configurations (count, n), uniform between the joint limits.
 
-    Where a joint has no limit, the bound is π rad (m) from the task's reference configuration.
+    Instead of a missing limit, the bound is π rad (m) from the task's reference configuration.
     """
     low = np.where(np.isfinite(task.lower), task.lower, task.reference - np.pi)
     high = np.where(np.isfinite(task.upper), task.upper, task.reference + np.pi)
@@ -355,22 +341,15 @@ def random_configurations(task: Task, count: int, rng: np.random.Generator) -> A
 
 
 def _longest_reach(task: Task, *, limits: bool = True) -> tuple[Array, float]:
-    """Bound the distance of the frame from the origin of the chain's first joint.
+    """Compute an upper bound on the distance of the frame from the chain's first joint.
 
-    The bound is the sum of the distances between successive joints and from the last one to the
-    frame, which the joints do not change, and of the largest strokes of prismatic joints.
-
-    Parameters
-    ----------
-    task
-        Task of the chain.
-    limits
-        True if prismatic joints stay within their limits; else their stroke is infinite.
+    It is the sum of the distances between successive joints, from the last one to the frame, and of
+    the largest strokes of prismatic joints; with ``limits`` False, these are infinite.
 
     Returns
     -------
     center : (3,) array
-        Origin of the first joint at stroke 0, m, base axes.
+        Origin of the first joint at position 0, m, in the base frame.
     length : float
         Bound on the distance from ``center``, m; infinite with a prismatic joint without limits.
     """

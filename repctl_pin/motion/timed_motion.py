@@ -15,9 +15,10 @@ from .joint_motion import JointMotion
 @dataclass(frozen=True, eq=False)
 @read_only
 class TimedMotion:
-    """Positions of the robot's own joints over time, from rest to rest, at even time steps.
+    """Positions of a robot's joints over time, from rest to rest, at even time steps.
 
-    A robot can execute it directly. A motion of :func:`follow`, in contrast, starts at path speed.
+    A robot can execute it directly; a motion of :func:`follow`, in contrast, starts at the speed of
+    its path.
 
     Attributes
     ----------
@@ -33,14 +34,15 @@ class TimedMotion:
     starts : (cycles + 1,) array
         Times at which the cycles begin and the last one ends, s.
     length, speed : (K,) arrays
-        The phase-plane profile: length of the joint path from the start, and its rate, per s; of
-        the first three cycles if there are more.
+        Phase-plane profile: length of the joint path from the start, rad or m, and its rate, per s,
+        at K points. If all cycles but the first and the last are equal, only one of these is
+        included.
     velocity, acceleration, jerk : (n,) arrays
-        The limits observed, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if it
+        Limits of the joints, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if it
         is not limited.
     stops : int
-        Number of times that the arm stands still within a cycle, not counting its start: at corners
-        of the joint path, and during pauses.
+        Number of times that the arm rests within a cycle, not counting its start: at corners of the
+        joint path, and during pauses.
     motion : Motion, optional
         The motion that was timed; None in a result of :func:`approach`.
     trajectory
@@ -77,7 +79,7 @@ class TimedMotion:
 
     @property
     def duration(self) -> float:
-        """Time from the start of the motion to rest, s."""
+        """Time from the beginning of the first cycle to the end of the last one, s."""
         return float(self.starts[-1] - self.starts[0])
 
     @property
@@ -91,18 +93,18 @@ class TimedMotion:
 
     @property
     def _is_its_motion(self) -> bool:
-        """True if this object has the samples of ``motion``, whose checks then hold for both."""
+        """True if ``motion`` has the same samples, so that a check of it suffices."""
         return False
 
     @property
     def _shortest_part(self) -> tuple[float, str]:
-        """Shortest part of the motion that a file must resolve: duration, s, and name."""
+        """Shortest part of the motion that samples in a file must show: (duration in s, name)."""
         return self.cycle_time, "cycle"
 
     def cycle(self, k: int) -> tuple[Array, Array, Array, Array]:
-        """Samples of cycle k, counted from 0: time from its start, s, and q, q̇, q̈.
+        """Return the samples of cycle k, counted from 0: (t, q, q̇, q̈).
 
-        They are arrays with a row per sample; q, q̇ and q̈ have a column per joint.
+        t (·,) is the time from the cycle's start, s; the others are (·, n).
         """
         if as_int(k, "k") >= len(self.starts) - 1:
             raise InputError(

@@ -24,7 +24,7 @@ _LEAST_SAMPLES = 10
 def write_motion(
     motion: Motion | TimedMotion, file: str | Path, *, allow_violations: bool = False
 ) -> Path:
-    """Write a trajectory file: time, positions, velocities, and accelerations if timed.
+    """Write a trajectory file: time, positions, velocities, and accelerations of a timed motion.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def write_motion(
         File name: ``.csv``, or ``.yaml`` for ROS 2's ``trajectory_msgs/msg/JointTrajectory``.
         Units: s, rad or m, per s and per s².
     allow_violations
-        Write the file even if a joint exceeds its limits, or bodies collide.
+        True to write the file even if a joint exceeds its limits, or bodies collide.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def write_motion(
 
 
 def refuse_coarse(motion: TimedMotion) -> None:
-    """Raise InputError if a timed motion has too few samples to show its shortest part in a file.
+    """Raise InputError if a timed motion has fewer than ten samples in its shortest part.
 
     The shortest part is a cycle, or the motion from one rest to the next.
     """
@@ -80,17 +80,17 @@ def refuse_coarse(motion: TimedMotion) -> None:
     if count < _LEAST_SAMPLES:
         rate = np.ceil(_LEAST_SAMPLES / part)
         raise InputError(
-            f"{count:.2g} samples per {what} are too few for the path between the samples",
-            remedy=f"use a rate of at least {rate:g} per second",
+            f"{count:.2g} samples per {what} are too few to describe the path between the samples",
+            remedy=f"use a rate of at least {rate:g} samples per second",
         )
 
 
 def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> None:
     """Raise InputError if a sample of a timed motion exceeds a joint limit, or bodies collide.
 
-    A timed motion is a smooth curve through the points of the original motion, which is straight
-    between them. So the timed motion can collide where the original one does not. ``remedy`` ends
-    the message. A motion through poses is not made from another motion, and was checked before.
+    A timed motion is a smooth curve through the samples of the motion that was timed, which is
+    straight between them. So it can collide where that motion does not. ``remedy`` ends the
+    message. A timed motion with the same samples as its ``motion`` is not checked again.
     """
     if motion._is_its_motion:
         return
@@ -107,10 +107,10 @@ def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> Non
 
 
 def commanded(motion: Motion, strategy: Strategy) -> Motion:
-    """Return a motion with the velocities that a strategy commands at its points, ``q̇ = G ẋ``.
+    """Return a motion whose velocities are those that a strategy commands at its samples.
 
-    These velocities replace the mean velocities of the steps, so that a file has the controller's
-    own commands.
+    In a motion with a leaf lock, they replace the mean velocities of the steps. So a file has the
+    commands of the controller itself.
     """
     period = (motion.t[-1] - motion.t[0]) / motion.cycles
     ends = (motion.t - motion.t[0]) / period % 1.0
@@ -127,8 +127,8 @@ def commanded(motion: Motion, strategy: Strategy) -> Motion:
 def yaml_text(motion: Motion | TimedMotion) -> str:
     """Format a motion as ROS 2 ``trajectory_msgs/msg/JointTrajectory``, for ``ros2 topic pub``.
 
-    Includes accelerations if the motion is timed. All points are listed with positions and
-    velocities, in the robot's own joints.
+    Each sample has positions and velocities of the robot's joints and, if the motion is timed,
+    accelerations.
     """
     if isinstance(motion, TimedMotion):
         names, t = motion.joints, motion.t

@@ -255,7 +255,7 @@ def test_a_file_has_no_plane(tmp_path, monkeypatch, capsys) -> None:
         [*loop(GOOD), "--plane", "xy"],
         ["study", MY_ARM, "--path", "loop.csv", "--plane", "xz"],
     ):
-        assert "loop.csv have their own positions; omit the plane" in refused(capsys, *command)
+        assert "loop.csv already lie in space; omit the plane" in refused(capsys, *command)
     assert "--plane requires --path" in refused(capsys, "design", "panda", "--plane", "xz")
     assert [p.name for p in tmp_path.iterdir()] == ["loop.csv"]
 

@@ -221,7 +221,7 @@ def test_retiming_keeps_the_joint_path_and_the_limits(panda_design, path, q_pand
 
 def test_bad_input(panda_design, panda_pose, path, q_panda) -> None:
     plain = rp.Pseudoinverse(panda_pose)
-    with pytest.raises(rp.InputError, match="requires a repeatable strategy"):
+    with pytest.raises(rp.InputError, match="requires a repeatable inverse"):
         rp.follow(plain, path, q_panda, integrator=rp.LeafLock())
     with pytest.raises(rp.InputError, match="corrections must be a whole number from 1 up"):
         rp.LeafLock(0)

@@ -191,7 +191,7 @@ def test_bad_input() -> None:
         rp.least_closed_motion(task, path, q0, steps=16, limit_margin=6.2)
     four, _, start = planar("planar4r")
     other = rp.follow(rp.Pseudoinverse(four), rp.circle(four, start, 0.1), start, cycles=1, steps=8)
-    with pytest.raises(rp.InputError, match="guess has 4 joints, not 3"):
+    with pytest.raises(rp.InputError, match="guess has 4 joints, but the task has 3"):
         rp.least_closed_motion(task, path, q0, guess=other)
 
 

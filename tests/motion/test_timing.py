@@ -230,8 +230,11 @@ def one_cycle(motion: rp.Motion) -> rp.Motion:
 
 
 BAD = [
-    ({}, "= is missing, and the URDF has no acceleration limit of 'theta1'; .* panda, fr3, ur"),
-    ({"acceleration": "kuka"}, "no accelerations of 'kuka' are known"),
+    (
+        {},
+        "= is missing, and the URDF has no acceleration limit of joint 'theta1'; .* panda, fr3, ur",
+    ),
+    ({"acceleration": "kuka"}, "no acceleration limits are published for 'kuka'"),
     ({"acceleration": "panda"}, "of 7 joints, but 'tool' is moved by 3"),
     ({"acceleration": 0}, "acceleration must be"),
     ({"acceleration": [1, -1, 1]}, "acceleration must be"),
@@ -241,10 +244,13 @@ BAD = [
     ({"acceleration": 1, "velocity": 0}, "velocity must be"),
     ({"acceleration": 1, "velocity": [1, np.nan, 1]}, "velocity must be"),
     ({"jerk": 10}, "acceleration= is missing.*jerk= requires it too"),
-    ({"acceleration": 1, "jerk": "ur"}, "no jerks of 'ur' are known, only of panda, fr3"),
+    (
+        {"acceleration": 1, "jerk": "ur"},
+        "no jerk limits are published for 'ur', only for panda, fr3",
+    ),
     (
         {"acceleration": 1, "jerk": "panda"},
-        "'panda' has jerks of 7 joints, but 'tool' is moved by 3",
+        "'panda' has jerk limits of 7 joints, but 'tool' is moved by 3",
     ),
     ({"acceleration": 1, "jerk": 0}, "jerk must be"),
     ({"acceleration": 1, "jerk": [1, 2]}, "jerk must be"),
@@ -677,7 +683,9 @@ def test_follow_times_a_motion(tmp_path, monkeypatch, capsys) -> None:
     assert (np.abs(table[:, 7:]).max(axis=0) < np.array([2, 3, 4]) * 1.001).all()
     assert (tmp_path / "p.png").read_bytes()[:4] == b"\x89PNG"
     assert "neither numbers" in refused(capsys, *words, "--acceleration", "1,x")
-    assert "no accelerations of 'pandas'" in refused(capsys, *words, "--acceleration", "pandas")
+    assert "no acceleration limits are published for 'pandas'" in refused(
+        capsys, *words, "--acceleration", "pandas"
+    )
     assert "requires --acceleration" in refused(capsys, *words, "--profile", "p.png")
 
 
@@ -765,7 +773,9 @@ def test_the_command_refuses_a_coarse_rate(
     words = ["follow", "planar3r", "--strategy", "pseudoinverse", "--steps", "100"]
     words += ["--acceleration", "5", "--csv", "m.csv"]
     said = refused(capsys, *words, "--rate", "0.5")
-    found = re.search(r"samples per cycle .*; use a rate of at least (\d+) per second", said)
+    found = re.search(
+        r"samples per cycle .*; use a rate of at least (\d+) samples per second", said
+    )
     assert found is not None and not list(tmp_path.iterdir())
     told(capsys, *words, "--rate", found[1])
     assert len((tmp_path / "m.csv").read_text().splitlines()) > 10

@@ -121,9 +121,11 @@ def test_errors_have_parts() -> None:
         rp.Robot.load("ppr", package_dirs=["nope"])
     error = caught.value
     assert (
-        error.argument == "package_dirs" and error.remedy == "correct its path" and error.at is None
+        error.argument == "package_dirs"
+        and error.remedy == "give the path of an existing folder"
+        and error.at is None
     )
-    text = "package_dirs: there is no folder 'nope'; correct its path"
+    text = "package_dirs: there is no folder 'nope'; give the path of an existing folder"
     assert str(error) == text
     error.argument, error.remedy = "--package-dir", "name another"
     assert str(error).startswith("--package-dir: there") and str(error).endswith("; name another")
@@ -146,7 +148,7 @@ def test_an_error_of_a_cell_keeps_its_parts_when_copied() -> None:
         (["check", "ppr", "--start", "1,2,1e9"], "--start: "),
         (
             ["study", "ppr", "--path", "loop.csv", "--plane", "xy"],
-            "--plane: the points of loop.csv",
+            "--plane: the points of the file loop.csv",
         ),
         (
             ["design", "planar4r", "--fourier", "99", "--degree", "1"],

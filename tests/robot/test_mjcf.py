@@ -223,7 +223,7 @@ CURVED = (
     ("fingers", "rest", "said"),
     [
         ("", WELD, r"'loop' \(weld\) closes a loop"),
-        ("", CURVED, "'odd' is not q₁ = a₀"),
+        ("", CURVED, "'odd' is not linear, q₁ = a₀"),
         ("<body><joint/></body>", "", "MuJoCo cannot compile the file"),
     ],
 )

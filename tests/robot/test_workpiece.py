@@ -156,7 +156,7 @@ def test_what_cannot_be_is_refused_by_name() -> None:
     robot = rp.Robot.load(WELD)
     with pytest.raises(rp.InputError, match="workpice.*did you mean 'workpiece'"):
         robot.task("torch", on="workpice")
-    with pytest.raises(rp.InputError, match="no movable joint moves 'workpiece'"):
+    with pytest.raises(rp.InputError, match="no movable joint moves the link 'workpiece'"):
         robot.task("workpiece", on="workpiece")
 
 

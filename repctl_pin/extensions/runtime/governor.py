@@ -52,7 +52,7 @@ class Status(IntEnum):
     Attributes
     ----------
     OK
-        Target and level are reached, or the frame has the requested twist.
+        The target and the level are reached, or the task's frame has the requested twist.
     SINGULAR
         A singularity is ahead, or the target is out of reach: the arm stops before that point.
         Or the arm is at rest, and no motion to the target was found.
@@ -60,13 +60,13 @@ class Status(IntEnum):
         A number of the input is not finite or too large, or a matrix is not a rotation: the arm
         stops.
     OUTSIDE
-        The region Ω ends ahead: the arm stops before its edge.
+        The region Ω of the inverse ends ahead: the arm stops before its edge.
     SLOWED
         The arm is on its way, as fast as the limits of speed, acceleration and jerk allow.
     LIMIT
         A joint limit is ahead: the arm slows down and stops before it.
     RECOVERING
-        A joint that was beyond its limit is on its way back; afterwards, the arm follows the
+        A joint that started beyond its limit is moving back inside; afterwards, the arm follows the
         target.
     BODIES
         Two bodies, :attr:`Governor.nearest_bodies`, would come near each other ahead: the arm slows
@@ -186,7 +186,8 @@ class Governor:
         if not (self._lower < self._upper).all():
             name = task.joint_names[int(np.argmax(self._lower >= self._upper))]
             raise InputError(
-                f"margin = {self._margin:g} leaves no range of {name!r}; give a smaller margin"
+                f"margin = {self._margin:g} rad (m) is at least half the range of joint {name!r}; "
+                "give a smaller margin"
             )
         if closes is not None:
             require_type(closes, ClosingRadius, "closes", "design.proof.closes")
@@ -201,9 +202,9 @@ class Governor:
         self._connect()
 
     def _connect(self) -> None:
-        """Pass C the addresses of the arm, its state and limits, and the arrays of each tick.
+        """Allocate the arrays that C reads and writes in each tick, and tell C their addresses.
 
-        This is done at creation, and again in each copy, whose memory has other addresses.
+        A new governor does this, and so does each copy, which needs arrays of its own.
         """
         task, kept = self._task, self._kept
         jerk = np.full(task.n, np.inf) if kept.jerk is None else kept.jerk
@@ -238,7 +239,7 @@ class Governor:
         self._native = required_library("a governor", holds=True)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for a copy, without addresses in memory, which the copy sets anew."""
+        """Return the attributes for a copy or pickle, without those that :meth:`_connect` sets."""
         connected = "arm call address target twist asked_leaf begin native ask samples ways error"
         own = {f"_{name}" for name in connected.split()}
         kept = {name: value for name, value in vars(self).items() if name not in own}
@@ -270,17 +271,18 @@ class Governor:
 
     @property
     def recovering(self) -> bool:
-        """True from a start beyond a joint limit, or in its margin, until all joints are inside."""
+        """True while a joint of the commanded configuration is beyond its limit less ``margin``."""
         self._check_started()
         return bool(((self._q < self._lower) | (self._q > self._upper)).any())
 
     @property
     def beyond_closing_radius(self) -> bool | None:
-        """True if the commanded pose is beyond the proved closing radius; None without a radius.
+        """True if the commanded pose is beyond the proved closing radius; None without ``closes=``.
 
-        Beyond the radius nothing is wrong, but paths that lead there are not proved to close. The
-        radius holds for levels within :attr:`ClosingRadius.leaf` of its start's, by default on one
-        leaf only: on any other leaf, every pose counts as beyond it.
+        Every closed path within this radius is proved to end in the configuration it began in.
+        Paths beyond the radius may close too, but this is not proved. The radius holds only for
+        levels that differ from that of its own start by at most :attr:`ClosingRadius.leaf`, by
+        default 0. At any other level, every pose counts as beyond the radius.
         """
         return beyond(self._closes, self._inverse, self.q) if self._closes else None
 
@@ -292,14 +294,15 @@ class Governor:
         return self._guard.nearest
 
     def keeps_distance(self, Q: ArrayLike) -> bool:
-        """Test whether the bodies keep their distance on a motion that the governor does not make.
+        """Test whether the bodies keep ``body_distance`` on a motion that another program plans.
+
+        The result is True without ``bodies=``. It can be False although the distance is kept: if it
+        is kept by less than 1 mm, or if successive configurations are far apart.
 
         Parameters
         ----------
         Q : (K, n) array
-            Configurations of the motion; in between, the joints move on a straight line. The result
-            can be False although the distance is kept: if it is kept by less than 1 mm, or if the
-            configurations are far apart.
+            Configurations of the motion; in between, the joints move on a straight line.
         """
         self._check_started()
         Q = as_configurations(Q, self._task.n, repr(self._task))
@@ -333,8 +336,8 @@ class Governor:
         region = self._inverse.region
         if region is not None and not region.ratio(inside[None])[0] <= 1 + 1e-9:
             raise InputError(
-                f"the start q = {row(q)} is outside Ω; start inside, "
-                "or use an inverse without a region"
+                f"the start q = {row(q)} is outside the region Ω of the inverse; "
+                "start inside Ω, or use an inverse without a region"
             )
         self._inverse(inside)
         if self._guard is not None:
@@ -381,7 +384,8 @@ class Governor:
         leaf : (r,) array, optional
             Level c to which the arm moves: with a target, on one straight line of pose and level;
             with a twist, at the same time; alone, by moving the elbow while the frame rests. If it
-            is None, a target keeps the last level given; without a target, the level comes to rest.
+            is None, the level given last still holds with a target; without a target, the level
+            stops changing.
 
         Returns
         -------
@@ -449,14 +453,16 @@ class Governor:
     def _check_started(self) -> None:
         """Raise InputError if the governor has not started."""
         if not self._on:
-            raise InputError("the governor has not started; call start(q) with the robot's joints")
+            raise InputError(
+                "the governor has not started; call start(q) with the present configuration"
+            )
 
 
 def _as_twists(twist: ArrayLike, task: Task) -> Array:
     """Convert the twists (v, ω) of F frames, (6 F,) or (F, 6), to an array (6 F,).
 
-    Numbers need not be finite: in that case C stops the arm, instead of an error that ends the
-    loop.
+    Numbers that are not finite are passed on to C, which stops the arm; an error here would end the
+    control loop instead.
     """
     rates, size = as_numbers(twist), task.twist_size
     if rates is not None and rates.ndim == 2 and rates.shape[1] == 6:
@@ -479,23 +485,22 @@ def _as_level(leaf: ArrayLike, r: int) -> Array:
 
 
 def _kept_limits(task: Task, limits: Limits) -> JointLimits:
-    """Convert limits to arrays of the joints; refuse limits that a governor does not support.
+    """Convert limits to one number per joint; raise InputError for those of torque or of the tool.
 
-    Limits of torque and of the tool's speed are not supported. A speed limit of every joint is
-    required.
+    A governor does not support these two, and requires a speed limit of every joint.
     """
     kept = joint_limits(task, limits)
     for name, value in (("torque", kept.torque), ("tool_speed", kept.tool)):
         if value is not None:
             raise InputError(
-                ": a governor does not keep this limit",
+                ": a governor does not support this limit",
                 argument=name,
-                remedy=f"omit {name}= of limits",
+                remedy=f"use rp.Limits(…) without {name}=",
             )
     if not np.isfinite(kept.velocity).all():
         name = task.joint_names[int(np.argmax(~np.isfinite(kept.velocity)))]
         raise InputError(
-            f"velocity= is missing in limits: the URDF has no speed limit of {name!r}",
-            remedy="give a speed limit per joint",
+            f"joint {name!r} has no speed limit: the URDF gives none, and limits have no velocity=",
+            remedy="give one speed per joint: rp.Limits(velocity=[…], …), rad/s or m/s",
         )
     return kept

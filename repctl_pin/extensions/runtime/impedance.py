@@ -1,4 +1,7 @@
-"""Torque control on a leaf: impedance of the end effector, and a null-space spring to the leaf."""
+"""Torque control on a leaf: impedance of the end effector, and a null-space spring to the leaf.
+
+A leaf is the set h(q) = c on which the potentials h of a repeatable inverse keep the level c.
+"""
 
 from __future__ import annotations
 
@@ -37,11 +40,12 @@ class LeafImpedance:
 
     ``τ = Jᵀ F + P V Λ_h (ḧ* − Vᵀ M⁻¹ Jᵀ F) + b(q, q̇)`` with ``F = K e + D (ẋ* − J q̇)``,
     ``ḧ* = ω² (c − h) − 2 ζ_h ω Vᵀ q̇``, ``P = I − Jᵀ J̄ᵀ``, ``J̄ = M⁻¹ Jᵀ Λ``,
-    ``Λ = (J M⁻¹ Jᵀ)⁻¹``, ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; e is the task error, M the joint-space inertia,
-    and b compensates gravity and the velocity terms. Because ``J M⁻¹ P = 0``, the second term does
-    not accelerate the end effector (Khatib); its last part decouples the leaf from the force F.
-    There is no home posture: the null-space spring is relaxed everywhere on the leaf, and only
-    pulls the joints back to it. This controller is not part of the paper.
+    ``Λ = (J M⁻¹ Jᵀ)⁻¹``, ``Λ_h = (Vᵀ M⁻¹ P V)⁻¹``; e is the task error, ẋ* the velocity of the
+    target, V the gradients of h, M the joint-space inertia, and b compensates gravity and the
+    velocity terms. Because ``J M⁻¹ P = 0``, the second term of τ does not accelerate the end
+    effector (Khatib); ``Vᵀ M⁻¹ Jᵀ F`` decouples the leaf from the force F. There is no home
+    posture: the null-space spring is relaxed everywhere on the leaf, and only pulls the joints back
+    to it. This controller is not part of the paper.
 
     With ``J_V = [J; Vᵀ]``, the torque is computed as ``τ = M J_V⁻¹ ([Λ⁻¹ F; ḧ*] − J̇_V q̇) + b``.
     This form also compensates ``J̇_V q̇``, so that ``ḧ = ḧ*`` holds exactly at any speed. D is such
@@ -66,7 +70,7 @@ class LeafImpedance:
     observer_rate
         Rate κ at which the observer follows a disturbance of the leaf, 1/s.
     observer_limit : float or (n,) array
-        Maximum torque per joint with which the observer opposes a disturbance, Nm or N. A larger
+        Maximum torque per joint by which the observer compensates a disturbance, Nm or N. A larger
         disturbance, such as a push, still moves the arm.
 
     Raises
@@ -116,7 +120,7 @@ class LeafImpedance:
         except np.linalg.LinAlgError:
             raise InputError(
                 f"a link of the chain to {task.frame!r} has no inertia; "
-                "add the inertia of every link that a joint moves"
+                "add <inertial> to every link in the URDF that a joint moves"
             ) from None
 
     def __repr__(self) -> str:
@@ -140,8 +144,8 @@ class LeafImpedance:
         dt, rate = positive(dt, "dt", "s"), self.gains.observer_rate
         if not rate * dt <= 1.0:
             raise InputError(
-                f"observer_rate · dt must be at most 1; got {rate:g} · {dt:g}; "
-                "use a lower observer_rate"
+                f"dt = {dt:g} s is longer than 1 / observer_rate = {1 / rate:.3g} s; "
+                f"create the controller with observer_rate={1 / dt:.3g} (1/s) or less"
             )
         return Observer(np.zeros(self.task.r), dt)
 
@@ -201,8 +205,8 @@ def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") 
     """Check n numbers and return them as an array; an array of finite doubles is returned as is.
 
     A control loop calls this at every tick, so one scalar product, which is finite in the usual
-    case, tests all numbers at once. Otherwise, :func:`vector` checks each number. ``name`` and
-    ``each`` are words of the InputError.
+    case, tests all numbers at once. Otherwise, :func:`vector` checks each number. The InputError
+    calls the numbers ``name``, and says by ``each`` what each of them stands for.
     """
     if (
         type(values) is np.ndarray
@@ -215,10 +219,10 @@ def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") 
 
 
 def _stiffness(given: ArrayLike, kind: Kind) -> Array:
-    """Convert a stiffness to an array (m,), one number per row of the Jacobian, N/m or Nm/rad.
+    """Convert a stiffness to an array (m,), one number per task coordinate, N/m or Nm/rad.
 
-    Two numbers are for the translations and the rotations. InputError is raised unless all numbers
-    are above 0.
+    Two numbers are those of all translations and of all rotations; ``kind`` says which coordinates
+    are translations. InputError is raised unless all numbers are above 0.
     """
     values, m = as_numbers(given), kind.m
     if values is not None and values.shape == (2,) and m != 2:
@@ -232,9 +236,9 @@ def _stiffness(given: ArrayLike, kind: Kind) -> Array:
 
 
 def _torque_law(inverse: RepeatableInverse, gains: Gains) -> NumPyTorques | NativeTorques:
-    """Create the torque law of one thread, in C or, if C lacks the potentials, in NumPy.
+    """Create the torque law for one thread: in C or, where C cannot compute it, in NumPy.
 
-    C lacks user-defined potentials.
+    C lacks user-defined potentials and chains of more than 64 joints.
     """
     task = inverse.task
     law = NumPyTorques(task, inverse.potentials, gains)

@@ -53,7 +53,8 @@ class Observer(NamedTuple):
     Attributes
     ----------
     state : (r,) array
-        State w, which the torque law updates; 0 at rest without a disturbance.
+        The rate ḣ to be expected without a disturbance, per second, called w in the formulas. The
+        torque law updates it in each call.
     dt : float
         Time step of the loop, s.
     """
@@ -69,23 +70,17 @@ class Observer(NamedTuple):
 class NumPyTorques:
     """Torque law in NumPy as plain formulas, the reference for the law in C.
 
-    ``τ = M J_V⁻¹ ([ẍ; ḧ − d] − J̇_V q̇) + b`` with ``J_V = [J; Vᵀ]`` (37): the end effector
-    accelerates by ẍ and the potentials by ḧ, independently.
+    ``τ = M J_V⁻¹ ([ẍ; ḧ − d] − J̇_V q̇) + b`` with ``J_V = [J; Vᵀ]`` and the gradients V of the
+    potentials h: the end effector accelerates by ẍ and the potentials by ḧ, independently. M is the
+    joint-space inertia, and b contains gravity and velocity terms.
 
-    ``ẍ = Λ⁻¹ F``, ``F = K e + D (ẋ* − ẋ)``, where D gives every mode the damping ratio ζ: with
-    ``A = √K J M⁻¹ Jᵀ √K``, the law is ``√K ẍ = A √K e + 2 ζ A^½ √K (ẋ* − ẋ)``.
+    ``ẍ = Λ⁻¹ F``, ``F = K e + D (ẋ* − ẋ)``, with the task error e, the velocity ẋ* to follow, and
+    ``Λ⁻¹ = J M⁻¹ Jᵀ``. D gives every mode the damping ratio ζ: with ``A = √K Λ⁻¹ √K``, the law is
+    ``√K ẍ = A √K e + 2 ζ A^½ √K (ẋ* − ẋ)``.
 
     ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``. The observer's estimate of the disturbance of ḧ is
-    ``d = κ (ḣ − w)``, ``ẇ = ḧ``; its torque is scaled down to the limit of every joint.
-
-    Parameters
-    ----------
-    task
-        The task.
-    potentials
-        The potentials h.
-    gains
-        The gains.
+    ``d = κ (ḣ − w)``, with its state ``ẇ = ḧ``. The torque against d is scaled down to the limit
+    of every joint. K, ζ, ω, ζ_h and κ are the numbers of :class:`Gains`.
     """
 
     def __init__(self, task: Task, potentials: Potentials, gains: Gains) -> None:
@@ -104,16 +99,17 @@ class NumPyTorques:
     ) -> Array:
         """Compute the torques τ (n,), Nm or N, and update the observer's state.
 
-        q and q̇ (n,) are the joints, M (n, n) and b (n,) their inertia and bias, ``target`` and
-        ``twist`` (v, ω) the pose and velocity to follow, and ``leaf`` the level c (r,). InputError
-        is raised for numbers that overflow, SingularityError where J_V = [J; Vᵀ] is singular.
+        q and q̇ (n,) are joint positions and velocities, M (n, n) and b (n,) inertia and bias,
+        ``target`` and ``twist`` (v, ω) the pose and velocity to follow, and ``leaf`` the level c
+        (r,). InputError is raised for numbers that overflow, and SingularityError where J_V is
+        singular.
         """
         task, gains, m = self._task, self._gains, self._task.m
         e = task.error(q, target)
         J_V = self._augmented(q)
         rates = J_V @ qdot  # (ẋ, ḣ)
         lag = (0.0 if twist is None else task.task_velocity(q, twist)) - rates[:m]
-        xddot = self._hand(J_V[:m], M, e, lag)
+        xddot = self._task_acceleration(J_V[:m], M, e, lag)
         h, hdot = self._potentials.value(q), rates[m:]
         omega, zeta = gains.leaf_frequency, gains.leaf_damping
         hddot = omega**2 * (leaf - h) - 2 * zeta * omega * hdot
@@ -140,11 +136,11 @@ class NumPyTorques:
         """Evaluate J_V (n, n), the Jacobian of the task above the gradients of the potentials."""
         return np.vstack([self._task.jacobian(q), self._potentials.gradient(q).T])
 
-    def _hand(self, J: Array, M: Array, e: Array, lag: Array) -> Array:
-        """Compute the acceleration ẍ (m,) of the spring and damper at the end effector.
+    def _task_acceleration(self, J: Array, M: Array, e: Array, lag: Array) -> Array:
+        """Compute the task acceleration ẍ (m,) that the end effector's spring and damper give.
 
-        J (m, n) is the Jacobian, M (n, n) the inertia, e (m,) the task error, and ``lag`` (m,) the
-        desired minus the present velocity.
+        J (m, n) is the Jacobian, M (n, n) the joint-space inertia, e (m,) the task error, and
+        ``lag`` (m,) the velocity error ẋ* − ẋ.
         """
         root = np.sqrt(self._gains.stiffness)
         try:
@@ -152,7 +148,7 @@ class NumPyTorques:
         except np.linalg.LinAlgError:
             raise InputError(
                 "the joint-space inertia M is not positive definite; "
-                "correct the inertias of the links"
+                "correct the <inertial> of the links in the URDF"
             ) from None
         A = root[:, None] * (J @ np.linalg.solve(M, J.T)) * root
         if not (np.isfinite(A).all() and np.isfinite(e).all()):
@@ -163,10 +159,10 @@ class NumPyTorques:
         return np.asarray((A @ (root * e) + damper) / root, float)
 
     def _curvature(self, q: Array, qdot: Array) -> Array:
-        """Evaluate ``J̇_V q̇`` (n,), the acceleration at constant q̇, by a difference along q̇.
+        """Evaluate ``J̇_V q̇`` (n,), the acceleration of (x, h) at constant q̇.
 
-        J_V is the Jacobian above the gradients of the potentials. For rows of potentials of degree
-        3 the result is exact; for other rows it is accurate to 1e-6 of its size.
+        J̇_V is a central difference of J_V along q̇. Entries for polynomial potentials of degree 3
+        or less are exact but for rounding; others are accurate to 1e-6 of their size.
         """
         speed = float(np.linalg.norm(qdot))
         if speed == 0.0:
@@ -188,7 +184,7 @@ class NativeTorques:
     arm
         Struct Arm of the inverse.
     reference
-        The same law in NumPy, called after a failure in C to raise the error with its cause.
+        The same law in NumPy, which is called after a failure in C to raise the error.
     gains
         Stiffness, damping ratios, leaf frequency and observer limits.
     task
@@ -232,9 +228,9 @@ class NativeTorques:
         leaf: Array,
         observer: Observer | None,
     ) -> Array:
-        """Compute the torques τ (n,), Nm or N, with the arguments of :class:`NumPyTorques`.
+        """Compute the torques τ (n,), Nm or N, and update the observer's state.
 
-        If C fails, NumPy repeats the computation and raises the error that names the cause.
+        Arguments and errors are those of :meth:`NumPyTorques.__call__`.
         """
         self._q[...] = q
         self._qdot[...] = qdot

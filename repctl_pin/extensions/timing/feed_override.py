@@ -48,20 +48,19 @@ _NEAR = 1e-3
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Change:
-    """K alternative changes of the override: polynomials o(t), constant after their duration.
+    """K alternative changes of the override o(t), of which the shortest within limits is chosen.
 
-    The override o is the speed on the motion's clock, 1 as timed. All begin with the same value and
-    rate; each is a cubic and ends at its goal with the rate 0. The shortest change within the
-    limits is chosen.
+    All changes begin with the same o and ȯ. In each, o is a cubic polynomial in time until it
+    reaches its goal with ȯ = 0, and constant afterwards.
 
     Attributes
     ----------
     begin : float
         Time on the motion's clock at which the changes begin, s.
     override, rate : float
-        o and ȯ there.
+        o and ȯ, 1/s, at the beginning.
     goal, time : (K,) arrays
-        Value of o at the end, and duration, s.
+        Value of o at the end, and duration, s, of each change.
     """
 
     begin: float
@@ -71,9 +70,10 @@ class _Change:
     time: Array
 
     def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate ∫o, o, ȯ and ö of all changes at times (..., K) from their beginning.
+        """Evaluate ∫o dt, o, ȯ and ö of all changes, each (..., K).
 
-        ∫o is the elapsed time on the motion's clock, s.
+        ``t`` (..., K) is the time since the beginning, s, with one column per change. ∫o dt is the
+        time by which the motion's clock has advanced, s.
         """
         W = np.maximum(self.time, 1e-12)
         u = np.clip(t / W, 0.0, 1.0)
@@ -98,10 +98,11 @@ class Run:
 
     The override 1 runs the motion as timed, 0 stops, and -1 runs it backwards.
 
-    The joints stay on the motion's joint path, ``q(τ)`` with ``dτ/dt = o``. The override o reaches
-    the requested value by cubic polynomials in time, as quickly as the motion's limits of speed,
-    acceleration and jerk allow: ``q̈ = q″ o² + q′ ȯ``, ``q⃛ = q‴ o³ + 3 q″ o ȯ + q′ ö``. A change
-    is begun only if these limits hold to its end.
+    The joints stay on the motion's joint path q(τ), where the motion's clock τ advances by
+    ``dτ/dt = o``. The override o reaches the requested value by cubic polynomials in time, as
+    quickly as the motion's limits of speed, acceleration and jerk allow: ``q̈ = q″ o² + q′ ȯ``,
+    ``q⃛ = q‴ o³ + 3 q″ o ȯ + q′ ö``, with ′ = d/dτ. A change is begun only if these limits hold to
+    its end.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ class Run:
     Raises
     ------
     InputError
-        If q is not on the path.
+        If q is more than 0.001 rad or m away from the first cycle.
 
     Examples
     --------
@@ -137,7 +138,7 @@ class Run:
     def __init__(self, timed: TimedMotion, *, q: ArrayLike | None = None) -> None:
         require_type(timed, TimedMotion, "timed", "a timed motion, such as rp.timed makes")
         if timed.trajectory is None:
-            raise InputError("timed has no trajectory; pass a result of rp.timed")
+            raise InputError("timed has no trajectory; give a result of rp.timed()")
         self._timed, self._trajectory = timed, timed.trajectory
         self._end = float(timed.t[-1])
         begin = 0.0 if q is None else self._nearest(vector(q, len(timed.joints), "q"))
@@ -208,10 +209,10 @@ class Run:
         self._wish, self._looked = override, 0.0
 
     def _aim(self, wish: float) -> None:
-        """Begin a change to the requested override, if it is needed and the limits allow it.
+        """Begin a change to the requested override ``wish``, unless one is under way already.
 
-        If the limits do not allow the whole change, a part of it is begun; attempts are 5 ms apart.
-        Where the motion is at rest, the override is set at once.
+        If the limits do not allow the whole change, a part of it is begun. The next attempt follows
+        after 5 ms. Before and after the motion, where the arm rests, o is set to ``wish`` at once.
         """
         change, left = self._change, float(self._change.time[0]) - self._since
         if wish == self._wish and (
@@ -233,10 +234,10 @@ class Run:
             self._looked = 0.0
 
     def _quickest(self, goals: Array) -> _Change | None:
-        """Find the shortest change to the first of several goals (G,) that the limits allow.
+        """Find the shortest change to one of the overrides ``goals`` (G,) within the limits.
 
-        A goal is a value of the override. For each goal, ever longer durations are tried, and the
-        limits checked along the whole change. Return None if no goal can be reached.
+        Earlier goals are preferred. For each, longer and longer durations are tried. Return None if
+        no change to any goal is within the limits.
         """
         slope = np.abs(self._trajectory.derivatives(np.array([self._t]))[1, 0])
         far = np.abs(goals - self._override)
@@ -258,10 +259,10 @@ class Run:
         return None
 
     def _kept(self, change: _Change, shares: Array) -> Array:
-        """Test which of K changes of the override stay within the limits of the joints: (K,).
+        """Test which of K changes stay within the joint limits of speed, acceleration and jerk.
 
-        The limits are checked at ``shares`` (S,), which are fractions of the duration of each
-        change.
+        Return a mask (K,). The limits are checked at the fractions ``shares`` (S,) of each change's
+        duration.
         """
         way, o, rate, push = change.at(shares[:, None] * change.time)
         clock = np.clip(change.begin + way, 0.0, self._end)
@@ -277,7 +278,10 @@ class Run:
         return np.asarray(used.max(axis=(0, 2)) <= _TOLERANCE)
 
     def _nearest(self, q: Array) -> float:
-        """Find the time, s, at which the first cycle passes q (n,); InputError if it does not."""
+        """Find the time, s, on the motion's clock at which the first cycle passes q (n,).
+
+        InputError is raised if the cycle stays more than 0.001 rad or m away from q.
+        """
         timed = self._timed
         first = timed.t <= timed.starts[1]
         k = int(np.argmin(np.linalg.norm(timed.q[first] - q, axis=1)))
@@ -293,6 +297,6 @@ class Run:
         if not away(t) < _NEAR:
             raise InputError(
                 f"q is {away(t):.3g} rad (or m) away from the path; "
-                'move the arm to the path with rp.approach(q, motion, to="nearest")'
+                'move the arm to the path with rp.approach(q, motion, limits, to="nearest")'
             )
         return t

@@ -3,12 +3,14 @@
 The unknown is ``x(s) = ṡ²`` at the *stages*, which are grid points of s, the length of the joint
 path q(s). Speed and acceleration limits are linear in x and x′, and jerk is
 
-    ``q⃛ = √x (q‴ x + 3/2 q″ x′ + 1/2 q′ x″)``.
+    ``q⃛ = √x (q‴ x + 3/2 q″ x′ + 1/2 q′ x″)``,
 
-``|q⃛| ≤ J`` is ``|q‴ x + 3/2 q″ x′ + 1/2 q′ x″| ≤ J / √x``. J/√x is convex, so its tangent at the
-previous solution x̄, ``J (3/2 x̄^−½ − 1/2 x x̄^−3/2)``, is a lower bound. With this bound, every
-solution of the linear program respects the limit at the stages. Between two stages x is a parabola.
-In the intervals next to rest the joints move with constant jerk, ``x ∝ s^4/3``.
+with ′ = d/ds. With the jerk limit J of a joint, ``|q⃛| ≤ J`` is
+``|q‴ x + 3/2 q″ x′ + 1/2 q′ x″| ≤ J / √x``. J/√x is convex, so its tangent at the previous solution
+x̄, ``J (3/2 x̄^−½ − 1/2 x x̄^−3/2)``, is a lower bound. With this bound, every
+solution of the linear program respects the limit at the stages. Between two stages x(s) is a
+parabola, so x″ is constant. In the first and last interval, which begin or end at rest, s⃛ is
+constant instead, hence ``x ∝ s^4/3`` with s counted from rest.
 """
 
 from __future__ import annotations
@@ -74,8 +76,8 @@ class _JerkSegment(Segment):
     Attributes
     ----------
     x, bend : (K,), (K - 1,) arrays
-        x = ṡ² at the stages, and x″ between them; x″ in the first and the last interval is not
-        used.
+        x = ṡ² at the K stages, and x″ in the intervals between them; x″ in the first and the last
+        interval is not used.
     """
 
     x: Array
@@ -107,11 +109,11 @@ class _JerkSegment(Segment):
         return found
 
     def between(self) -> Array:
-        """Return the times (9 (K − 1),), s, between stages at which the limits are checked."""
+        """List the times, s, at which limits are checked: 9 in each of the K − 1 intervals."""
         return (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN * (1 - 1e-9)).ravel()
 
     def used(self, limits: JointLimits) -> Array:
-        """Compute the largest ratio of acceleration or jerk to its limit per interval: (K - 1,).
+        """Compute, per interval, the largest ratio of acceleration or jerk to its limit: (K - 1,).
 
         If a ratio exceeds 1, the linear program is solved again with tighter limits in that
         interval.
@@ -121,17 +123,19 @@ class _JerkSegment(Segment):
         return np.asarray(share.max(axis=1).reshape(-1, len(_BETWEEN)).max(axis=1))
 
     def excess(self, limits: JointLimits) -> float:
-        """Compute the factor by which to stretch time so that limits hold between stages.
+        """Compute the factor, at least 1, by which to stretch time so that all limits hold.
 
-        The linear program imposes the limits only at the stages, which are grid points of the path.
+        It is above 1 if a limit, which the linear program imposes at the stages, is exceeded
+        between them.
         """
         return most_used(limits, self.derivatives(self.between()))
 
 
 def _exponentials(z: Array) -> tuple[Array, Array]:
-    """Evaluate ``sinh(√z)/√z`` and ``(cosh √z − 1)/z``, which are analytic in z of either sign.
+    """Evaluate ``sinh(√z)/√z`` and ``(cosh √z − 1)/z`` at an array z of either sign.
 
-    They describe a motion whose acceleration is linear in the distance; z is an array.
+    For z < 0 these are ``sin(√|z|)/√|z|`` and ``(1 − cos √|z|)/|z|``. They describe a motion whose
+    acceleration is linear in the distance.
     """
     root = np.sqrt(np.abs(z))
     small = root < 1e-2
@@ -145,27 +149,28 @@ def _exponentials(z: Array) -> tuple[Array, Array]:
 def with_jerk(
     first: Segment, limits: JointLimits, seams: tuple[int, ...] = (), weight: float = 1.0
 ) -> _JerkSegment:
-    """Find the time-optimal profile with bounded jerk along a curve, from rest to rest.
+    """Find the time-optimal profile ṡ(s) with bounded jerk along a segment's curve q(s).
 
-    The profile is the speed ṡ along the curve. Linear programs find it, starting from a profile
-    without a limit of jerk.
+    The arm rests at both ends. Linear programs improve the profile ``first``.
 
     Parameters
     ----------
     first
-        Profile without a limit of jerk. Its stages are used; a few more are added next to rest.
+        Segment with a profile without a limit of jerk. Its stages are used, except that some are
+        inserted or removed next to rest.
     limits
         Limits to respect, jerk included.
     seams
-        Empty, or two indices of points in ``first.passed`` that get equal ṡ and s̈, so that the
+        Empty, or the indices in ``first.passed`` of two points that get equal ṡ and s̈, so that the
         profile between them can be repeated.
     weight
-        Number of times that the profile between the seams is repeated.
+        Number of times that the profile between the seams will be traversed; the total duration is
+        minimised.
 
     Raises
     ------
     InputError
-        If no speed at all is within the limits.
+        If no speed, however low, is within the limits.
     """
     knots = first.s[np.searchsorted(first.t, first.passed)]
     path = _Path.of(first.curve, _graded(first.s, first.curve, limits), limits)
@@ -203,12 +208,13 @@ def _converged(
     weights: Array,
     tight: Array,
 ) -> tuple[Array, Array]:
-    """Solve linear programs until the duration stops decreasing: x and x′ (K,) at the stages.
+    """Solve linear programs until the duration stops decreasing; return x and x′ at the K stages.
 
     Each program is linearised at the preceding solution, the first at ``x`` and ``slope``, with x =
-    ṡ². ``ties`` are the two stages with equal speed, or empty. ``weights`` (K - 1,) multiply the
-    times of the intervals; limits are divided by ``tight`` (K - 1,). A step between two
-    solutions is shortened to the fraction that has the shortest duration.
+    ṡ² and slope = x′. On the line from one solution to the next, the point of shortest duration is
+    taken. ``ties`` are the indices of two stages with equal x and x′, or empty. ``weights``
+    (K - 1,) multiply the times of the intervals. ``tight`` (K - 1,), at least 1, divides the limits
+    of acceleration and jerk in each interval.
     """
     took = np.inf
     for _ in range(_MOST_PROGRAMS):
@@ -229,10 +235,10 @@ def _converged(
 
 
 def _passed(knots: Array, s: Array, t: Array) -> Array:
-    """Compute the times (T,) at which the points of a path, at s = ``knots`` (T,), are passed.
+    """Compute the times (T,), s, at which the points of a path, at s = ``knots`` (T,), are passed.
 
     ``s`` and ``t`` (K,) are the stages and their times. Points that are not stages lie in the first
-    or last interval between stages, where the jerk is constant.
+    or last interval between stages, where s⃛ is constant.
     """
     passed = t[np.minimum(np.searchsorted(s, knots), len(s) - 1)]
     early, late = knots < s[1], knots > s[-2]
@@ -242,12 +248,12 @@ def _passed(knots: Array, s: Array, t: Array) -> Array:
 
 
 def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
-    """Insert or remove stages near the two ends of the path: change the stages ``grid`` (K,).
+    """Return the stages ``grid`` (K,) with stages inserted or removed next to both ends.
 
-    The arm is at rest at both ends, where x″ is not bounded. Up to the first stage, jerk is
-    constant. The first stage is placed at half of ``a³ / 6J²`` from rest, the distance at which
-    constant jerk J reaches the acceleration limit a. If that is farther than one interval of the
-    grid, up to ten stages are left out; if nearer, stages are inserted.
+    The arm is at rest at both ends, where x″ is not bounded. The first stage after rest is placed
+    at half the distance ``a³ / 6J²`` at which constant jerk J reaches the acceleration a, with the
+    limits a and J of s̈ and s⃛ there. If that is farther than one interval of the grid, up to ten
+    stages are removed; if it is nearer, stages are inserted. ``curve`` is q(s).
     """
     assert limits.jerk is not None
 
@@ -272,21 +278,22 @@ def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Path:
-    """A joint path at the stages, with its speed limits; between two stages q‴ is constant.
-
-    These data are common to all linear programs of one path. The stages are grid points of s, the
-    length of the joint path; derivatives are with respect to s, and x = ṡ² is the unknown.
+    """A joint path q(s) evaluated at its K stages: the data common to all its linear programs.
 
     Attributes
     ----------
+    s : (K,) array
+        The stages.
     third : (K - 1, n) array
-        q‴ between the stages.
+        q‴ halfway between the stages.
     most, most_between : (K,), (K - 1,) arrays
-        Largest x within the speed limits, at the stages and halfway between them.
+        Largest x = ṡ² within the speed limits, at the stages and halfway between them.
     points : tuple
-        One tuple each for the beginning, the middle and the end of all intervals: the fraction of
-        the interval (0, ½ or 1), q′ and q″ (K - 1, n), and the torque coefficients of
-        :func:`torques_along`, or None without torque limits.
+        Three tuples, for the beginning, the middle and the end of every interval: the fraction of
+        the interval (0, ½ or 1), q′ and q″ there, (K - 1, n) each, and the result of
+        :func:`torques_along`, which is None without torque limits.
+    curve
+        q(s), a piecewise polynomial.
     """
 
     s: Array
@@ -310,10 +317,11 @@ class _Path:
         return cls(s, curve(middle, 3), most, most_between, tuple(points), curve)
 
     def from_rest(self, limits: JointLimits) -> Array:
-        """Evaluate x = ṡ² at the stages for constant jerk J/|q′| from rest at either end: (K,).
+        """Evaluate x = ṡ² at the stages for the largest constant s⃛ from rest at either end: (K,).
 
-        The result is ``(9/2 j)^⅔ s^4/3`` with j = J/|q′|, the smaller of the values from the two
-        ends. It bounds the first guess, which was computed without a limit of jerk.
+        From one end, ``x = (9/2 j)^⅔ s^4/3`` with ``j = min J/|q′|`` over the joints, and s counted
+        from that end. The result is the smaller of the two values. It bounds the first guess, which
+        was computed without a limit of jerk.
         """
         assert limits.jerk is not None
         both = []
@@ -353,13 +361,11 @@ def _solved(
     weights: Array,
     tight: Array,
 ) -> tuple[Array, Array]:
-    """Solve one linear program, linearised at x̄ = ``near``, for x and x′ (K,) at the stages.
+    """Solve one linear program, linearised at x̄ = ``near``; return x and x′ (K,) at the stages.
 
-    x = ṡ² is the squared speed along the joint path. The program minimises the linearised time
-    within all limits. Its unknowns are x/x̄ at the inner stages, and x′ in units of the
-    acceleration limits. ``ties`` are two stages with equal x and x′, or empty. ``weights`` (K - 1,)
-    multiply the times of the intervals; limits of acceleration and jerk are divided by ``tight`` (K
-    - 1,).
+    The program minimises the linearised duration within all limits. Its unknowns are x/x̄ at the
+    inner stages (all but the first and the last), and x′ in units of twice the largest s̈ allowed.
+    ``near_slope`` is x̄′; the other arguments are those of :func:`_converged`.
     """
     h, inner, m = np.diff(path.s), slice(1, -1), len(path.s) - 2
     x0 = near[inner]
@@ -383,9 +389,10 @@ def _solved(
 def _cubic(
     rest: float, sign: float, h: Array, T: float, since: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Evaluate s, ṡ, s̈, s⃛ in an interval of length h and duration T that begins or ends at rest.
+    """Evaluate s, ṡ, s̈, s⃛ with constant s⃛ in the first or last interval, next to rest.
 
-    ``since`` is the time since rest, or until rest if ``sign`` is -1. At rest, s is ``rest``.
+    The interval has the length h and the duration T, s. ``rest`` is s at rest. ``since`` is the
+    time, s, since rest if ``sign`` is 1, or until rest if it is -1.
     """
     since = np.clip(since, 0.0, T)
     jerk = 6 * h / T**3
@@ -414,11 +421,12 @@ class _Rows(NamedTuple):
 
 
 def _equalities(s: Array, x0: Array, unit: Array, ties: tuple[int, ...]) -> csr_array:
-    """Create A (E, 2 m) of the equations ``A z = 0`` that tie x and x′ of successive stages.
+    """Create the matrix A, with 2 m columns, of the equations ``A z = 0`` between x and x′.
 
-    The unknowns z are x = ṡ² at the m inner stages in units of x0 (m,), and x′ in units of ``unit``
-    (m,). Between stages x is a parabola; next to rest it is ``c s^4/3``, hence ``x′ = 4/3 x / s``;
-    at the two stages of ``ties``, which are the ends of a period, x and x′ are equal.
+    The unknowns z are x = ṡ² at the m inner stages in units of ``x0`` (m,), and x′ in units of
+    ``unit`` (m,). There is one equation per interval between inner stages, on which x is a
+    parabola, and one at either end, where ``x ∝ s^4/3``, hence ``x′ = 4/3 x / s``. Two more make x
+    and x′ equal at the two stages of ``ties``, if it is not empty.
     """
     h, m = np.diff(s), len(x0)
     i = np.arange(m - 1)
@@ -439,11 +447,12 @@ def _equalities(s: Array, x0: Array, unit: Array, ties: tuple[int, ...]) -> csr_
 
 
 def _optimum(cost: Array, rows: _Rows, equal: csr_array, between: Array, guess: Array) -> Array:
-    """Solve ``min cost·z`` with the rows ``A z ≤ b``, ``equal z = 0``, and z within its bounds.
+    """Find the z that minimises ``cost·z`` with ``A z ≤ b``, ``equal z = 0`` and bounds on z.
 
-    ``between`` (N, 2) are the bounds on z. Few of the many rows are active. So the first solution
-    uses only rows that are nearly active at ``guess`` (N,). As long as the solution violates other
-    rows, these and their neighbours are added. InputError is raised if there is no solution.
+    ``rows`` are A and b, and ``between`` has a lower and an upper bound per unknown. Few of the
+    many rows are active. So the first program uses only rows that are nearly active at ``guess``, a
+    value of z. As long as the solution violates other rows, these and their neighbours are added.
+    InputError is raised if there is no solution.
     """
     from scipy.optimize import linprog  # slow to import
 
@@ -468,11 +477,11 @@ def _optimum(cost: Array, rows: _Rows, equal: csr_array, between: Array, guess: 
 def _rows(
     path: _Path, limits: JointLimits, near: Array, tight: Array
 ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
-    """Generate the rows ``A z ≤ b`` of speed, acceleration, torque and jerk of a linear program.
+    """Yield the rows ``A z ≤ b`` for the limits of speed, acceleration, torque and jerk.
 
-    The unknowns z are x = ṡ² and x′ at the stages, the grid points of the path. Each item has the
-    coefficients (R, 4), their columns (R, 4), and b (R,). ``near`` is x̄ (K,), at which the jerk is
-    linearised; limits are divided by ``tight`` (K - 1,).
+    The unknowns z are x = ṡ² and x′ at the inner stages. Each item is a block of R rows, with the
+    three arrays of :class:`_Rows`. ``near`` is x̄ (K,), at which the jerk is linearised. ``tight``
+    (K - 1,) divides the limits of acceleration and jerk in each interval.
     """
     assert limits.jerk is not None
     tight = tight[1:-1, None]
@@ -499,10 +508,10 @@ def _rows(
 
 
 class _Stages:
-    """I intervals between stages, of lengths h (I, 1); x = ṡ² and x′ at their ends are unknowns.
+    """I intervals between inner stages, of lengths h (I, 1), in the linear program for x and x′.
 
-    ``ends`` (I, 4) are the indices of x and x′ at both ends of each interval, and ``columns`` the
-    same, repeated for each joint.
+    ``ends`` (I, 4) are the indices, among the unknowns, of x at the beginning and end of each
+    interval and of x′ there. ``columns`` (I · joints, 4) repeats each row for every joint.
     """
 
     def __init__(self, h: Array, joints: int) -> None:
@@ -515,15 +524,20 @@ class _Stages:
     def both_signs(
         self, A: Array, more: Array | float, bounds: Array
     ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
-        """Generate the rows ``±A z + more z ≤ bounds``."""
+        """Yield the rows ``(A + more) z ≤ bounds``, then ``(−A + more) z ≤ bounds``.
+
+        A and ``more`` are coefficients (I · joints, 4) at ``columns``; both items are as in
+        :func:`_rows`.
+        """
         for sign in (1, -1):
             yield sign * A + more, self.columns, bounds
 
     def rows(self, share: float, x: Array, slope: Array, bend: Array | float = 0.0) -> Array:
-        """Express a weighted sum of x, x′, x″ inside intervals by x and x′ at their ends: (R, 4).
+        """Convert a sum of x, x′ and x″ inside each interval to coefficients at its two ends.
 
-        x = ṡ² is a parabola between stages. ``share`` is the fraction of the interval, from 0 to 1;
-        x, slope and bend are the weights of x, x′ and x″, per interval and joint.
+        ``x``, ``slope`` and ``bend`` (I, joints) are the weights of x, x′ and x″ at the fraction
+        ``share`` of the interval. As x is a parabola, the sum is linear in x and x′ at both ends.
+        Return their coefficients (I · joints, 4), in the order of ``columns``.
         """
         k = bend / self.h - share * (1 - share) / 2 * self.h * x
         return np.stack(
@@ -542,12 +556,11 @@ def _most_speed(path: _Path, limits: JointLimits, x0: Array, tight: Array) -> Ar
 
 
 def _most_beside_rest(path: _Path, limits: JointLimits, end: int, step: float) -> float:
-    """Compute the largest x₁ = x one stage from rest within the limits, for ``x = c s^4/3``.
+    """Compute the largest x₁, the value of x = ṡ² at the stage next to rest, within the limits.
 
-    This growth of x = ṡ² is that of constant jerk. ``end`` is 0 or -1, the end of the path that is
-    at rest; ``step`` is the signed distance to the stage.
-    ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and ``q̈ = x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 / h)`` at
-    the fraction σ of the interval, whose length is h.
+    ``end`` is 0 or -1, the end of the path at which the arm rests, and ``step`` the signed distance
+    h from there to the stage. At the fraction σ of this interval, ``x = x₁ σ^4/3``, hence
+    ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and ``q̈ = x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 / h)``.
     """
     assert limits.jerk is not None
     sigma = np.linspace(0, 1, 4 * _MERGED + 1)
@@ -563,9 +576,9 @@ def _most_beside_rest(path: _Path, limits: JointLimits, end: int, step: float) -
 
 
 def _sparse(coefficients: Array, columns: NDArray[np.intp], width: int) -> csr_array:
-    """Create a sparse matrix (R, width) from rows of four coefficients in given columns (R, 4).
+    """Create a sparse matrix (R, width) from R rows of four coefficients and their columns, (R, 4).
 
-    Coefficients in the same column of a row are added.
+    Coefficients of a row that have the same column are added.
     """
     from scipy.sparse import csr_array
 

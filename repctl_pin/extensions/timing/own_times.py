@@ -1,7 +1,9 @@
 """Timing by a motion's own times, from rest to rest, smoothed no more than the limits require.
 
 Own times are the times of the waypoints, such as the column ``time`` of a file. A robot that works
-with another machine must keep them. The speed that they give jumps, at least at both ends.
+with another machine must keep them. They give s(t), the length of the joint path over time, whose
+speed ṡ jumps, at least at both ends. So s(t) is smoothed: convolved with a triangle of width r, the
+smoothing time.
 """
 
 from __future__ import annotations
@@ -39,10 +41,8 @@ _BETWEEN = np.array([0.0, 0.25, 0.5, 0.75, 1.0 - 1e-9])
 class _OwnTimes(Segment):
     """A smooth part of a joint path, from rest to rest, in the motion's own times.
 
-    Own times are the times of the waypoints. ``s(t)``, the length of the joint path over time, is
-    the motion's own law, extended by rest before and after, convolved with a triangle of width r.
-    The convolution smooths the beginning, the end and every jump of speed. It never exceeds the
-    largest speed of the law, and changes constant speed only within r/2 of a jump.
+    Its s(t) is that of the motion, with rest before and after, smoothed. The smoothing never raises
+    the largest speed, and changes a constant speed only within r/2 of a jump.
 
     Attributes
     ----------
@@ -58,10 +58,7 @@ class _OwnTimes(Segment):
         return s, self.smooth(t, 1), self.smooth(t, 2), self.smooth(t, 3)
 
     def excess(self, limits: JointLimits) -> float:
-        """Return 1: time is not stretched, because the smoothing makes the limits hold.
-
-        Segments of other classes return the factor by which time must be stretched.
-        """
+        """Return 1, the factor by which to stretch time: smoothing makes the limits hold."""
         return 1.0
 
 
@@ -79,10 +76,10 @@ def with_own_times(
     limits
         Limits to respect.
     added
-        Number of ends, 0 to 2, at which time may be added. With 0, the path is instead traversed a
-        little faster.
+        Number of ends of the path, 0 to 2, at which the duration may grow, by half the smoothing
+        time each. At other ends, the path is instead traversed a little faster.
     most
-        Longest smoothing time, s.
+        Longest smoothing time allowed, s.
     joints
         Names of the joints, for messages.
 
@@ -120,7 +117,7 @@ def with_own_times(
     if found is None:
         raise InputError(
             f"the times of the path exceed the limits: {why}; "
-            "give the path more time, or omit keep_times="
+            "multiply the times by a factor above 1, or omit keep_times="
         )
     for _ in range(_HALVINGS if short else 0):
         between = (short + r) / 2
@@ -132,7 +129,10 @@ def with_own_times(
 
 
 def _least_smoothing(rates: Array, limits: JointLimits) -> float:
-    """Compute a lower bound of the smoothing time, s, from the joint speeds at both ends."""
+    """Compute a lower bound of the smoothing time, s, that joint speeds (T, n) require.
+
+    Only the first and the last row of ``rates`` count: there, the speed jumps from or to 0.
+    """
     ends = np.abs(rates[[0, -1]])
     r = float((ends / limits.acceleration).max())
     if limits.jerk is not None:
@@ -141,7 +141,7 @@ def _least_smoothing(rates: Array, limits: JointLimits) -> float:
 
 
 def _worst(limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequence[str]) -> str:
-    """Describe for an error message which limit is exceeded most, by which joint, and when.
+    """Write, for an error message, which limit is exceeded most, by which joint, and when.
 
     ``moved`` are q, q̇, q̈ and q⃛, each (T, n), at the times t (T,), s; ``joints`` are names.
     """
@@ -162,12 +162,12 @@ def _worst(limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequ
 
 
 def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTimes:
-    """Convolve the law s(t), at rest before and after, with a triangle of width r, s.
+    """Smooth s(t), at rest before and after, by convolution with a triangle of width r, s.
 
-    The law has the values s (T,) at the times ``own`` (T,), s. Smoothing makes the motion longer by
-    r. At ``added`` ends (0 to 2), the duration grows by r/2; a higher speed compensates the
-    remainder of r. With h = r/2 and the unsmoothed law s, ``s̈ = (s(t + h) − 2 s(t) + s(t − h)) /
-    h²``, which is linear between the shifted points of the law.
+    ``curve`` is q(s), and ``s`` (T,) are the values of s(t) at the times ``own`` (T,), s, linear in
+    between. Smoothing makes the motion longer by r. At each of ``added`` ends (0 to 2), the
+    duration grows by r/2; a higher speed compensates the remainder of r. With h = r/2, the smoothed
+    acceleration is ``(s(t + h) − 2 s(t) + s(t − h)) / h²``, piecewise linear in t.
     """
     h = r / 2
     T = own[-1] + added * h

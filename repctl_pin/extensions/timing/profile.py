@@ -1,7 +1,7 @@
 """Time-optimal profile ṡ(s) of a joint path, from rest to rest, by one linear program.
 
-s is the length of the joint path. A profile gives the speed along it at its stages, grid points of
-s; a segment is the part between two stops, with its profile.
+s is the length of the joint path. A profile is the speed ṡ at the *stages*, grid points of s at
+which the limits are imposed. A segment is the part of the path between two stops, with its profile.
 """
 
 from __future__ import annotations
@@ -58,17 +58,16 @@ _TOUCHING = 1e-9
 class Segment:
     """A smooth part of a joint path between two stops, with its time-optimal profile.
 
-    ``s`` is the length of the joint path, and the profile its rate ṡ. The stages are grid points of
-    s, at which the limits are imposed; s̈ is constant between neighbouring stages.
+    Between neighbouring stages, s̈ is constant.
 
     Attributes
     ----------
     curve
         q(s), a scipy spline or piecewise polynomial.
     s, speed, t : (K,) arrays
-        s at the stages, ṡ, and the time from the segment's start, s.
+        s at the stages, ṡ there, and the time, s, from the segment's start.
     passed : (T,) array
-        Times at which the points of the path are passed, s.
+        Times, s, at which the given points of the path are passed.
     """
 
     curve: Any
@@ -99,20 +98,18 @@ class Segment:
     def excess(self, limits: JointLimits) -> float:
         """Compute the factor by which to stretch time so that the limits hold; 1 if they do.
 
-        A profile imposes the limits only at its stages, which are grid points of the path. They are
-        checked at both ends of every interval between stages, and halfway through its time. The
-        limit of jerk is not checked.
+        The limits are checked at both ends of every interval between stages, and halfway through
+        its time. The limit of jerk is not checked.
         """
         t = (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN).ravel()
         return most_used(limits, self.derivatives(t)[:3])
 
 
 def used_fractions(limits: JointLimits, moved: Sequence[Array]) -> Iterator[tuple[str, int, Array]]:
-    """Yield the ratios (T, n) of speed, acceleration and jerk to their limits; 1 is at the limit.
+    """Yield (name, k, ratios (T, n)) for speed, k = 1, acceleration, k = 2, and jerk, k = 3.
 
-    ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). Each item is (name
-    of the limit, k, ratio). The ratio grows with the k-th power of the speed along the path, so its
-    k-th root is the factor by which time must be stretched.
+    A ratio is that of a joint's value to its limit. If time is stretched by a factor, the ratios
+    fall by the k-th power of it. ``moved`` are q, q̇, q̈ and, to check jerk too, q⃛, each (T, n).
     """
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     named = zip(("speed", "acceleration", "jerk"), bounds, moved[1:], strict=False)
@@ -122,11 +119,10 @@ def used_fractions(limits: JointLimits, moved: Sequence[Array]) -> Iterator[tupl
 
 
 def most_used(limits: JointLimits, moved: Sequence[Array]) -> float:
-    """Compute the factor by which to stretch a motion's time so that it meets its limits.
+    """Compute the factor by which to stretch time so that samples of a motion meet the limits.
 
-    ``moved`` are q, q̇, q̈ and, to check the limit of jerk too, q⃛, each (T, n). The limits of
-    torque and of the tool's speed are also checked. The factor is 1 if all limits are met. A
-    profile meets them exactly only at its stages, and may slightly exceed them in between.
+    The factor is 1 if all limits are met, those of torque and of the tool's speed included.
+    ``moved`` are q, q̇, q̈ and, to check jerk too, q⃛, each (T, n).
     """
     used = [float(x.max()) ** (1 / k) for _, k, x in used_fractions(limits, moved)]
     factor, (Q, qdot, qddot) = max(1.0, *used), moved[:3]
@@ -146,16 +142,15 @@ def most_used(limits: JointLimits, moved: Sequence[Array]) -> float:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Course:
-    """Sequence of segments as a function of time, each stretched in time, with rests between.
-
-    A segment is a part of the joint path between two stops, with its own timing.
+    """Sequence of segments as a function of time, with rests between them.
 
     Attributes
     ----------
     segments
-        The segments.
-    begins, durations : (R,) arrays
-        Time at which each segment begins, and its duration, s.
+        The segments, in order.
+    begins, durations : arrays
+        Time at which each segment begins, and its duration, s. If the duration differs from the
+        segment's own, the segment is stretched in time.
     """
 
     segments: Sequence[Segment]
@@ -192,10 +187,11 @@ class Course:
         return int(self.segments[0].curve.c.shape[2])
 
     def _parts(self, t: Array) -> Iterator[tuple[NDArray[np.intp], Segment, Array, float]]:
-        """Yield each segment with those of the times (T,), s, that lie within it.
+        """Yield, for each segment, the times of ``t`` (T,), s, that lie within or after it.
 
-        Each item is a segment, the indices of the times within it, these times on the segment's
-        clock (possibly beyond its ends), and the factor by which the segment is stretched.
+        An item is (indices of these times, the segment, these times on the segment's own clock,
+        factor by which the segment is stretched). Times after the segment's end are in the rest
+        that follows it; times before the first segment are given with it.
         """
         which = np.maximum(np.searchsorted(self.begins, t, side="right") - 1, 0)
         for k in np.unique(which):
@@ -205,13 +201,12 @@ class Course:
 
 
 def require_possible(Q: Array, limits: JointLimits, rate: float) -> None:
-    """Raise InputError if limits alone make a motion through Q (T, n) too long.
+    """Raise InputError if the limits make every motion through Q (T, n) too long.
 
-    A motion is too long if its samples do not fit in memory, or if the limits of jerk make it
-    longer than an hour.
-
-    After T seconds, a joint that starts at rest has moved by at most ``v T``, ``a T²/2`` and ``J
-    T³/6``. The check avoids the computation of a profile that lasts millions of seconds.
+    A motion is too long if its samples, ``rate`` per second, do not fit in memory, or if the limits
+    of jerk make it longer than an hour. In a time t from rest, a joint with the limits v, a and j
+    of speed, acceleration and jerk moves by at most ``v t``, ``a t²/2`` and ``j t³/6``. So this
+    check takes no time, unlike the profile of a motion that lasts millions of seconds.
     """
     away = np.abs(Q - Q[0]).max(axis=0)
     times = [away / limits.velocity, np.sqrt(2 * away) / np.sqrt(limits.acceleration)]
@@ -229,8 +224,8 @@ def require_possible(Q: Array, limits: JointLimits, rate: float) -> None:
 def require_samples(count: float, seconds: float, rate: float, least: str = "") -> None:
     """Raise InputError if a motion of ``count`` samples is too long for memory.
 
-    ``seconds`` and ``rate`` are its duration, s, and samples per second, for the message; ``least``
-    is a text before the duration, such as "at least ".
+    ``seconds``, the duration, and ``rate``, the samples per second, are quoted in the message;
+    ``least`` is the text before the duration, "at least " if it is a lower bound.
     """
     if not count < MOST_SAMPLES:
         raise InputError(
@@ -241,25 +236,32 @@ def require_samples(count: float, seconds: float, rate: float, least: str = "") 
 
 
 class Profile:
-    """Timing of a few cycles: segments in order, with pauses between them.
+    """Timing of a few cycles, traversals of the closed path: segments with pauses between them.
 
-    A cycle is one traversal of the closed path; a segment leads from one stop of the arm to the
-    next. Arguments of the constructor are the segments ``runs``, the pause ``stays``, s, before
-    each segment, and the indices of the points at which the arm stops and at which cycles end.
+    Parameters
+    ----------
+    runs, stays
+        The segments in order, and the pause before each, s.
+    stops, ends
+        Indices of the points of the joint path at which segments begin and the last one ends, and
+        of those at which cycles begin and the last one ends.
+    limits
+        Limits of the joints, for ``stretch``.
 
     Attributes
     ----------
     course : Course
         The segments as a function of time.
     marks : (cycles + 1,) array
-        Times at which the cycles begin and the last cycle ends, s. A pause at such a point comes
+        Times at which the cycles begin and the last cycle ends, s. A pause at such a point follows
         after this time.
     stretch : float
         Factor by which time must be stretched so that the limits also hold between the stages.
     converged : bool
-        True if the second cycle begins and ends at equal speed, so that it can be repeated.
-    phase : tuple of (K,) arrays
-        Length s of the joint path up to every stage, and its rate ṡ there.
+        True if there is a third cycle, and the second begins and ends at equal speed, so that it
+        can be repeated.
+    phase : (array, array)
+        Length s of the joint path up to each stage of all segments, and the rate ṡ there.
     """
 
     def __init__(
@@ -299,13 +301,13 @@ class Trajectory:
     Attributes
     ----------
     course
-        The course.
+        The timed cycles, at most three if any is repeated.
     lead
-        Time at rest before the course, s.
+        Time at rest before the course begins, s.
     begin, period : float
-        Time at which the second cycle begins, and its duration, s.
+        Time in the course at which the second cycle begins, and its duration, s.
     more : int
-        Number of additional repetitions of the second cycle.
+        Number of additional repetitions of the second cycle; 0 for none.
     """
 
     course: Course
@@ -315,7 +317,7 @@ class Trajectory:
     more: int
 
     def derivatives(self, t: Array) -> Array:
-        """Evaluate q and its first three derivatives (4, T, n) at times (T,), s, of the motion.
+        """Evaluate q, q̇, q̈ and q⃛, stacked (4, T, n), at times (T,), s, from the motion's start.
 
         Times in a repeated cycle are mapped to the second cycle.
         """
@@ -327,11 +329,11 @@ class Trajectory:
 
 
 def corners_of(Q: Array, candidates: Iterable[int], bend: float) -> list[int]:
-    """Find the corners of a joint path Q (T, n): indices of points where its direction jumps.
+    """List the indices of the corners of a joint path Q (T, n), at which the arm has to stop.
 
-    The arm has to stop there. Cusps are found everywhere. Other corners, which are changes of
-    direction by at least ``bend``, rad, are found only among ``candidates``, the corners of the
-    frame's path.
+    Changes of direction by more than 60° from one step to the next are corners at any point.
+    Gentler ones, above ``bend``, rad, are found only among the indices ``candidates``, the corners
+    of the frame's path.
     """
     steps = np.diff(Q, axis=0)
     sizes = np.linalg.norm(steps, axis=1)
@@ -349,9 +351,9 @@ def corners_of(Q: Array, candidates: Iterable[int], bend: float) -> list[int]:
 
 
 def _tangent(points: Array) -> Array:
-    """Compute the unit tangent (n,) of a curve at the first of a few points (k, n).
+    """Compute the unit tangent (n,) at the first of a few points (k, n) of a curve.
 
-    The result is the tangent of the polynomial through the points, or 0 if they coincide.
+    It is that of the polynomial through the points, or 0 if they coincide.
     """
     x = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     if x[-1] == 0:
@@ -363,8 +365,8 @@ def _tangent(points: Array) -> Array:
 def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
     """Compute the time-optimal profile of a smooth joint path Q (T, n), from rest to rest.
 
-    The profile has at least ``stages`` stages, which are grid points at which the limits are
-    imposed. Its ``passed`` are the times of the points Q.
+    The profile has at least ``stages`` stages. ``passed`` of the result are the times at which the
+    points Q are passed.
 
     Raises
     ------
@@ -388,13 +390,8 @@ def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
     stages. The limits of speed bound x; those of acceleration and torque are linear in x at both
     ends of an interval. The program maximises the sum of x.
 
-    The curve is a scipy spline or piecewise polynomial. ``grid`` (K,) are its stages: the values of
-    s at which the limits are imposed.
-
-    Raises
-    ------
-    InputError
-        As :func:`fastest` does.
+    ``curve`` is a scipy spline or piecewise polynomial, and ``grid`` (K,) are the stages.
+    ``passed`` of the result are the times of the stages. Errors are those of :func:`fastest`.
     """
     program = _program(curve, grid, limits)
     found = program.best(np.ones(len(grid)))
@@ -408,21 +405,21 @@ def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
 @dataclass(frozen=True, eq=False)
 @read_only
 class _Program:
-    """Linear program of a profile, with K stages and L limits.
+    """Linear program of a profile with K stages.
 
-    Its unknowns are ``x / scale``, with x = ṡ², between 0 and ``top``. The limits of acceleration
-    and torque are ``low ≤ A x / scale ≤ high``. At both ends of the path, ``top`` is 0.
+    Its unknowns are ``y = x / scale``, with x = ṡ²; ``0 ≤ y ≤ top`` are the limits of speed, and
+    ``low ≤ A y ≤ high`` those of acceleration and torque.
 
     Attributes
     ----------
     grid, scale, top : (K,) arrays
-        Stages, scale of x, and largest x / scale within the limits of speed.
+        Stages, unit of each x, and largest y; 0 at both ends, where the arm rests.
     A : (L, K) sparse array
-        Matrix with two entries per row; a row is a limit at one end of an interval.
+        Matrix with two entries per row; a row is the limit of one joint at one end of an interval.
     low, high : (L,) arrays
         Bounds of the rows.
     limits
-        The limits, for the message.
+        The limits of the joints, for error messages.
     """
 
     grid: Array
@@ -434,7 +431,7 @@ class _Program:
     limits: JointLimits
 
     def best(self, weights: Array) -> Array:
-        """Find the x / scale (K,) with the largest sum, weighted by ``weights`` (K,)."""
+        """Find the y (K,) within the limits that maximises ``weights·y``."""
         from scipy.optimize import Bounds, LinearConstraint, milp  # slow to import
 
         rows, bounds = LinearConstraint(self.A, self.low, self.high), Bounds(0.0, self.top)
@@ -443,9 +440,9 @@ class _Program:
             raise _no_speed(self.limits)
         return np.asarray(np.maximum(x, 0.0))
 
-    def times(self, x: Array) -> Array:
-        """Compute the time of each interval (K − 1,), s, from x / scale (K,)."""
-        speed = np.sqrt(x * self.scale)
+    def times(self, y: Array) -> Array:
+        """Compute the times of the intervals (K − 1,), s, from y (K,)."""
+        speed = np.sqrt(y * self.scale)
         return np.asarray(2 * np.diff(self.grid) / np.maximum(speed[1:] + speed[:-1], 1e-300))
 
 
@@ -484,10 +481,9 @@ def _strips(
 ) -> tuple[Array, Array, Array, Array]:
     """Convert the limits of acceleration and torque to strips ``low ≤ along s̈ + across x ≤ high``.
 
-    A strip is a linear inequality with two sides, in s̈ and x = ṡ².
-
-    Q, slope and bend (K, n) are q, q′ and q″ at the stages. Each of the four arrays is (K, n), or
-    (K, 2 n) with limits of torque: one strip per joint and stage.
+    A strip is this linear inequality with two sides, in s̈ and x = ṡ², for one joint at one stage.
+    Return (along, across, low, high), each (K, n), or (K, 2 n) with limits of torque. Q, slope and
+    bend (K, n) are q, q′ and q″ at the stages.
     """
     ones = np.ones_like(slope)
     strips = [(slope / limits.acceleration, bend / limits.acceleration, -ones, ones)]
@@ -502,12 +498,10 @@ def _strips(
 def _rows(
     grid: Array, scale: Array, along: Array, across: Array, low: Array, high: Array
 ) -> tuple[Any, Array, Array]:
-    """Make the rows of the program from strips, the limits ``low ≤ along s̈ + across x ≤ high``.
+    """Make A, low and high of :class:`_Program` from the strips of :func:`_strips`.
 
-    A row is a strip at one end of an interval, with ``s̈ = (x₁ − x₀) / 2h``.
-
-    Strips without a finite bound give no row. Return the sparse matrix for x / scale, and the
-    bounds of its rows.
+    A row is a strip at one end of an interval of length h, with ``s̈ = (x₁ − x₀) / 2h`` from x at
+    its two ends. Strips without a finite bound give no row.
     """
     from scipy.sparse import csr_array  # slow to import
 
@@ -528,11 +522,11 @@ def _rows(
 
 
 def _without_rests(program: _Program, found: Array) -> Array:
-    """Shorten the duration of the profile x / scale (K,) by further programs with other weights.
+    """Shorten the duration of the solution ``found`` (K,) of a program; return the new solution.
 
-    The first program maximises the sum of x, which may leave the arm at rest at inner stages. The
-    weights of the further ones are the time that a larger x saves at each stage. InputError is
-    raised if an inner stage remains at rest.
+    The first program maximises the sum of x, which can leave the arm at rest at inner stages. Here
+    each x is weighted by the time that a larger x would save at its stage. InputError is raised if
+    the arm still rests at an inner stage.
     """
     reach = np.gradient(program.grid)
     for _ in range(_MOST_PROGRAMS):
@@ -548,7 +542,7 @@ def _without_rests(program: _Program, found: Array) -> Array:
 
 
 def _no_speed(limits: JointLimits) -> InputError:
-    """Describe why no speed along a joint path is within the limits."""
+    """Create the error for a joint path on which no speed is within the limits."""
     why = "the path is too rough"
     if limits.torque is not None:
         why = "the torque limits do not hold the arm at some point of the path"
@@ -561,12 +555,12 @@ def _no_speed(limits: JointLimits) -> InputError:
 def _sides_that_bound(
     along: Array, across: Array, low: Array, high: Array, most: Array
 ) -> NDArray[np.bool_]:
-    """Find the sides of strips ``low ≤ along u + across x ≤ high`` that touch their intersection.
+    """Find the sides of strips ``low ≤ along u + across x ≤ high`` that bound their intersection.
 
-    The four arrays are (K, n). At each of the K stages, the strips are intersected for x from 0 to
-    ``most`` (K,). Return a mask (K, n, 2) of the low and the high sides that bound the
-    intersection; all other sides can be left out. If the intersection is empty, the mask is False
-    for that stage.
+    The four arrays are (K, n): n strips in the plane of (u, x) for each of K stages, where x is
+    from 0 to ``most`` (K,). Return a mask (K, n, 2): True for a low side, ``[..., 0]``, or a high
+    side, ``[..., 1]``, that touches the intersection of all strips of its stage. All other sides
+    can be left out. All are False for a stage whose intersection is empty.
     """
     zero, one, top = np.zeros((len(low), 1)), np.ones((len(low), 1)), most[:, None]
     a, b, low, high = map(np.hstack, ((along, zero), (across, one), (low, zero), (high, top)))
@@ -586,11 +580,11 @@ def _sides_that_bound(
 def _inside_strips(
     foot: Array, way: Array, low: Array, high: Array, size: Array
 ) -> tuple[Array, Array]:
-    """Find the two ends, (K,) each, of the interval of τ with ``low ≤ foot + τ way ≤ high``.
+    """Find the part of a line, τ from ``first`` to ``last`` (K,), that lies inside all n strips.
 
-    The inequality holds for all n strips. The arguments are (K, n). ``size`` is the value of
-    ``way`` for a line that crosses the strip at a right angle. The interval is empty if its first
-    end is above its second.
+    At the point τ of the line, each strip requires ``low ≤ foot + τ way ≤ high``. The arguments are
+    (K, n). ``size`` is the maximum of |way| over all directions of the line; a line with
+    ``way`` near 0 is parallel to the strip. The part is empty if first > last.
     """
     parallel = np.abs(way) < 1e-12 * size
     inside = (foot >= low - _TOUCHING) & (foot <= high + _TOUCHING)
@@ -604,10 +598,9 @@ def _inside_strips(
 def torques_along(
     limits: JointLimits, Q: Array, slope: Array, bend: Array
 ) -> tuple[Array, Array, Array] | None:
-    """Compute a, b and g (K, n) of ``τ = a s̈ + b x + g`` along a path; None without torque limits.
+    """Compute a, b and g (K, n) of the torques ``τ = a s̈ + b ṡ² + g``, N m or N, along a path.
 
-    With x = ṡ², torques are linear in the unknowns of the program. Q, slope and bend (K, n) are q,
-    q′ and q″ at K points.
+    Return None without torque limits. Q, slope and bend (K, n) are q, q′ and q″ at K points.
     """
     if limits.torque is None or limits.dynamics is None:
         return None

@@ -46,10 +46,10 @@ def timed(
 ) -> TimedMotion:
     """Time a motion's joint path from rest to rest, as quickly as the limits allow.
 
-    ``min T`` with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if given, ``|q⃛| ≤ jerk`` and
-    ``|τ(q, q̇, q̈)| ≤ τ_max``: by one linear program, or by several with a limit of jerk. The first
-    cycle speeds up and the last slows down. If the motion closes, all cycles in between are
-    identical. The arm stops at sharp corners; use ``blend=`` of the path to round them.
+    The duration is minimised with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if given,
+    ``|q⃛| ≤ jerk`` and ``|τ(q, q̇, q̈)| ≤ τ_max``: by one linear program, or by several with a limit
+    of jerk. The first cycle speeds up and the last slows down. If the motion closes, all cycles in
+    between are identical. The arm stops at sharp corners; use ``blend=`` of the path to round them.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def timed(
     keep_times = flag(keep_times, "keep_times")
     Q = motion.q
     require_possible(Q, kept, rate)
-    once = _first_lap(motion, smooth=kept.jerk is not None or keep_times)
+    once = _first_cycle(motion, smooth=kept.jerk is not None or keep_times)
 
     def repeated(cycles: int) -> Array:
         return np.vstack([np.tile(once[:-1], (cycles, 1)), once[:1]])
@@ -112,10 +112,11 @@ def timed(
     return replace(timed, motion=motion)
 
 
-def _first_lap(motion: Motion, *, smooth: bool) -> Array:
+def _first_cycle(motion: Motion, *, smooth: bool) -> Array:
     """Return the configurations (steps + 1, n) of a motion's first cycle, rad or m.
 
-    With ``smooth``, a closed cycle ends exactly where it begins, without rounding errors."""
+    With ``smooth``, a cycle that closes up to small errors is changed to close exactly.
+    """
     once = motion.q[: motion.steps + 1]
     if smooth and np.linalg.norm(once[-1] - once[0]) < CLOSED:
         # jerk feels 1e-9 rad
@@ -150,14 +151,14 @@ class _Laps:
 
     @classmethod
     def of(cls, motion: Motion, Q: Array, cycles: int) -> _Laps:
-        """Make the joint path of some cycles of a motion, Q (T, n), without repeated points.
+        """Make the joint path from the configurations Q (T, n) of some ``cycles`` of a motion.
 
         InputError is raised if the joints do not move.
         """
         steps, t = motion.steps, motion.t[: motion.steps + 1] - motion.t[0]
         moving = np.linalg.norm(np.diff(Q, axis=0), axis=1) > 1e-9
         if not moving.any():
-            raise InputError("the joints do not move; there is nothing to time")
+            raise InputError("the joints do not move in this motion, so it cannot be timed")
         first = np.flatnonzero(np.append(True, moving))
         last = np.append(first[1:], len(Q)) - 1
         laps = t[:-1] + t[-1] * np.arange(cycles)[:, None]
@@ -189,10 +190,10 @@ class _Laps:
     def profile(
         self, runs: list[Segment], stops: list[int], limits: JointLimits
     ) -> tuple[Profile, list[int]]:
-        """Join the timed segments ``runs`` from stop to stop to a profile of all cycles.
+        """Join timed segments to the profile of all cycles.
 
-        ``stops`` are the indices of the stops. Returns the profile, and the stops within the first
-        cycle.
+        ``runs`` are the segments between successive ``stops``, which are indices of points. Return
+        the profile, and those stops that lie inside the first cycle.
         """
         stays = [float(self.stays[k]) for k in stops[:-1]]
         profile = Profile(runs, stays, stops, list(self.ends), limits)
@@ -204,9 +205,10 @@ def _as_fast_as_possible(
 ) -> tuple[Profile, list[int]]:
     """Time a joint path as quickly as possible, in segments between corners and pauses.
 
-    Return the profile, and the stops within the first cycle. If ``steady`` is negative, jerk is not
-    limited. If ``steady`` is positive, the path has three cycles. The second then begins and ends
-    with equal ṡ and s̈, so that it can be repeated, and its time counts ``steady`` times.
+    Return the profile, and the stops inside the first cycle, as indices of points. With ``steady``
+    = -1, jerk is not limited; with 0, it is. A positive ``steady`` is the number of times that the
+    second of three cycles will be traversed: this cycle then begins and ends with equal ṡ and s̈,
+    and its duration counts ``steady`` times.
     """
     stops = laps.stops(laps.corners())
     steps = np.linalg.norm(np.diff(laps.Q, axis=0), axis=1)
@@ -231,8 +233,9 @@ def _as_fast_as_possible(
 def _in_own_times(laps: _Laps, limits: JointLimits, motion: Motion) -> tuple[Profile, list[int]]:
     """Time a joint path by its own times, such as those of a file's waypoints, from stop to stop.
 
-    Return the profile, and the stops within the first cycle. The arm stops at sharp corners, and at
-    other corners if the limits require it. InputError is raised if the limits cannot be met.
+    Return the profile, and the stops inside the first cycle, as indices of points. The arm stops at
+    sharp corners, and at other corners if the limits require it. InputError is raised if the limits
+    cannot be met.
     """
     from .own_times import with_own_times  # only paths with a clock need it
 
@@ -276,9 +279,9 @@ def _sampled(
 ) -> TimedMotion:
     """Sample a profile at even time steps, with its second cycle repeated ``more`` times.
 
-    ``rate`` is the number of samples per second, ``stops`` the number of stops per cycle. Times are
-    stretched slightly, so that the limits hold between the stages and a cycle takes a whole number
-    of samples.
+    ``joints`` are names, ``rate`` is the number of samples per second, and ``stops`` the number of
+    stops per cycle. Times are stretched slightly, so that the limits hold between the stages and a
+    steady cycle takes a whole number of samples.
     """
     dt = 1.0 / rate
     period, factor = _whole_period(profile, dt, rate)
@@ -320,9 +323,11 @@ def _sampled(
 
 
 def _whole_period(profile: Profile, dt: float, rate: float) -> tuple[int, float]:
-    """Stretch a profile so that a steady cycle takes a whole number of samples.
+    """Compute the factor by which to stretch time so that a steady cycle takes whole samples.
 
-    Return this number, which is 0 without a steady cycle, and the factor of all times.
+    The factor also makes the limits hold between the stages. Return the number of samples of a
+    steady cycle, and the factor. With fewer than three cycles there is no steady one, and the
+    number is 0. ``dt`` is the time between samples, s, and ``rate`` = 1/dt.
     """
     if not len(profile.marks) > 3:
         return 0, profile.stretch
@@ -338,7 +343,11 @@ def _whole_period(profile: Profile, dt: float, rate: float) -> tuple[int, float]
 
 
 def _repeated_starts(marks: Array, period: float, more: int) -> Array:
-    """List the starts of the cycles, s, with the second cycle repeated ``more`` times."""
+    """List the times at which cycles begin and the last one ends, s, after repetition.
+
+    ``marks`` are these times of three cycles, s; the second, which takes ``period``, s, is repeated
+    ``more`` times.
+    """
     turns = marks[1] + period * np.arange(more + 2)
     return np.concatenate([marks[:1], turns, marks[3:] + more * period])
 
@@ -369,7 +378,7 @@ def approach(
     motion
         Motion to approach.
     limits
-        As :func:`timed` takes them.
+        Limits of acceleration and, if given, of speed, jerk, torque and the tool's speed.
     to
         Goal: ``start`` is the motion's first configuration; ``nearest`` is the configuration of its
         first cycle nearest to q_now, at which :class:`Run` can begin.
@@ -387,8 +396,8 @@ def approach(
     Raises
     ------
     InputError
-        If q_now exceeds the joint limits by more than 0.1 rad or m, the goal exceeds them, the arm
-        is already at the goal or would collide, or the limits do not fit the robot.
+        If q_now exceeds the joint limits by more than 0.1 rad or m, or the goal exceeds them; if
+        the arm is at the goal already, or would collide; or if ``limits`` does not fit the robot.
 
     Examples
     --------
@@ -409,7 +418,7 @@ def approach(
     begin, end = np.array(ends)
     if np.linalg.norm(end - begin) < 1e-9:
         where = "at the start of the motion" if to == "start" else "on the motion's path"
-        raise InputError(f"the arm is {where} already; there is nothing to approach")
+        raise InputError(f"the arm is {where} already; start the motion without rp.approach()")
     require_possible(np.array([begin, end]), kept, rate)
     line = begin + np.linspace(0, 1, _LOOKED_AT)[:, None] * (end - begin)
     if bodies:
@@ -446,16 +455,17 @@ def _check_bodies(task: Task, line: Array) -> None:
 
 
 def with_cycle_time(row: Row) -> Row:
-    """Add the minimum duration of a motion's first cycle to its row of a study's table."""
+    """Return a row of a study's table with ``cycle_time``, the minimum duration of a cycle, s."""
     if row.motion is None:
         return row
     return replace(row, cycle_time=_fastest_cycle(row.motion))
 
 
 def _fastest_cycle(motion: Motion) -> float | None:
-    """Compute the minimum duration, s, of the first cycle from rest to rest; None if infeasible.
+    """Compute the minimum duration, s, of a motion's first cycle from rest to rest.
 
-    The acceleration limits are those published for the robot, or assumed.
+    Return None if the joints do not move, or no speed is within the limits. The acceleration limits
+    are those of :func:`presumed_acceleration`.
     """
     end = motion.steps + 1
     once = replace(motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end])

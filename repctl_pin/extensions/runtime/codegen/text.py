@@ -1,7 +1,8 @@
-"""Formatting of C code: names, numbers, structs as constants, safe comments, and templates.
+"""Text of exported C code: names, numbers, structs as constants, comments, and templates.
 
-Names of robots and files can contain any character, so they are escaped: they must not end a
-comment.
+A template is a C file in the folder ``templates`` with placeholders for the parts that differ from
+export to export. Names of robots and files can contain any characters, such as ``*/``, so they are
+escaped in comments.
 """
 
 from __future__ import annotations
@@ -66,19 +67,19 @@ def checked_name(name: Any) -> str:
 
 
 def comment(text: str) -> str:
-    """Escape a text for a C comment, and cut it to 80 characters.
+    """Escape a text for use inside a C comment, and cut it to 80 characters.
 
-    The result is ASCII; special characters become escapes such as ``\\u002a``.
+    The result is ASCII, without ``/*`` and ``*/``: an asterisk, for example, becomes ``\\u002a``.
     """
     short = text if len(text) <= _LONGEST else text[: _LONGEST - 3] + "..."
     return "".join(c if _PLAIN.match(c) else _escaped(c) for c in short)
 
 
 def initialiser(value: Any) -> str:
-    """Format a value as C: a number, a name, or in braces an array, a tuple or a placement.
+    """Format a value as a C initialiser: a number, the name of a constant, or a list in braces.
 
-    A text is treated as the name of a constant. Numbers may be infinite or nan. A placement becomes
-    its position, and its rotation row by row.
+    A str is the name of a constant. Numbers may be infinite or nan. Arrays and tuples become lists,
+    and a pinocchio.SE3 becomes the list ``{position, rotation row by row}``.
     """
     if isinstance(value, str):
         return value
@@ -100,29 +101,33 @@ def _double(x: float) -> str:
     return "HUGE_VAL" if x > 0 else "-HUGE_VAL"
 
 
-def constants(made: Any, kind: str, name: str) -> str:
-    """Write a struct of :func:`repctl_pin.native.filled_struct` as ``static const`` C.
+def constants(struct: Any, kind: str, name: str) -> str:
+    """Write the C definition of a struct, and of all that it points to, as ``static const``.
 
     Parameters
     ----------
-    made
-        The struct; ``made.held`` has its arrays, and the structs to which it points, by member.
+    struct
+        Result of :func:`repctl_pin.native.filled_struct`; ``struct.held`` maps the name of each
+        pointer in it to the array, or to the list of structs, that it points to.
     kind
-        Name of its type in C. A struct to which the member ``x`` points has the type ``X``; a frame
-        has the type ``Arm``.
+        Name of the struct's type in C. The structs that a pointer ``x`` points to have the type
+        ``X``, except those of the pointer ``frame``: their type is ``Arm``.
     name
         Name of the constant; the names of its arrays begin with this name.
     """
-    return "\n".join(_definitions(made, kind, name)) + "\n"
+    return "\n".join(_definitions(struct, kind, name)) + "\n"
 
 
-def _definitions(made: Any, kind: str, name: str) -> Iterator[str]:
-    """Write the C definitions of a struct and of all that it points to; the struct is last."""
+def _definitions(struct: Any, kind: str, name: str) -> Iterator[str]:
+    """Yield one C definition for each array that a struct points to, and last the struct's own.
+
+    The arguments are those of :func:`constants`.
+    """
     entries = []
-    for member, of in made._fields_:
-        held = made.held.get(member)
+    for member, of in struct._fields_:
+        held = struct.held.get(member)
         if of is not ctypes.c_void_p:
-            entries.append(initialiser(getattr(made, member)))
+            entries.append(initialiser(getattr(struct, member)))
         elif held is None or len(held) == 0:
             entries.append("NULL")
         else:
@@ -132,9 +137,10 @@ def _definitions(made: Any, kind: str, name: str) -> Iterator[str]:
 
 
 def _array(held: Any, member: str, name: str) -> Iterator[str]:
-    """Write the array of numbers, or of structs, that a pointer ``member`` of a struct points to.
+    """Yield the C definition of the array that the pointer ``member`` of a struct points to.
 
-    ``held`` is a NumPy array, or a list of structs; ``name`` is the name of the array in C.
+    ``held`` is the content: a NumPy array of numbers, or a list of structs, whose own arrays are
+    yielded first. ``name`` is the name of the array in C.
     """
     if isinstance(held, np.ndarray):
         kind = "double" if held.dtype.kind == "f" else "int"
@@ -150,15 +156,15 @@ def _array(held: Any, member: str, name: str) -> Iterator[str]:
 
 
 def _template(file: str) -> str:
-    """Read a file of templates of C code, in which ``@part`` and ``arm`` are placeholders."""
+    """Read the file ``templates/FILE.in``, in which ``@part`` and ``arm`` are placeholders."""
     return (files(__package__) / "templates" / f"{file}.in").read_text(encoding="utf-8")
 
 
 def pasted(*names: str) -> str:
-    """Read files of the native library for pasting into an export, without their build directives.
+    """Join C files of the native library, given by name, into text for one exported source file.
 
-    The exported source is a single file, so ``#include`` lines are dropped. A file without an
-    include guard belongs at one place, and replaces its ``#include`` line.
+    An ``#include`` of a header with an include guard, or of the C library, is dropped. An
+    ``#include`` of any other file is replaced by that file. Build directives are dropped too.
     """
     return "\n".join(_pasted(name) for name in names)
 
@@ -175,10 +181,10 @@ def _pasted(name: str) -> str:
 
 
 def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
-    """Fill a template of C code: the text of ``file`` with its placeholders replaced.
+    """Return the text of the template ``file`` with its placeholders replaced.
 
-    Each ``@part`` becomes ``parts[part]``; ``arm`` and ``ARM`` become the name, the prefix of all
-    exported names.
+    Each ``@part`` becomes ``parts["part"]``. ``arm`` and ``ARM`` become ``name``, which is the
+    prefix of all exported names, in lower and in upper case.
     """
     text = re.sub(r"\bARM_", f"{name.upper()}_", _template(file))
     text = re.sub(r"\barm(?=_|\.(?:h|hpp|c)\b)|(?<=namespace )arm\b", name, text)
@@ -186,9 +192,9 @@ def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
 
 
 def _escaped(character: str) -> str:
-    """Escape a character by its UTF-16 code units, four hex digits each, lone surrogates included.
+    """Write a character as one or two escapes ``\\uXXXX``, its UTF-16 code units.
 
-    The escaped character can neither end a C comment nor break its line.
+    So the character can neither end a C comment nor break its line.
     """
     units = character.encode("utf-16-be", "surrogatepass").hex()
     return "".join(f"\\u{unit}" for unit in re.findall("....", units))

@@ -1,12 +1,13 @@
-"""Test vectors for the C code: valid and invalid inputs, and Python's results for them.
+"""Test vectors for the exported C code: valid and invalid inputs, and Python's results for them.
 
-The exported program ``check.c`` compares the results of the build with these. A status is the
-return value of a C function: OK, SINGULAR, BAD_NUMBER or OUTSIDE.
+The exported program ``check.c`` calls the C functions with these inputs, and compares their results
+with those of Python. A status is the return value of a C function: OK, SINGULAR (the arm is near a
+singularity), BAD_NUMBER (an input is invalid) or OUTSIDE (q is outside the region of the design).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -35,10 +36,13 @@ _COUNT = 48
 @dataclass(frozen=True, eq=False)
 @read_only
 class Vector:
-    """Test vector: a configuration q, and the other inputs of the C functions.
+    """Test vector: a configuration q (n,), and the other inputs of the exported C functions.
 
-    xdot, target, twist, leaf, gain, limit and damping are arguments of ``RepeatableInverse.step``.
-    joint_speed (q̇), M, bias, gains and observer (its state) are arguments of the torque law. An
+    ``xdot`` (m,) is ẋ for ``RepeatableInverse.velocity``. ``target``, ``dt``, ``twist``, ``leaf``,
+    ``gain``, ``limit`` (the speed limits) and ``damping`` are arguments of
+    ``RepeatableInverse.step``; with ``stay_inside``, a step from outside the region, or beyond
+    joint limits, has the status OUTSIDE. ``joint_speed`` is q̇, ``M`` the inertia, ``bias`` the
+    gravity and velocity terms, and ``observer`` the observer's state (r,) for the torque law. An
     input that is left out is None.
     """
 
@@ -60,10 +64,10 @@ class Vector:
 
 
 def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) -> list[Vector]:
-    """Sample test vectors, which are inputs of the C functions, in and near the region.
+    """Sample 48 test vectors with configurations in the region, and some outside it.
 
-    Without a region, configurations are near ``start`` (n,). Optional inputs are given in some
-    vectors and None in others, and a few vectors are invalid. Every call gives the same vectors.
+    Without a region, the configurations lie around ``start`` (n,). Optional inputs are None in some
+    vectors, and a few vectors are invalid. Every call gives the same vectors.
     """
     task, rng = inverse.task, np.random.default_rng(0)
     near_start = start + rng.uniform(-0.2, 0.2, (_COUNT, task.n))
@@ -78,7 +82,7 @@ def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) ->
 
 
 def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generator) -> Vector:
-    """Sample test vector number k, near q (n,)."""
+    """Sample the valid test vector number k at q (n,) or, for every sixth k, farther away."""
     task = inverse.task
     if k % 6 == 5:  # further outside
         q = q + rng.normal(size=task.n)
@@ -105,9 +109,9 @@ def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generato
 
 
 def _bad(task: Task, found: Sequence[Vector]) -> dict[int, tuple[str, Any]]:
-    """Choose the invalid inputs: a dict from the number of a vector to an input's name and value.
+    """Choose invalid inputs: a dict ``{number of the vector: (name of the input, its value)}``.
 
-    In q and ẋ, the value replaces the last number.
+    In q and ẋ, the value replaces the last entry. ``found`` are the valid vectors.
     """
     bad: dict[int, tuple[str, Any]] = {
         7: ("q", np.nan),
@@ -126,11 +130,12 @@ def _bad(task: Task, found: Sequence[Vector]) -> dict[int, tuple[str, Any]]:
 
 
 def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) -> dict[str, Any]:
-    """Compute Python's results for a test vector: statuses and outputs of all functions, by name.
+    """Compute Python's results for a test vector, as a dict of statuses and outputs.
 
-    The statuses are usable, inside, velocity, step and torque. The outputs are placement, J, c,
-    qdot, q_next, tau and observer. The output of velocity, step or torque is 0 if its status is not
-    OK.
+    The statuses are ``usable`` (OK if q is finite), ``inside`` (OUTSIDE beyond the region), and
+    ``velocity``, ``step`` and ``torque`` of these functions. The outputs are ``placement``, ``J``,
+    the level ``c``, ``qdot``, ``q_next``, ``tau`` and the ``observer``'s state. The output of a
+    function whose status is not OK is 0.
     """
     task, q = inverse.task, vector.q
     # numbers that are not finite are refused by all functions
@@ -174,9 +179,9 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
 
 
 def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Array]:
-    """Evaluate the torque law: its status, τ (n,), and the observer's state (r,) after the call.
+    """Evaluate the torque law: return its status, τ (n,), and the observer's new state (r,).
 
-    The observer estimates a disturbance, such as friction; its state is 0 without one.
+    The state is 0 for a vector without an observer, the estimator of disturbances.
     """
     task, observer = inverse.task, None
     if vector.observer is not None:
@@ -191,12 +196,12 @@ def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Arr
 
 
 def _turned(placement: pin.SE3, w: Array) -> pin.SE3:
-    """Turn a placement about the base's origin by a rotation vector w (3,), rad."""
+    """Rotate a placement about the origin of the base by the rotation vector w (3,), rad."""
     return pin.SE3(pin.exp3(w), np.zeros(3)) * placement
 
 
 def _inertia(rng: np.random.Generator, n: int) -> Array:
-    """Sample a positive definite inertia matrix (n, n), which belongs to no real arm."""
+    """Sample a random positive definite matrix (n, n) as the joint-space inertia."""
     A = rng.normal(size=(n, n))
     return np.eye(n) + A @ A.T / n
 
@@ -209,9 +214,10 @@ def _gains(rng: np.random.Generator, task: Task) -> Gains:
 
 
 def targets(function: InverseFunction, count: int = 24) -> list[tuple[pin.SE3, Array]]:
-    """Sample target poses inside and outside the cell of F, each with a level c (r,).
+    """Sample ``count`` pairs (pose, level c (r,)) to test an inverse kinematic function F(x; c).
 
-    The level is the position of the elbow along the self-motion; every second level is 0.
+    The poses lie inside and just outside the cell of F. The level selects one of the
+    configurations of a pose; it is 0 in every second pair.
     """
     rng = np.random.default_rng(0)
     U = (
@@ -224,15 +230,15 @@ def targets(function: InverseFunction, count: int = 24) -> list[tuple[pin.SE3, A
     ]
 
 
-def asked(question: Any, n: int) -> tuple[int, Array]:
-    """Call a function without arguments: return the status, and its result (n,).
+def asked(function: Callable[[], Array], n: int) -> tuple[int, Array]:
+    """Call a function that takes no arguments: return the status as in C, and its result (n,).
 
-    As in C, the status is SINGULAR for a SingularityError and BAD_NUMBER for an InputError, and the
-    result is then 0.
+    The status is OK, or SINGULAR after a SingularityError, or BAD_NUMBER after an InputError. After
+    an error the result is 0.
     """
     try:
         with np.errstate(all="ignore"):  # inputs may be infinite or nan
-            return OK, question()
+            return OK, function()
     except SingularityError:
         return SINGULAR, np.zeros(n)
     except InputError:
