@@ -64,9 +64,13 @@ _JUDGED, _BATCHES, _CONFIRMED, _HELD_OUT = 3, 3, 2, 2048
 """Numbers of places at which designs of one size are compared, of such comparisons per size, and of
 designs of full accuracy per comparison; and of their held-out poses."""
 
-_REGULAR, _SURFACE, _LEAST, _ALIKE_POSES = 48, 5, 3, 0.5
-"""Number of places that are searched for a singularity; number of poses per edge of their boxes
-from which this begins, and of the poses used; and their smallest difference in u."""
+_REGULAR, _BESIDE = 48, 0.1
+"""Number of places in whose boxes a singularity is searched for; and their smallest difference, in
+largest half-widths."""
+
+_SURFACE, _LEAST, _UNLIKE = 5, 3, 0.5
+"""Numbers of poses per edge of a box at which such a search looks, and of those from which it
+begins; and the smallest difference of these, in u."""
 
 _TOOL = {
     "down": np.diag([1.0, -1.0, -1.0]),
@@ -467,10 +471,11 @@ def _regular(box: Cell, free: Grown, size: int, tried: list[int]) -> list[int]:
     """List places at which no singularity is found in the box, the farthest from one first.
 
     Singularities can meet a box between the points of its rim, which alone are tested before. They
-    are searched for at the first places with a box of ``size`` that were not ``tried``, rows of
-    ``free``.
+    are searched for at places with a box of ``size`` that were not ``tried``, rows of ``free``. The
+    first places are often all beside each other, and meet the same singularity: these are unlike.
     """
-    rows = np.setdiff1d(np.flatnonzero(free.steps >= size), tried)[:_REGULAR]
+    rows = np.setdiff1d(np.flatnonzero(free.steps >= size), tried)
+    rows = rows[unlike_rows(free.p[rows], _BESIDE * box.half_width.max(), _REGULAR)]
     ratios = [
         _least_ratio(_box_at(box, free.p[k], size / STEPS), free.Q[k]) for k in map(int, rows)
     ]
@@ -490,7 +495,7 @@ def _least_ratio(cell: Cell, q: Array) -> float:
     if ends.reached.min() < 1:
         return 0.0
     order = np.argsort(inverse_condition_number(placed(cell.task, ends.Q)[2]))
-    starts = order[unlike_rows(U[order], _ALIKE_POSES, _LEAST)]
+    starts = order[unlike_rows(U[order], _UNLIKE, _LEAST)]
     return min(most_singular(cell, U[[k]], ends.Q[[k]])[1] for k in starts)
 
 
