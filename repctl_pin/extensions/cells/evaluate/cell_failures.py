@@ -137,7 +137,7 @@ def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None
     """
     if not len(U):
         return None
-    u, ratio = _most_singular(cell, U, Q)
+    u, ratio = most_singular(cell, U, Q)
     if ratio < SINGULAR:
         what = (
             f"at {cell.where(u)} the arm is at a singularity "
@@ -148,7 +148,7 @@ def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None
     return _reason("fold", share, cell, U[0], what)
 
 
-def _most_singular(cell: Cell, U: Array, Q: Array) -> tuple[Array, float]:
+def most_singular(cell: Cell, U: Array, Q: Array) -> tuple[Array, float]:
     """Search a cell for a singularity of J near poses U (K, k), from configurations Q (K, n).
 
     The search moves one coordinate at a time, by ever smaller steps, such that σ_min / σ_max falls.

@@ -26,15 +26,16 @@ from ....model.bodies import bodies_of
 from ....model.chain_formulas import require_rotation
 from ....model.several_frames import one_frame
 from ....model.task import Task, require_task
+from ....redundancy.inverses import inverse_condition_number
 from ....strategies import Pseudoinverse
 from ....strategies.strategy import Inverse
 from ..cell_design_result import CellDesign
-from ..evaluate.cell_failures import FailureReason
-from ..evaluate.reach import STEPS, Grown, drawn, grown, rays, unlike_rows
+from ..evaluate.cell_failures import FailureReason, most_singular
+from ..evaluate.reach import SINGULAR, STEPS, Grown, drawn, grown, rays, unlike_rows
 from ..fit.cell_fit import CellFit
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import of_positions
-from ..geometry.kinematics import joined, rows_of
+from ..geometry.kinematics import joined, placed, rows_of
 from ..place.posture_search import Candidate, judged, searched
 from .approach import Approach, approach_axis, with_approach
 from .whole_table import WholeTable, middles_in_floods, whole_table
@@ -62,6 +63,14 @@ and the limit margin that designs keep where possible."""
 _JUDGED, _BATCHES, _CONFIRMED, _HELD_OUT = 3, 3, 2, 2048
 """Numbers of places at which designs of one size are compared, of such comparisons per size, and of
 designs of full accuracy per comparison; and of their held-out poses."""
+
+_REGULAR, _BESIDE = 48, 0.1
+"""Number of places in whose boxes a singularity is searched for; and their smallest difference, in
+largest half-widths."""
+
+_SURFACE, _LEAST, _UNLIKE = 5, 3, 0.5
+"""Numbers of poses per edge of a box at which such a search looks, and of those from which it
+begins; and the smallest difference of these, in u."""
 
 _TOOL = {
     "down": np.diag([1.0, -1.0, -1.0]),
@@ -427,30 +436,81 @@ def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
     rows = list(dict.fromkeys(rows))
     largest = [_largest_steps(desired, box, free, k) for k in rows]
     fit = CellFit(desired, limit_margin=_MARGIN, held_out=_HELD_OUT, seed=seed, keep=False)
-    reason = ""
+    stop: FailureReason | None = None
     for size in range(max(largest), 0, -1):
         places = [k for k, most in zip(rows, largest, strict=True) if most >= size]
-        for first in range(0, min(len(places), _BATCHES * _JUDGED), _JUDGED):
-            some = rows_of(free, places[first : first + _JUDGED])
-            best, why = _best_of(fit, box, some, size, search=first == 0)
-            reason = reason or why
-            if best is not None:
-                return _Fitting(*best, reason if size < max(largest) else "")
+        best, why = _best_place(fit, box, free, places, size)
+        if best is None and why is not None and why.cause in ("singularity", "fold"):
+            best, _ = _best_place(fit, box, free, _regular(box, free, size, places), size)
+        stop = stop or why
+        if best is not None:
+            what = stop.what if stop is not None else ""
+            return _Fitting(*best, what if size < max(largest) else "")
     return None
+
+
+def _best_place(
+    fit: CellFit, box: Cell, free: Grown, places: list[int], size: int
+) -> tuple[tuple[Cell, Candidate] | None, FailureReason | None]:
+    """Choose the best of the places, rows of ``free``, a few at a time, as :func:`_best_of` does.
+
+    The first few of which one fits decide. Return the place, or None, and the first reason for
+    failure.
+    """
+    stop: FailureReason | None = None
+    for first in range(0, min(len(places), _BATCHES * _JUDGED), _JUDGED):
+        some = rows_of(free, places[first : first + _JUDGED])
+        best, why = _best_of(fit, box, some, size, search=first == 0)
+        stop = stop or why
+        if best is not None:
+            return best, stop
+    return None, stop
+
+
+def _regular(box: Cell, free: Grown, size: int, tried: list[int]) -> list[int]:
+    """List places at which no singularity is found in the box, the farthest from one first.
+
+    Singularities can meet a box between the points of its rim, which alone are tested before. They
+    are searched for at places with a box of ``size`` that were not ``tried``, rows of ``free``. The
+    first places are often all beside each other, and meet the same singularity: these are unlike.
+    """
+    rows = np.setdiff1d(np.flatnonzero(free.steps >= size), tried)
+    rows = rows[unlike_rows(free.p[rows], _BESIDE * box.half_width.max(), _REGULAR)]
+    ratios = [
+        _least_ratio(_box_at(box, free.p[k], size / STEPS), free.Q[k]) for k in map(int, rows)
+    ]
+    return [int(rows[i]) for i in np.argsort(-np.array(ratios)) if ratios[i] > SINGULAR]
+
+
+def _least_ratio(cell: Cell, q: Array) -> float:
+    """Search a box for the smallest σ_min / σ_max of J on J⁺'s motions from its middle.
+
+    q (n,) is the configuration in the middle. The search begins at poses of a grid on the surface.
+    The result is 0 if one of them is not reached.
+    """
+    ways = np.meshgrid(*[np.linspace(-1, 1, _SURFACE)] * cell.k, indexing="ij")
+    U = np.stack(ways, axis=-1).reshape(-1, cell.k)
+    U = U[np.abs(U).max(axis=1) == 1]
+    ends = rays(Pseudoinverse(cell.task), cell, q, U, steps=8)
+    if ends.reached.min() < 1:
+        return 0.0
+    order = np.argsort(inverse_condition_number(placed(cell.task, ends.Q)[2]))
+    starts = order[unlike_rows(U[order], _UNLIKE, _LEAST)]
+    return min(most_singular(cell, U[[k]], ends.Q[[k]])[1] for k in starts)
 
 
 def _best_of(
     fit: CellFit, box: Cell, places: Grown, size: int, *, search: bool
-) -> tuple[tuple[Cell, Candidate] | None, str]:
+) -> tuple[tuple[Cell, Candidate] | None, FailureReason | None]:
     """Choose the best of some places for a box of ``size`` tenths of the requested size.
 
     Quick designs show at which place and configuration the function has the best margins and the
     lowest joint speed. With ``search``, other configurations are searched for at the first place. A
     design of full accuracy confirms that one function covers the box. Return the place, or None if
-    no such design covers the box; and the reason why the first such design failed, empty if none
+    no such design covers the box; and the reason why the first such design failed, None if none
     did.
     """
-    desired, reason = fit.desired, ""
+    desired, reason = fit.desired, None
     cells = [_box_at(box, p, size / STEPS) for p in places.p]
     tried = [
         (cell, judged(desired, cell, q[None])[0]) for cell, q in zip(cells, places.Q, strict=True)
@@ -466,7 +526,7 @@ def _best_of(
         design = fit.design(cell, own.q, guess=guess)
         if isinstance(design, CellDesign) and _worth(design) > 0:
             return (cell, own), reason
-        reason = reason or _said(design)
+        reason = reason or _main_failure(design)
     return None, reason
 
 
@@ -497,10 +557,10 @@ def _worth(design: object) -> float:
     return max(clear, 0.0) * (0.1 + inside) / (1 + 10 * design.extra_speed)
 
 
-def _said(design: CellDesign | tuple[FailureReason, ...]) -> str:
-    """Write why no function covers a box, given a failed design or reasons for failure."""
+def _main_failure(design: CellDesign | tuple[FailureReason, ...]) -> FailureReason | None:
+    """Return the reason with the largest share of a failed design, or of reasons for failure."""
     failures = design.failures if isinstance(design, CellDesign) else design
-    return max(failures, key=lambda stop: stop.share).what if failures else ""
+    return max(failures, key=lambda stop: stop.share, default=None)
 
 
 def _box_at(box: Cell, p: Array, factor: float = 1.0) -> Cell:
