@@ -68,6 +68,9 @@ _REGULAR, _BESIDE = 48, 0.1
 """Number of places in whose boxes a singularity is searched for; and their smallest difference, in
 largest half-widths."""
 
+_SINGULAR_CAUSES = ("singularity", "fold")
+"""Causes of failure for which other places are searched for."""
+
 _SURFACE, _LEAST, _UNLIKE = 5, 3, 0.5
 """Numbers of poses per edge of a box at which such a search looks, and of those from which it
 begins; and the smallest difference of these, in u."""
@@ -440,7 +443,8 @@ def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
     for size in range(max(largest), 0, -1):
         places = [k for k, most in zip(rows, largest, strict=True) if most >= size]
         best, why = _best_place(fit, box, free, places, size)
-        if best is None and why is not None and why.cause in ("singularity", "fold"):
+        # once, because the search is slow
+        if best is None and stop is None and why is not None and why.cause in _SINGULAR_CAUSES:
             best, _ = _best_place(fit, box, free, _regular(box, free, size, places), size)
         stop = stop or why
         if best is not None:
