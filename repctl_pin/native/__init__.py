@@ -167,10 +167,11 @@ SPACE = _struct(ints="k M", pointers="left right first starts")
 CELL = _struct(
     ("chain", ctypes.c_void_p),
     ("space", SPACE),
-    ints="r w terms F turning angled spun m removed turned slides",
+    ints="r w terms F turning angled spun m removed turned slides bent radial upright",
     doubles="eps tool columns",
     pointers="parent variable used fourth parts rest blur near lower upper farthest "
-    "o a d R0 D Omega angle spin way turn around twirl widths along beneath powers bases tips",
+    "o a d R0 D Omega angle spin way turn around twirl outward profile widths along beneath powers "
+    "bases tips",
 )
 """The struct Cell of cell_bounds.c."""
 

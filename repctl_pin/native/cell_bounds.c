@@ -12,6 +12,7 @@ typedef struct Cell {
   int r, w, terms, F, turning, angled, spun; /* potentials, n (1 + r), monomials of the chart, what moves the pose */
   int m, removed;                          /* coordinates of the task, and those that symmetries take out of u */
   int turned, slides;                      /* first column of R that the task controls, 3: none; base axes left free */
+  int bent, radial, upright;               /* degree of a sector's profile; its radius and height among u */
   double eps, tool, columns;               /* rounding, the tool's distance, the largest column of S */
   const int *parent, *variable, *used;     /* terms, terms, M: how many terms each derivative has */
   const int *fourth;                       /* F 4: variables of the products of degree 4 */
@@ -20,6 +21,7 @@ typedef struct Cell {
   const double *farthest;                  /* n: largest values of the joints */
   const double *o, *a, *d, *R0, *D, *Omega, *angle, *spin; /* 3, 3, 3, 3 3, 3 k, 3 k, k, k: the poses */
   const double *way, *turn, *around, *twirl; /* m 3, m 3, m, m: motion of the pose along each coordinate, see pose_models */
+  const double *outward, *profile;         /* 3, bent + 1 each: radial direction of the middle; bend and stretch */
   const double *widths, *along;            /* k: m or rad per unit of u; n removed: motion of the joints */
   const int *beneath, *powers;             /* k M, k M: derivatives of monomials, and their factors */
   const double *bases;                     /* P 3 3: rotations whose third columns are the axes */
@@ -99,6 +101,44 @@ static void left_jacobian(const Space *g, const Model *omega, const Model *z, co
   }
 }
 
+/* Coordinate a of the cell, m or rad from its middle. */
+static void coordinate_model(const Cell *s, int a, const Lanes *u, const Lanes *h, Model *out) {
+  double row[6] = {0};
+  row[a] = s->widths[a];
+  linear_model(&s->space, row, u, h, out);
+}
+
+/* Bend and stretch of a sector's radius at a height, and their derivatives by the height: sides_at in chart.c. */
+static void side_models(const Cell *s, const Model *height, Model *side, Model *slope) {
+  const Space *g = &s->space;
+  Model part;
+  for (int i = 0; i < 2; i++) {
+    const double *c = s->profile + i * (s->bent + 1);
+    constant(g, c[s->bent], side + i), constant(g, 0, slope + i);
+    for (int l = s->bent - 1; l >= 0; l--) {
+      product(g, slope + i, height, &part), add(g, &part, 1, side + i, slope + i);
+      constant(g, c[l], &part), add_product(g, side + i, height, 1, &part), copy(g, &part, side + i);
+    }
+  }
+}
+
+/* Bend a sector with one range of radius: the place p and the twists of radius y and height, before they turn with the
+   angle. The radius is the middle's + b + s y in place of the middle's + y. */
+static void bend_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p, Model (*twists)[6]) {
+  const Space *g = &s->space;
+  Model radius, height, side[2], slope[2];
+  coordinate_model(s, s->radial, u, h, &radius), coordinate_model(s, s->upright, u, h, &height);
+  side_models(s, &height, side, slope);
+  add_product(g, side + 1, &radius, 1, side), add(g, side, -1, &radius, side); /* b + s y - y */
+  add_product(g, slope + 1, &radius, 1, slope);                                /* b' + s' y */
+  for (int i = 0; i < 3; i++) {
+    double along = s->outward[i];
+    add(g, p + i, along, side, p + i);
+    copy(g, side + 1, twists[s->radial] + i), scale(g, along, twists[s->radial] + i);
+    add(g, twists[s->upright] + i, along, slope, twists[s->upright] + i);
+  }
+}
+
 /* The place of the pose and its columns, from the base; and its velocity (v, w) per metre or radian of each of the m
    coordinates of the task: a way that turns with the angle, a turn, a turn about the cell's axis, or about the tool's. */
 static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p, Model (*R)[3], Model (*twists)[6]) {
@@ -110,6 +150,7 @@ static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p,
     for (int c = 0; c < 3; c++) constant(g, s->R0[3 * i + c], &R[c][i]);
   }
   constants(g, s->d, place), add_vectors(g, p, 1, place, p);
+  if (s->bent) bend_models(s, u, h, p, twists);
   if (s->turning) { /* (c + s w^ + d w w') R0 */
     Model omega[3], z, c[4], turned[3], tilted[3], along;
     for (int i = 0; i < 3; i++) linear_model(g, s->Omega + i * g->k, u, h, omega + i);
@@ -193,7 +234,7 @@ static void twist_models(const Cell *s, Closure *f, const Model *p) {
   Model v[3], w[3], moment[3];
   for (int a = 0; a < s->m; a++) {
     Model *x = f->twists[a];
-    if (s->angled || s->around[a] != 0) {
+    if (s->angled || s->bent || s->around[a] != 0) {
       apply_models(g, f->base, x, v), copy_vector(g, v, x);
     } else combine_columns(g, f->base, s->way + 3 * a, x);
     if (moves(s->turn + 3 * a) || s->around[a] != 0 || s->twirl[a] != 0) {

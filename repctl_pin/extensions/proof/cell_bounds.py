@@ -31,11 +31,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import factorial
 
 from ...base.arguments import Array, read_only
-from ...base.errors import InputError
 from ...native import CELL, MARGINS, filled_struct, required_library
 from ..cells.chart.chart import Chart
 from ..cells.chart.monomials import Monomials
 from ..cells.geometry.cell import Cell
+from ..cells.geometry.profile import STRAIGHT
 from ..cells.geometry.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
 from .chain import FREE, Chain, chain_of, relative_rounding, tool_reach
 from .taylor import ORDER, basis, space_of
@@ -106,7 +106,6 @@ class CellProof:
     """
 
     def __init__(self, chart: Chart, slack: tuple[float, float] = SLACKS[0]) -> None:
-        require_straight(chart.cell)
         self.use(required_library("a proof"))
         cell = chart.cell
         self.chart, self.cell, self.task = chart, cell, cell.task
@@ -255,6 +254,7 @@ class CellProof:
             "spun": int(poses["spin"].any()),
             "m": self.task.m,
             "removed": poses["along"].shape[1],
+            **_bent_coordinates(self.cell),
             "turned": _TURNED.get(kind, 3),
             "slides": sum(1 << "xyz".index(axis) for axis in FREE[kind][0]),
             "tool": tool_reach(chain),
@@ -376,20 +376,13 @@ class _Polynomials:
         return np.asarray(monomials.starts[np.maximum(monomials.degree - orders + 1, 0)])
 
 
-def require_straight(cell: Cell) -> None:
-    """Raise an InputError for a sector whose range of radius depends on the height."""
-    if isinstance(cell, Sector) and cell.profile.degree:
-        raise InputError(
-            "a sector whose range of radius depends on the height has no proof yet",
-            remedy="design a sector with one range of radius, such as best_cell(…).table.straight",
-        )
-
-
 def _pose_tables(cell: Cell) -> dict[str, Array]:
     r"""Return the poses (p, R) of a cell as functions of its coordinates u, and their velocities.
 
     ``p = o + R_a(φ) (d + D u)``, ``R = R_a(φ) exp(\hat{Ω u}) R_0 R_z(ψ)``: R_a rotates about a
-    sector's axis, R_z about the tool's z axis. The angles φ and ψ are linear in u.
+    sector's axis, R_z about the tool's z axis. The angles φ and ψ are linear in u. If a sector's
+    range of radius depends on the height η, ``(b(η) + (s(η) − 1) y) e`` is added to ``D u``: see
+    :class:`Profile`. y is the radial coordinate, e the radial direction of the middle.
 
     Velocities are given along each of the m task coordinates: first the k coordinates u, then those
     that symmetries remove from u, then those of width 0.
@@ -409,6 +402,8 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     around, twirl : (m,) arrays
         ``around`` is 1 for the coordinate φ, ``twirl`` is 1 for the coordinate ψ; both are 0 for
         others.
+    outward, profile : (3,) and (2, D + 1) arrays
+        The direction e, and the coefficients of the polynomials b and s.
     widths : (k,) array
         Metres or radians per unit of u.
     along : (n, l) array
@@ -426,7 +421,26 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     tables |= {"angle": own[:, 6], "spin": own[:, 7]}
     tables |= {"way": rates[:, :3], "turn": rates[:, 3:6]}
     tables |= {"around": rates[:, 6], "twirl": rates[:, 7]}
+    sector = isinstance(cell, Sector)
+    tables["outward"] = cell.directions[0] if sector else np.zeros(3)
+    tables["profile"] = np.array(cell.profile if sector else STRAIGHT)
     return tables | {"widths": widths, "along": cell.along}
+
+
+def _bent_coordinates(cell: Cell) -> dict[str, int]:
+    """Return the degree of a sector's profile, and the indices of its radius and height in u.
+
+    The names are those of the C struct CELL. The degree is 0 without a profile; then the indices
+    have no meaning.
+    """
+    if not (isinstance(cell, Sector) and cell.profile.degree):
+        return {"bent": 0, "radial": 0, "upright": 0}
+    moved = list(cell.moved)
+    return {
+        "bent": cell.profile.degree,
+        "radial": moved.index(RADIUS),
+        "upright": moved.index(HEIGHT),
+    }
 
 
 def _coordinate_rates(cell: Cell) -> tuple[Array, Array, Array]:
