@@ -12,12 +12,12 @@ typedef struct Cell {
   int r, w, terms, F, turning, angled, spun; /* potentials, n (1 + r), monomials of the chart, what moves the pose */
   int m, removed;                          /* coordinates of the task, and those that symmetries take out of u */
   int turned, slides;                      /* first column of R that the task controls, 3: none; base axes left free */
-  int bent, radial, upright;               /* degree of a sector's profile; its radius and height among u */
+  int bent, radial, upright, levels;       /* degree of a sector's profile; its radius and height among u; sizes of d* */
   double eps, tool, columns;               /* rounding, the tool's distance, the largest column of S */
   const int *parent, *variable, *used;     /* terms, terms, M: how many terms each derivative has */
   const int *fourth;                       /* F 4: variables of the products of degree 4 */
   const double *parts, *rest, *blur;       /* M terms w, F w, w: derivatives, fourth ones, rounding */
-  const double *near, *lower, *upper;      /* n, n, n: d*, limits */
+  const double *near, *lower, *upper;      /* levels n, n, n: d*, the largest first; limits */
   const double *farthest;                  /* n: largest values of the joints */
   const double *o, *a, *d, *R0, *D, *Omega, *angle, *spin; /* 3, 3, 3, 3 3, 3 k, 3 k, k, k: the poses */
   const double *way, *turn, *around, *twirl; /* m 3, m 3, m, m: motion of the pose along each coordinate, see pose_models */
@@ -31,7 +31,7 @@ typedef struct Cell {
 typedef struct Margins {
   double *leaf, *sigma, *limit, *Q, *reach;
   double *V; /* r n (2 + k), or null: V along F, its value at the centre, its slopes, and the bound of all else */
-  int *split;
+  int *split, *level; /* coordinate to halve; index of the d* within which F is the only solution, or -1 */
 } Margins;
 
 /* ---- Taylor models of the chart, the poses and the chain ---- */
@@ -631,19 +631,39 @@ static int commutator(const Cell *s, const double *norms, const double *steps, d
   return 1;
 }
 
+/* Find the largest of the distances d* from q_ref within which F is the only solution, |F - q_0| <= Y: its index, or -1. */
+static int only_solution(const Cell *s, const Lane *at, const double *A, const double *B, const double *norms,
+                         const double *size, const double *Y) {
+  int n = s->chain->n, N = s->chain->N;
+  double R[N * N], D[N * N], F[N][N], Z[N][N], near[n], mean[n], reach[n];
+  for (int level = 0; level < s->levels; level++) {
+    for (int i = 0; i < n; i++) {
+      double d = s->near[level * n + i], away = (Y[i] + fabs(at->eta[i])) * (1 + s->eps);
+      if (!(away <= d)) return -1; /* F is beyond this d*, and beyond the smaller ones */
+      near[i] = d + fabs(at->eta[i]), reach[i] = d + away;
+      mean[i] = s->turned < 3 ? Y[i] + 0.5 * reach[i] : near[i]; /* on the straight way to another solution */
+    }
+    for (int i = 0; i < N * N; i++) R[i] = at->rest[i];
+    beside_chart(s, N, N, A, B, at->q, at->wide, near, mean, R);
+    for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i], F[i / N][i % N] = 1;
+    if (commutator(s, norms, reach, D) && enclose(N, s->eps, (double(*)[N])D, F, Z)) return level;
+  }
+  return -1;
+}
+
 /* F on one box. q_0(u) = q_ref(u) + eta(u) is the start of the way to F, eta linear on the box. */
 static void one_cell_box(const Cell *s, const Lane *at, const double *A, double C[6][6], long box,
                          const Margins *out) {
   const Chain *g = s->chain;
   int n = g->n, N = g->N, P = g->P, k = s->space.k;
   double eps = s->eps, norms[2 * N], size[N * N], R[N * N], D[N * N], Y[n], closer[n], reach[n], theta[P], eta[P];
-  double F[N][N], Z[N][N], B[n * N * N], dJ[n * 6 * N], near[n], mean[n], limit = INFINITY, square = 0, t = s->tool;
+  double F[N][N], Z[N][N], B[n * N * N], dJ[n * 6 * N], near[n], limit = INFINITY, square = 0, t = s->tool;
   slopes_at(g, at->q, dJ);
   rows_times_slopes(g, N, N, A, dJ, B);
   for (int i = 0; i < n; i++) near[i] = s->near[i] + fabs(at->eta[i]); /* |q - q_0| where |q - q_ref| <= d* */
   for (int i = 0; i < N; i++) norms[2 * i] = norm(A + i * N), norms[2 * i + 1] = norm(A + i * N + 3);
   for (int i = 0; i < N * N; i++) {
-    size[i] = 0, R[i] = at->rest[i];
+    size[i] = 0;
     for (int a = 0; a < k; a++) size[i] += fabs(at->first[a * N * N + i]);
   }
   for (int trial = 0, held = 0; !held; trial++) { /* how far the way may lead: not far, then as far as d* */
@@ -655,19 +675,8 @@ static void one_cell_box(const Cell *s, const Lane *at, const double *A, double 
     held = distance(s, at, norms, D, closer, Y);
     for (int i = 0; i < n; i++) held = held && Y[i] <= closer[i];
   }
-  for (int i = 0; i < n; i++) {
-    double away = (Y[i] + fabs(at->eta[i])) * (1 + eps);
-    if (!(away <= s->near[i])) return;
-    reach[i] = s->near[i] + away;
-    mean[i] = s->turned < 3 ? Y[i] + 0.5 * reach[i] : near[i]; /* on the straight way to another solution */
-  }
-  for (int i = 0; i < N * N; i++) R[i] = at->rest[i];
-  beside_chart(s, N, N, A, B, at->q, at->wide, near, mean, R);
-  for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i];
-  for (int i = 0; i < N; i++)
-    for (int c = 0; c < N; c++) F[i][c] = 1;
-  if (!commutator(s, norms, reach, D)) return;
-  if (!enclose(N, eps, (double(*)[N])D, F, Z)) return; /* F is the only solution within d* of q_ref */
+  out->level[box] = only_solution(s, at, A, B, norms, size, Y);
+  if (out->level[box] < 0) return;
   for (int i = 0; i < N * N; i++) R[i] = at->rest[i];
   beside_chart(s, N, N, A, B, at->q, at->wide, Y, Y, R);
   for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i];
@@ -971,7 +980,7 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
     const Closure *f = &w->closure;
     Lane lane = {f->sizes[0][l], f->sizes[1][l], f->sizes[2][l], f->trace[l], q[l], wide, step_, eta_, first_, rest_, W_, Wfirst_,
                  Wrest_, J_, J_most, K_, V, dV, V_rest, away_, rho_, off_, steep_};
-    out->split[box] = 0, out->leaf[box] = out->sigma[box] = 0, out->limit[box] = -INFINITY;
+    out->split[box] = 0, out->level[box] = -1, out->leaf[box] = out->sigma[box] = 0, out->limit[box] = -INFINITY;
     double best = -1;
     for (int a = 0; a < k; a++) {
       double cost = 0;
