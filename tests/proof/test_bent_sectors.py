@@ -1,40 +1,155 @@
-"""Sectors whose range of radius depends on the height: poses, F and V in their enclosures, proofs of
-what holds, and certificates that hold for one profile only."""
+"""Sectors whose range of radius depends on the height: the pose and its derivatives are enclosed on
+boxes of coordinates, wrong terms are noticed, and a certificate holds for one profile only."""
 
 from __future__ import annotations
 
 import ctypes
+import json
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from design_file import checksum
 from inside import cell_bounds
 from kernels import at, kernels
 from mutants import BENT
-from sectors import sector_of
+from sectors import found, sector_of
 
 import repctl_pin as rp
+from repctl_pin.extensions.cells.chart import chart
 
 SIDES: dict[str, dict[str, Any]] = {
     "a radius by height": {},
     "an axis task by height": {},
-    "position": {"radius": ([0.3, 0.0, 0.1, -0.02, 0.03], [0.5, 0.1, -0.05])},
-    "another axis": {"radius": ([0.4, 0, 0, 0, 0, 0, 0, 0, -0.1], [0.5, 0, 0.05, 0, 0, 0, 0.1])},
+    "position": {"radius": ([0.3, 0.0, 0.1, -0.02, 0.03], [0.6, 0.05, -0.05]), "height": 0.2},
+    "another axis": {
+        "radius": ([0.3, 0, 0, 0, 0, 0, 0, 0, -0.1], [0.5, 0, 0.05, 0, 0, 0, 0.1]),
+        "height": 0.2,
+    },
 }
-"""Sectors with bent sides, of degree 2 to 8, and of four kinds."""
+"""Sectors with bent sides, of degree 2 to 8, of each kind of task and around two axes."""
 
 
-def bent(name: str, *, reduced: bool = False) -> rp.Sector:
+def bent(name: str, *, reduced: bool) -> rp.Sector:
     sector = sector_of(name, **SIDES[name])
     assert sector.profile.degree > 1
     return sector.without(sector.symmetries) if reduced else sector
 
 
-class Poses:
-    """Taylor models in C of a sector's pose and its twists, on boxes of its coordinates."""
+CELLS = [(name, reduced) for name in SIDES for reduced in (False, True)]
 
-    def __init__(self, sector: rp.Sector, library: ctypes.CDLL) -> None:
-        q = np.zeros(sector.task.n)
-        chart = cell_bounds.Chart(*flat(sector, q))
-        self.cell, self.library = sector, library
-        self.problem = cell_bounds.CellProof(chart)
+
+def problem_of(cell: rp.Sector) -> cell_bounds.CellProof:
+    """The problem of a chart that is constant: only the poses of its cell matter here."""
+    U, n, r = cell.sample(32), cell.task.n, cell.task.r
+    Q, N = np.zeros((32, n)), np.tile(np.eye(n, r), (32, 1, 1))
+    return cell_bounds.CellProof(chart.Chart.fitted(cell, U, Q, N, 1))
+
+
+def models(problem: cell_bounds.CellProof, u: np.ndarray, h: np.ndarray, library: ctypes.CDLL):
+    """Models of p, of the columns of R and of the m twists on a box u ± h: (12 + 6 m, M + 1)."""
+    out = np.zeros((12 + 6 * problem.task.m, problem._space.M + 1))
+    library.poses(ctypes.byref(problem._cell), at(u), at(h), at(out))
+    return out
+
+
+def poses(cell: rp.Sector, U: np.ndarray) -> np.ndarray:
+    """The same quantities at points U (K, k), in NumPy, from the formulas of the sector."""
+    Y = cell._offset + cell.spread(U)
+    p, R = cell._placed(Y)
+    others = np.setdiff1d(np.arange(cell.task.m), [*cell.moved, *cell._removed])
+    T = cell._frame_twists(Y)[:, :, [*cell.moved, *cell._removed, *others]]
+    parts = p, np.swapaxes(R, 1, 2).reshape(-1, 9), np.swapaxes(T, 1, 2).reshape(len(U), -1)
+    return np.concatenate(parts, axis=1)
+
+
+def boxes(k: int, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes of three sizes in the cell; a third of their sides lie at its edges."""
+    rng = np.random.default_rng(seed)
+    half = np.array([0.5, 0.1, 1e-3])[np.arange(count) % 3, None] * rng.uniform(0.2, 1, (count, k))
+    Uc = rng.uniform(half - 1, 1 - half)
+    edge = rng.uniform(size=Uc.shape) < 1 / 3
+    return np.where(edge, np.sign(Uc) * (1 - half), Uc), half
+
+
+def used(cell: rp.Sector, library: ctypes.CDLL, count: int = 12, points: int = 128) -> float:
+    """The largest share of a bound by which a true value differs from the model's polynomial.
+
+    Half of the points of a box lie on its sides. The bound is widened by NumPy's own rounding.
+    """
+    problem, rng, worst = problem_of(cell), np.random.default_rng(1), 0.0
+    exponents = cell_bounds.Monomials(cell.k, cell_bounds.ORDER).exponents
+    for u, h in zip(*boxes(cell.k, count), strict=True):
+        t = rng.uniform(-1, 1, (points, cell.k))
+        side = rng.uniform(size=t.shape) < 0.5
+        t[::2] = np.where(side, np.sign(t), t)[::2]
+        found = models(problem, u, h, library)
+        values = (t[:, None] ** exponents).prod(axis=2) @ found[:, :-1].T
+        off = np.abs(poses(cell, u + h * t) - values)
+        worst = max(worst, float((off / (found[:, -1] + 4e-15)).max()))
+    return worst
+
+
+@pytest.mark.parametrize(("name", "reduced"), CELLS)
+def test_poses_and_their_derivatives_stay_in_their_enclosures(name: str, reduced: bool) -> None:
+    """Law: 12,288 points in boxes of eight sectors."""
+    assert used(bent(name, reduced=reduced), kernels()) <= 1
+
+
+def test_the_enclosures_of_poses_are_not_wasteful() -> None:
+    """In a reduced sector, all that is left out is a product of degree 4 or more of y and η."""
+    assert max(used(bent(name, reduced=True), kernels()) for name in SIDES) > 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mutant", BENT)
+def test_a_wrong_enclosure_of_a_pose_is_noticed(mutant: str) -> None:
+    library = kernels(*BENT[mutant])
+    assert max(used(bent(name, reduced=reduced), library) for name, reduced in CELLS) > 1
+
+
+def test_the_distances_from_the_chart_are_nested() -> None:
+    """F in the smaller of two is in the larger one: two boxes that meet have the same F."""
+    problem = cell_bounds.CellProof(found("an axis task by height").function.chart)
+    assert (np.diff(problem.distances, axis=0) < 0).all() and (problem.distances > 0).all()
+    Uc = np.zeros((1, problem.cell.k))
+    bounds = problem.bounds(Uc, Uc + 1e-3)
+    assert bounds.level[0] == 0 and bounds.leaf_margin[0] > 0
+    problem.distances = np.array([[3.0] * problem.task.n, problem.distances[0].tolist()])
+    problem.see_from(problem.chain)
+    again = problem.bounds(Uc, Uc + 1e-3)
+    assert again.level[0] == 1 and again.leaf_margin[0] > 0
+    problem.distances = problem.distances[:1]
+    problem.see_from(problem.chain)
+    none = problem.bounds(Uc, Uc + 1e-3)
+    assert none.level[0] == -1 and none.leaf_margin[0] == 0
+
+
+def test_a_certificate_holds_for_one_profile_only(tmp_path: Path) -> None:
+    """A changed coefficient of the profile in cell.json drops the certificate with one line."""
+    design = found("an axis task by height")
+    proof = rp.prove(design, margin=0.1, limit_margin=-1.0)
+    assert proof, proof.reason
+    file = rp.save(replace(design, proof=proof), tmp_path / "cell.json")
+    again = rp.load(file)
+    assert repr(again.proof) == repr(proof) and again.subject == design.subject
+    text = json.loads(file.read_text("utf-8"))
+    profile = next(part["profile"] for part in walk(text) if "profile" in part)
+    for row in (0, 1):
+        profile[row][1] += 1e-9
+        text["checksum"] = checksum(text)
+        file.write_text(json.dumps(text), encoding="utf-8")
+        with pytest.warns(UserWarning, match="certificate") as told:
+            dropped = rp.load(file)
+        assert dropped.proof is None and len(told) == 1 and "\n" not in str(told[0].message)
+        profile[row][1] -= 1e-9
+
+
+def walk(part: Any) -> Any:
+    """Yield all objects in a JSON text."""
+    if isinstance(part, dict):
+        yield part
+    for each in part.values() if isinstance(part, dict) else part if isinstance(part, list) else ():
+        yield from walk(each)
