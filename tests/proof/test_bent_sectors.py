@@ -112,7 +112,7 @@ def test_a_wrong_enclosure_of_a_pose_is_noticed(mutant: str) -> None:
 
 def test_the_distances_from_the_chart_are_nested() -> None:
     """F in the smaller of two is in the larger one: two boxes that meet have the same F."""
-    problem = cell_bounds.CellProof(found("an axis task by height").function.chart)
+    problem = cell_bounds.CellProof(found("one orientation by height").function.chart)
     assert (np.diff(problem.distances, axis=0) < 0).all() and (problem.distances > 0).all()
     Uc = np.zeros((1, problem.cell.k))
     bounds = problem.bounds(Uc, Uc + 1e-3)
@@ -129,7 +129,7 @@ def test_the_distances_from_the_chart_are_nested() -> None:
 
 def test_a_certificate_holds_for_one_profile_only(tmp_path: Path) -> None:
     """A changed coefficient of the profile in cell.json drops the certificate with one line."""
-    design = found("an axis task by height")
+    design = found("one orientation by height")
     proof = rp.prove(design, margin=0.1, limit_margin=-1.0)
     assert proof, proof.reason
     file = rp.save(replace(design, proof=proof), tmp_path / "cell.json")

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 import sectors
 from arms import spatial_task
-from inside import cell_bounds, cell_search, margins
+from inside import cell_bounds, margins
 
 import repctl_pin as rp
 
