@@ -292,7 +292,11 @@ _CELL = "cell_bounds.c"
 BENT = {
     "no bend": (_CELL, "add(g, p + i, along, side, p + i);", ";"),
     "the radius twice": (_CELL, ", add(g, side, -1, &radius, side);", ";"),
-    "no stretch": (_CELL, "add_product(g, side + 1, &radius, 1, side),", "add(g, side, 1, &radius, side),"),
+    "no stretch": (
+        _CELL,
+        "add_product(g, side + 1, &radius, 1, side),",
+        "add(g, side, 1, &radius, side),",
+    ),
     "the twist of the radius not stretched": (
         _CELL,
         "copy(g, side + 1, twists[s->radial] + i),",
@@ -304,8 +308,16 @@ BENT = {
         ";",
     ),
     "no slope of the stretch": (_CELL, "add_product(g, slope + 1, &radius, 1, slope);", ";"),
-    "slopes without the sides": (_CELL, "add(g, &part, 1, side + i, slope + i);", "copy(g, &part, slope + i);"),
-    "the stretch for the bend": (_CELL, "s->profile + i * (s->bent + 1)", "s->profile + (s->bent + 1)"),
+    "slopes without the sides": (
+        _CELL,
+        "add(g, &part, 1, side + i, slope + i);",
+        "copy(g, &part, slope + i);",
+    ),
+    "the stretch for the bend": (
+        _CELL,
+        "s->profile + i * (s->bent + 1)",
+        "s->profile + (s->bent + 1)",
+    ),
     "one degree less": (_CELL, "constant(g, c[s->bent], side + i)", "constant(g, 0, side + i)"),
     "half of the rest of the sides": (
         _CELL,

@@ -402,9 +402,7 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     return _Asked(cell, posture, "searched for the cell", False, notes)
 
 
-def _whole_table(
-    table: WholeTable, prove: bool, report: Report
-) -> tuple[rp.CellDesign, list[str]]:
+def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.CellDesign, list[str]]:
     """Choose the function over a whole table, with the notes on its sector.
 
     With ``prove``, a function over a sector whose range of radius depends on the height is returned

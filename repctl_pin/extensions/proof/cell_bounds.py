@@ -143,9 +143,7 @@ class CellProof:
 
         ``level`` is the largest index of the distances d* that were used.
         """
-        first, last = (
-            ", ".join(f"{v:.2g}" for v in self.distances[index]) for index in (0, level)
-        )
+        first, last = (", ".join(f"{v:.2g}" for v in self.distances[index]) for index in (0, level))
         return f"within ({first}) of q_ref" + (f", on some boxes within ({last})" if level else "")
 
     def use(self, native: ctypes.CDLL) -> None:
