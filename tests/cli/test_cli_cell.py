@@ -445,5 +445,5 @@ def test_a_sector_whose_radius_depends_on_the_height_is_taken_if_it_is_proved(
     notes = [note for note in said["notes"] if note.startswith("--prove")]
     assert len(notes) == (0 if provable else 1)
     for note in notes:
-        assert "\n" not in note and note.count(":") == 2 and note.count("; ") == 1
-        assert "the limit margin there is" in note and note.endswith("omit --prove for that sector")
+        assert "\n" not in note and note.count(":") == note.count(";") == 1
+        assert "(the limit margin there is" in note and note.endswith("; omit --prove to have it")

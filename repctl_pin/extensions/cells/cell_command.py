@@ -416,9 +416,9 @@ def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.Cel
             table = table._replace(design=replace(table.design, proof=proof))
         else:
             notes.append(
-                "--prove: this function is for the largest sector with one range of radius: no "
-                f"proof of the sector of {table.area:.2g} m² whose range depends on the height "
-                f"({proof.reason}); omit --prove for that sector"
+                "--prove took the largest sector with one range of radius: the one of "
+                f"{table.area:.2g} m², whose range depends on the height, was not proved "
+                f"({proof.reason}); omit --prove to have it"
             )
             # the locked joints were compared with the sector that was not proved
             table = table._replace(design=table.straight, locked=None, larger=None)

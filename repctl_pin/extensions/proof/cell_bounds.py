@@ -139,9 +139,9 @@ class CellProof:
         return np.asarray(self.distances[0])
 
     def within(self, level: int) -> str:
-        """Write within which distance of q_ref F is the only solution; ``level`` is the smallest.
+        """Write within which distance d* of q_ref F is the only solution.
 
-        ``level`` is the largest index of the distances d* that were used.
+        ``level`` is the index of the smallest d* that a box needed.
         """
         first, last = (", ".join(f"{v:.2g}" for v in self.distances[index]) for index in (0, level))
         return f"within ({first}) of q_ref" + (f", on some boxes within ({last})" if level else "")

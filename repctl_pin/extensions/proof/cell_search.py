@@ -53,8 +53,8 @@ def bound_cell(
     Returns
     -------
     Proof
-        The proof; its description only says within which distance of q_ref F is unique. If the search stopped before its goal, the bounds are
-        0 and −inf.
+        The proof; its description only says within which distance of q_ref F is unique. If the
+        search stopped before its goal, the bounds are 0 and −inf.
     """
     end = thread_time() + seconds
     search = _CellSearch(problem, max(leaf, 0.0), limit)
@@ -74,8 +74,8 @@ class _CellSearch:
     coordinates u. ``margins`` are the smallest proved leaf margin, σ_min(J) and limit margin.
     ``at`` is the box with the smallest leaf margin, or the box at which the search stopped: its
     centre and half-widths. ``level`` is the index of the smallest distance d* from q_ref within
-    which F is the only solution on a box. ``reason`` says why the search stopped; it is empty while the search
-    runs.
+    which F is the only solution on a box. ``reason`` says why the search stopped; it is empty while
+    the search runs.
     """
 
     def __init__(self, problem: CellProof, leaf: float, limit: float) -> None:
