@@ -9,7 +9,7 @@ from html import unescape
 from itertools import product
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -22,7 +22,6 @@ from page_file import read
 from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.table.whole_table import WholeTable
 
 
 def cell_of(made: Path) -> list[str]:
@@ -411,6 +410,16 @@ def test_the_tour_keeps_the_speed_limits(tmp_path: Path, capsys) -> None:
         assert 0.05 < fastest < 0.1  # the limit
 
 
+class Table(NamedTuple):
+    """What the command reads of a whole table."""
+
+    design: rp.CellDesign
+    straight: rp.CellDesign
+    locked: None = None
+    larger: None = None
+    area: float = 0.37
+
+
 @NEEDS_C
 @pytest.mark.parametrize("provable", [True, False])
 def test_a_sector_whose_radius_depends_on_the_height_is_taken_if_it_is_proved(
@@ -423,9 +432,7 @@ def test_a_sector_whose_radius_depends_on_the_height_is_taken_if_it_is_proved(
 ) -> None:
     """Else the one with one range of radius is, with the cause and the remedy in one line."""
     shaped, straight = map(sectors.found, ("one orientation by height", "one orientation"))
-    grid = np.ones((1, 1, 1), bool)
-    table = WholeTable(shaped, straight, None, None, 1.0, 1.0, 1.0, [grid[0]], None)
-    place = SimpleNamespace(table=table, approach=None)
+    place = SimpleNamespace(table=Table(shaped, straight), approach=None)
     prove, asked = rp.prove, []
 
     def proved(design: rp.CellDesign, **how: Any) -> rp.Proof:

@@ -453,9 +453,9 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     tables |= {"angle": own[:, 6], "spin": own[:, 7]}
     tables |= {"way": rates[:, :3], "turn": rates[:, 3:6]}
     tables |= {"around": rates[:, 6], "twirl": rates[:, 7]}
-    sector = isinstance(cell, Sector)
-    tables["outward"] = cell.directions[0] if sector else np.zeros(3)
-    tables["profile"] = np.array(cell.profile if sector else STRAIGHT)
+    tables |= {"outward": np.zeros(3), "profile": np.array(STRAIGHT)}
+    if isinstance(cell, Sector):
+        tables |= {"outward": cell.directions[0], "profile": np.array(cell.profile)}
     return tables | {"widths": widths, "along": cell.along}
 
 
