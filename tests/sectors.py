@@ -40,6 +40,7 @@ WIDTHS: dict[str, dict[str, Any]] = {
         "half_angle": 0.2,
         "angle": 1.0,
     },
+    "one orientation by height": {"radius": ([0.4, 0.0, 0.04], [0.5, -0.02]), "height": 0.08},
     "another axis": {"height": 0.05, "angle": 0.5, "axis": [[0, 0.05, 0], [0.1, 0.2, 2.0]]},
 }
 

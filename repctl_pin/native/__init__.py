@@ -171,14 +171,15 @@ SPACE = _struct(ints="k M", pointers="left right first starts")
 CELL = _struct(
     ("chain", ctypes.c_void_p),
     ("space", SPACE),
-    ints="r w terms F turning angled spun m removed turned slides",
+    ints="r w terms F turning angled spun m removed turned slides bent radial upright levels",
     doubles="eps tool columns",
     pointers="parent variable used fourth parts rest blur near lower upper farthest "
-    "o a d R0 D Omega angle spin way turn around twirl widths along beneath powers bases tips",
+    "o a d R0 D Omega angle spin way turn around twirl outward profile widths along beneath powers "
+    "bases tips",
 )
 """The struct Cell of cell_bounds.c."""
 
-MARGINS = _struct(pointers="leaf sigma limit Q reach V split")
+MARGINS = _struct(pointers="leaf sigma limit Q reach V split level")
 """The struct Margins of cell_bounds.c."""
 
 BODY_TABLES = _struct(

@@ -12,14 +12,16 @@ typedef struct Cell {
   int r, w, terms, F, turning, angled, spun; /* potentials, n (1 + r), monomials of the chart, what moves the pose */
   int m, removed;                          /* coordinates of the task, and those that symmetries take out of u */
   int turned, slides;                      /* first column of R that the task controls, 3: none; base axes left free */
+  int bent, radial, upright, levels;       /* degree of a sector's profile; its radius and height among u; sizes of d* */
   double eps, tool, columns;               /* rounding, the tool's distance, the largest column of S */
   const int *parent, *variable, *used;     /* terms, terms, M: how many terms each derivative has */
   const int *fourth;                       /* F 4: variables of the products of degree 4 */
   const double *parts, *rest, *blur;       /* M terms w, F w, w: derivatives, fourth ones, rounding */
-  const double *near, *lower, *upper;      /* n, n, n: d*, limits */
+  const double *near, *lower, *upper;      /* levels n, n, n: d*, the largest first; limits */
   const double *farthest;                  /* n: largest values of the joints */
   const double *o, *a, *d, *R0, *D, *Omega, *angle, *spin; /* 3, 3, 3, 3 3, 3 k, 3 k, k, k: the poses */
   const double *way, *turn, *around, *twirl; /* m 3, m 3, m, m: motion of the pose along each coordinate, see pose_models */
+  const double *outward, *profile;         /* 3, bent + 1 each: radial direction of the middle; bend and stretch */
   const double *widths, *along;            /* k: m or rad per unit of u; n removed: motion of the joints */
   const int *beneath, *powers;             /* k M, k M: derivatives of monomials, and their factors */
   const double *bases;                     /* P 3 3: rotations whose third columns are the axes */
@@ -29,7 +31,7 @@ typedef struct Cell {
 typedef struct Margins {
   double *leaf, *sigma, *limit, *Q, *reach;
   double *V; /* r n (2 + k), or null: V along F, its value at the centre, its slopes, and the bound of all else */
-  int *split;
+  int *split, *level; /* coordinate to halve; index of the d* within which F is the only solution, or -1 */
 } Margins;
 
 /* ---- Taylor models of the chart, the poses and the chain ---- */
@@ -99,6 +101,44 @@ static void left_jacobian(const Space *g, const Model *omega, const Model *z, co
   }
 }
 
+/* Coordinate a of the cell, m or rad from its middle. */
+static void coordinate_model(const Cell *s, int a, const Lanes *u, const Lanes *h, Model *out) {
+  double row[6] = {0};
+  row[a] = s->widths[a];
+  linear_model(&s->space, row, u, h, out);
+}
+
+/* Bend and stretch of a sector's radius at a height, and their derivatives by the height: sides_at in chart.c. */
+static void side_models(const Cell *s, const Model *height, Model *side, Model *slope) {
+  const Space *g = &s->space;
+  Model part;
+  for (int i = 0; i < 2; i++) {
+    const double *c = s->profile + i * (s->bent + 1);
+    constant(g, c[s->bent], side + i), constant(g, 0, slope + i);
+    for (int l = s->bent - 1; l >= 0; l--) {
+      product(g, slope + i, height, &part), add(g, &part, 1, side + i, slope + i);
+      constant(g, c[l], &part), add_product(g, side + i, height, 1, &part), copy(g, &part, side + i);
+    }
+  }
+}
+
+/* Bend a sector with one range of radius: the place p and the twists of radius y and height, before they turn with the
+   angle. The radius is the middle's + b + s y in place of the middle's + y. */
+static void bend_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p, Model (*twists)[6]) {
+  const Space *g = &s->space;
+  Model radius, height, side[2], slope[2];
+  coordinate_model(s, s->radial, u, h, &radius), coordinate_model(s, s->upright, u, h, &height);
+  side_models(s, &height, side, slope);
+  add_product(g, side + 1, &radius, 1, side), add(g, side, -1, &radius, side); /* b + s y - y */
+  add_product(g, slope + 1, &radius, 1, slope);                                /* b' + s' y */
+  for (int i = 0; i < 3; i++) {
+    double along = s->outward[i];
+    add(g, p + i, along, side, p + i);
+    copy(g, side + 1, twists[s->radial] + i), scale(g, along, twists[s->radial] + i);
+    add(g, twists[s->upright] + i, along, slope, twists[s->upright] + i);
+  }
+}
+
 /* The place of the pose and its columns, from the base; and its velocity (v, w) per metre or radian of each of the m
    coordinates of the task: a way that turns with the angle, a turn, a turn about the cell's axis, or about the tool's. */
 static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p, Model (*R)[3], Model (*twists)[6]) {
@@ -110,6 +150,7 @@ static void pose_models(const Cell *s, const Lanes *u, const Lanes *h, Model *p,
     for (int c = 0; c < 3; c++) constant(g, s->R0[3 * i + c], &R[c][i]);
   }
   constants(g, s->d, place), add_vectors(g, p, 1, place, p);
+  if (s->bent) bend_models(s, u, h, p, twists);
   if (s->turning) { /* (c + s w^ + d w w') R0 */
     Model omega[3], z, c[4], turned[3], tilted[3], along;
     for (int i = 0; i < 3; i++) linear_model(g, s->Omega + i * g->k, u, h, omega + i);
@@ -193,7 +234,7 @@ static void twist_models(const Cell *s, Closure *f, const Model *p) {
   Model v[3], w[3], moment[3];
   for (int a = 0; a < s->m; a++) {
     Model *x = f->twists[a];
-    if (s->angled || s->around[a] != 0) {
+    if (s->angled || s->bent || s->around[a] != 0) {
       apply_models(g, f->base, x, v), copy_vector(g, v, x);
     } else combine_columns(g, f->base, s->way + 3 * a, x);
     if (moves(s->turn + 3 * a) || s->around[a] != 0 || s->twirl[a] != 0) {
@@ -590,19 +631,39 @@ static int commutator(const Cell *s, const double *norms, const double *steps, d
   return 1;
 }
 
+/* Find the largest of the distances d* from q_ref within which F is the only solution, |F - q_0| <= Y: its index, or -1. */
+static int only_solution(const Cell *s, const Lane *at, const double *A, const double *B, const double *norms,
+                         const double *size, const double *Y) {
+  int n = s->chain->n, N = s->chain->N;
+  double R[N * N], D[N * N], F[N][N], Z[N][N], near[n], mean[n], reach[n];
+  for (int level = 0; level < s->levels; level++) {
+    for (int i = 0; i < n; i++) {
+      double d = s->near[level * n + i], away = (Y[i] + fabs(at->eta[i])) * (1 + s->eps);
+      if (!(away <= d)) return -1; /* F is beyond this d*, and beyond the smaller ones */
+      near[i] = d + fabs(at->eta[i]), reach[i] = d + away;
+      mean[i] = s->turned < 3 ? Y[i] + 0.5 * reach[i] : near[i]; /* on the straight way to another solution */
+    }
+    for (int i = 0; i < N * N; i++) R[i] = at->rest[i];
+    beside_chart(s, N, N, A, B, at->q, at->wide, near, mean, R);
+    for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i], F[i / N][i % N] = 1;
+    if (commutator(s, norms, reach, D) && enclose(N, s->eps, (double(*)[N])D, F, Z)) return level;
+  }
+  return -1;
+}
+
 /* F on one box. q_0(u) = q_ref(u) + eta(u) is the start of the way to F, eta linear on the box. */
 static void one_cell_box(const Cell *s, const Lane *at, const double *A, double C[6][6], long box,
                          const Margins *out) {
   const Chain *g = s->chain;
   int n = g->n, N = g->N, P = g->P, k = s->space.k;
   double eps = s->eps, norms[2 * N], size[N * N], R[N * N], D[N * N], Y[n], closer[n], reach[n], theta[P], eta[P];
-  double F[N][N], Z[N][N], B[n * N * N], dJ[n * 6 * N], near[n], mean[n], limit = INFINITY, square = 0, t = s->tool;
+  double F[N][N], Z[N][N], B[n * N * N], dJ[n * 6 * N], near[n], limit = INFINITY, square = 0, t = s->tool;
   slopes_at(g, at->q, dJ);
   rows_times_slopes(g, N, N, A, dJ, B);
   for (int i = 0; i < n; i++) near[i] = s->near[i] + fabs(at->eta[i]); /* |q - q_0| where |q - q_ref| <= d* */
   for (int i = 0; i < N; i++) norms[2 * i] = norm(A + i * N), norms[2 * i + 1] = norm(A + i * N + 3);
   for (int i = 0; i < N * N; i++) {
-    size[i] = 0, R[i] = at->rest[i];
+    size[i] = 0;
     for (int a = 0; a < k; a++) size[i] += fabs(at->first[a * N * N + i]);
   }
   for (int trial = 0, held = 0; !held; trial++) { /* how far the way may lead: not far, then as far as d* */
@@ -614,19 +675,8 @@ static void one_cell_box(const Cell *s, const Lane *at, const double *A, double 
     held = distance(s, at, norms, D, closer, Y);
     for (int i = 0; i < n; i++) held = held && Y[i] <= closer[i];
   }
-  for (int i = 0; i < n; i++) {
-    double away = (Y[i] + fabs(at->eta[i])) * (1 + eps);
-    if (!(away <= s->near[i])) return;
-    reach[i] = s->near[i] + away;
-    mean[i] = s->turned < 3 ? Y[i] + 0.5 * reach[i] : near[i]; /* on the straight way to another solution */
-  }
-  for (int i = 0; i < N * N; i++) R[i] = at->rest[i];
-  beside_chart(s, N, N, A, B, at->q, at->wide, near, mean, R);
-  for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i];
-  for (int i = 0; i < N; i++)
-    for (int c = 0; c < N; c++) F[i][c] = 1;
-  if (!commutator(s, norms, reach, D)) return;
-  if (!enclose(N, eps, (double(*)[N])D, F, Z)) return; /* F is the only solution within d* of q_ref */
+  out->level[box] = only_solution(s, at, A, B, norms, size, Y);
+  if (out->level[box] < 0) return;
   for (int i = 0; i < N * N; i++) R[i] = at->rest[i];
   beside_chart(s, N, N, A, B, at->q, at->wide, Y, Y, R);
   for (int i = 0; i < N * N; i++) D[i] = size[i] + R[i];
@@ -930,7 +980,7 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
     const Closure *f = &w->closure;
     Lane lane = {f->sizes[0][l], f->sizes[1][l], f->sizes[2][l], f->trace[l], q[l], wide, step_, eta_, first_, rest_, W_, Wfirst_,
                  Wrest_, J_, J_most, K_, V, dV, V_rest, away_, rho_, off_, steep_};
-    out->split[box] = 0, out->leaf[box] = out->sigma[box] = 0, out->limit[box] = -INFINITY;
+    out->split[box] = 0, out->level[box] = -1, out->leaf[box] = out->sigma[box] = 0, out->limit[box] = -INFINITY;
     double best = -1;
     for (int a = 0; a < k; a++) {
       double cost = 0;

@@ -8,13 +8,16 @@ from decimal import ROUND_FLOOR, Decimal
 from html import unescape
 from itertools import product
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+import sectors
 from arms import planar_urdf, upright_urdf
 from browser import asleep, errors, schemes, wait_until_drawn
 from commands import main
+from controls import NEEDS_C
 from page_file import read
 from scipy.spatial.transform import Rotation
 
@@ -405,3 +408,49 @@ def test_the_tour_keeps_the_speed_limits(tmp_path: Path, capsys) -> None:
         rates = [(R[1:] * R[:-1].inv()).as_rotvec()[:, 2] / step for R in turned]
         fastest = np.abs(np.diff(rates, axis=0, prepend=0)).max()
         assert 0.05 < fastest < 0.1  # the limit
+
+
+class Table(NamedTuple):
+    """What the command reads of a whole table."""
+
+    design: rp.CellDesign
+    straight: rp.CellDesign
+    locked: None = None
+    larger: None = None
+    area: float = 0.37
+
+
+@NEEDS_C
+@pytest.mark.parametrize("provable", [True, False])
+def test_a_sector_whose_radius_depends_on_the_height_is_taken_if_it_is_proved(
+    provable: bool,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    blank_pictures: None,
+    no_tours: None,
+) -> None:
+    """Else the one with one range of radius is, with the cause and the remedy in one line."""
+    shaped, straight = map(sectors.found, ("one orientation by height", "one orientation"))
+    place = SimpleNamespace(table=Table(shaped, straight), approach=None)
+    prove, asked = rp.prove, []
+
+    def proved(design: rp.CellDesign, **how: Any) -> rp.Proof:
+        asked.append(design)
+        limit = -1.0 if provable or design is straight else 9.0
+        return prove(design, margin=0.0, limit_margin=limit)
+
+    monkeypatch.setattr(rp, "best_cell", lambda *_, **__: place)
+    monkeypatch.setattr(rp, "prove", proved)
+    words = ["cell", "panda", "--down", "--prove", "--json", "--out", str(tmp_path)]
+    assert main(words) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert asked == ([shaped] if provable else [shaped, straight])
+    assert said["proof"]["proved"]
+    design = rp.load(tmp_path / "cell.json")
+    assert design.proof and design.subject == (shaped if provable else straight).subject
+    notes = [note for note in said["notes"] if note.startswith("--prove")]
+    assert len(notes) == (0 if provable else 1)
+    for note in notes:
+        assert "\n" not in note and note.count(":") == note.count(";") == 1
+        assert "(the limit margin there is" in note and note.endswith("; omit --prove to have it")

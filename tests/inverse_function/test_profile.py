@@ -142,13 +142,6 @@ def test_a_file_keeps_the_profile(tmp_path: Path) -> None:
     assert '"profile"' not in rp.save(found("pose"), tmp_path / "other.json").read_text("utf-8")
 
 
-@NEEDS_C
-def test_a_proof_is_refused_in_one_line() -> None:
-    with pytest.raises(rp.InputError, match="has no proof yet; design a sector with one") as error:
-        rp.prove(found("an axis task by height"))
-    assert "\n" not in str(error.value)
-
-
 @pytest.mark.parametrize(
     ("radius", "reason"),
     [

@@ -289,6 +289,54 @@ INVERSE_C = {
 
 _CELL = "cell_bounds.c"
 
+BENT = {
+    "no bend": (_CELL, "add(g, p + i, along, side, p + i);", ";"),
+    "the radius twice": (_CELL, ", add(g, side, -1, &radius, side);", ";"),
+    "no stretch": (
+        _CELL,
+        "add_product(g, side + 1, &radius, 1, side),",
+        "add(g, side, 1, &radius, side),",
+    ),
+    "the twist of the radius not stretched": (
+        _CELL,
+        "copy(g, side + 1, twists[s->radial] + i),",
+        "constant(g, 1, twists[s->radial] + i),",
+    ),
+    "the height moves straight": (
+        _CELL,
+        "add(g, twists[s->upright] + i, along, slope, twists[s->upright] + i);",
+        ";",
+    ),
+    "no slope of the stretch": (_CELL, "add_product(g, slope + 1, &radius, 1, slope);", ";"),
+    "slopes without the sides": (
+        _CELL,
+        "add(g, &part, 1, side + i, slope + i);",
+        "copy(g, &part, slope + i);",
+    ),
+    "the stretch for the bend": (
+        _CELL,
+        "s->profile + i * (s->bent + 1)",
+        "s->profile + (s->bent + 1)",
+    ),
+    "one degree less": (_CELL, "constant(g, c[s->bent], side + i)", "constant(g, 0, side + i)"),
+    "half of the rest of the sides": (
+        _CELL,
+        "add_product(g, side + i, height, 1, &part), copy",
+        "add_product(g, side + i, height, 1, &part), part.r *= 0.5, copy",
+    ),
+    "no rest of y s": (
+        _CELL,
+        "add_product(g, side + 1, &radius, 1, side),",
+        "add_product(g, side + 1, &radius, 1, side), side->r = all(0),",
+    ),
+    "half of the rest of the slopes": (
+        _CELL,
+        "add_product(g, slope + 1, &radius, 1, slope);",
+        "add_product(g, slope + 1, &radius, 1, slope), slope->r *= 0.5;",
+    ),
+}
+"""What is wrong with the poses of a sector whose range of radius depends on the height."""
+
 CELL_V = {
     "no slopes of the normals": (_CELL, "* n + i] * Y[i];", "* n + i] * 0;"),
     "half of these": (_CELL, "* n + i] * Y[i];", "* n + i] * 0.5 * Y[i];"),

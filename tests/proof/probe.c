@@ -1,5 +1,5 @@
-/* Doors for tests to what is static in the kernels of proofs: one operation on Taylor models of one box, and the bound of
-   two solutions. */
+/* Doors for tests to what is static in the kernels of proofs: one operation on Taylor models of one box, the bound of
+   two solutions, and the models of a cell's poses. */
 
 #include "cell_bounds.c"
 
@@ -30,4 +30,20 @@ EXPORT void operate(const Space *g, int what, double s, const double *x, const d
 
 EXPORT int two_solutions(const Cell *s, const double *norms, const double *steps, double *D) {
   return commutator(s, norms, steps, D);
+}
+
+/* The pose on one box u +- h, (k,) each: p, the columns of R, and the m twists, of M coefficients and a bound each. */
+EXPORT void poses(const Cell *s, const double *u, const double *h, double *out) {
+  const Space *g = &s->space;
+  Lanes at[6], half[6];
+  Model p[3], R[3][3], twists[6][6];
+  const Model *parts[3] = {p, R[0], twists[0]};
+  const int counts[3] = {3, 9, 6 * s->m};
+  for (int a = 0; a < g->k; a++) at[a] = all(u[a]), half[a] = all(h[a]);
+  pose_models(s, at, half, p, R, twists);
+  for (int part = 0; part < 3; part++)
+    for (int i = 0; i < counts[part]; i++) {
+      for (int m = 0; m < g->M; m++) *out++ = parts[part][i].p[m][0];
+      *out++ = parts[part][i].r[0];
+    }
 }

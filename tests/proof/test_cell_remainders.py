@@ -234,6 +234,6 @@ def test_nothing_is_proved_with_a_wrong_distance_from_the_chart(chart: Any) -> N
     problem = cell_bounds.CellProof(replace(chart, coefficients=C))
     assert (problem.bounds(Uc, half).leaf_margin > 0).all()
     for near in (1e-9, 0.3):
-        problem.near = np.full(7, near)
+        problem.distances = np.full((1, 7), near)
         problem.see_from(problem.chain)
         assert (problem.bounds(Uc, half).leaf_margin == 0).all()

@@ -6,7 +6,7 @@ for each of its poses.
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -101,7 +101,8 @@ def add_options(parser: Parser) -> None:
     add(
         "--prove",
         action="store_true",
-        help="prove bounds of the margins over the whole cell, for at most a minute",
+        help="prove bounds of the margins over the whole cell, for at most a minute per sector or "
+        "box that is tried",
     )
     add("--json", action="store_true", help="print JSON instead of the table")
     add("--quiet", action="store_true", help="print only errors, and the JSON of --json")
@@ -212,7 +213,8 @@ def run(options: Options) -> int:
         error.remedy = _remedy(error, asked)
         raise
     # the proof, and the files: all or none
-    design = proved(design, say) if options.prove else design
+    if options.prove and design.proof is None:
+        design = proved(design, say)
     say("drawing")
     with written_together(folder) as staged:
         pictures, notes = _pictures(design, staged, options.command_line)
@@ -383,7 +385,7 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         **more,
     )
     if place.table is not None:
-        design, said = _whole_table(place.table, options.prove)
+        design, said = _whole_table(place.table, options.prove, report)
         notes = (*said, *_approach_note(place))
         return _Asked(design.cell, None, "searched for the sector", False, notes, design)
     cell = place.cell
@@ -400,20 +402,26 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     return _Asked(cell, posture, "searched for the cell", False, notes)
 
 
-def _whole_table(table: WholeTable, prove: bool) -> tuple[rp.CellDesign, list[str]]:
+def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.CellDesign, list[str]]:
     """Choose the function over a whole table, with the notes on its sector.
 
-    A range of radius that depends on the height cannot be proved: with ``prove``, the function is
-    the one over the largest sector with one range.
+    With ``prove``, a function over a sector whose range of radius depends on the height is returned
+    with its certificate. If it cannot be proved, the function over the largest sector with one
+    range is returned, without a certificate yet.
     """
     notes = []
     if prove and table.straight is not table.design:
-        notes.append(
-            "--prove: this function is for the largest sector with one range of radius; one of "
-            f"{table.area:.2g} m², whose range depends on the height, cannot be proved"
-        )
-        # the locked joints were compared with the sector that cannot be proved
-        table = table._replace(design=table.straight, locked=None, larger=None)
+        proof = rp.prove(table.design, progress=report)
+        if proof:
+            table = table._replace(design=replace(table.design, proof=proof))
+        else:
+            notes.append(
+                "--prove took the largest sector with one range of radius: the one of "
+                f"{table.area:.2g} m², whose range depends on the height, was not proved "
+                f"({proof.reason}); omit --prove to have it"
+            )
+            # the locked joints were compared with the sector that was not proved
+            table = table._replace(design=table.straight, locked=None, larger=None)
     text = str(table)
     if table.locked is not None:
         text += f"; {table.locked}"

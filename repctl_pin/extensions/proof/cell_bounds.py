@@ -31,21 +31,24 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import factorial
 
 from ...base.arguments import Array, read_only
-from ...base.errors import InputError
 from ...native import CELL, MARGINS, filled_struct, required_library
 from ..cells.chart.chart import Chart
 from ..cells.chart.monomials import Monomials
 from ..cells.geometry.cell import Cell
+from ..cells.geometry.profile import STRAIGHT
 from ..cells.geometry.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
 from .chain import FREE, Chain, chain_of, relative_rounding, tool_reach
 from .taylor import ORDER, basis, space_of
 
-SLACKS = (1.25, 0.02), (1.1, 0.005), (1.02, 0.001)
+_SLACKS = (1.25, 0.02), (1.1, 0.005), (1.02, 0.001)
 """Factors, and summands in rad or m, from which d* is made; the largest d* comes first.
 
 d* is the distance from q_ref within which F is proved to be unique: the factor times the largest
 distance of F from q_ref that a search found, plus the summand.
 """
+
+_NEARER = 0.75 ** np.arange(1, 17)
+"""Factors of the last of these d*, for boxes on which F is nearer to q_ref than elsewhere."""
 
 _TURNED = {"pose": 0, "axis": 2}
 """First of the frame's axes whose direction a kind of task controls; the others control none."""
@@ -73,6 +76,9 @@ class CellBounds:
         leaf. Where F was not shown to exist, the bounds are 0, 0 and −inf.
     split : (K,) array of int
         Index of the coordinate along which to halve each box.
+    level : (K,) array of int
+        Index of d*, the distance from q_ref within which F was shown to be the only solution, among
+        the distances of :class:`CellProof`; −1 where F was not.
     Q, reach : (K, n) arrays
         Centres and half-widths of boxes of joints that contain F; NaN where F was not enclosed.
     """
@@ -81,6 +87,7 @@ class CellBounds:
     sigma_min: Array
     limit_margin: Array
     split: NDArray[np.int32]
+    level: NDArray[np.int32]
     Q: Array
     reach: Array
 
@@ -96,8 +103,13 @@ class CellProof:
     ----------
     chart
         Chart of the function.
-    slack
-        Factor and summand of d*, one of ``SLACKS``.
+
+    Attributes
+    ----------
+    distances : (L, n) array
+        Distances d* from q_ref, rad or m, the largest first; each is above the next one in every
+        joint. On each box, F is proved to be the only solution within one of them. At a pose of two
+        boxes, both have the same F: it lies within the smaller d*, so within the larger one, too.
 
     Raises
     ------
@@ -105,15 +117,14 @@ class CellProof:
         If there is no native library.
     """
 
-    def __init__(self, chart: Chart, slack: tuple[float, float] = SLACKS[0]) -> None:
-        require_straight(chart.cell)
+    def __init__(self, chart: Chart) -> None:
         self.use(required_library("a proof"))
         cell = chart.cell
         self.chart, self.cell, self.task = chart, cell, cell.task
         self.polynomials, self.poses = _Polynomials.of(chart), _pose_tables(cell)
         self._space = space_of(cell.k)
         self.lower, self.upper = limits_of(cell)
-        self.near = slack[0] * farthest(chart) + slack[1]
+        self.distances = _nested(farthest(chart))
         whole = chain_of(self.task)
         self.eps = relative_rounding(whole)
         value = self.polynomials.sizes
@@ -121,6 +132,19 @@ class CellProof:
         self.farthest = value[:, 0] + self.near
         made = [whole.seen_from(k, way) for k in range(1, len(whole.p)) for way in (0.0, 0.5, 1.0)]
         self.see_from(max(made, key=self._tightness))
+
+    @property
+    def near(self) -> Array:
+        """Largest distance d* from q_ref within which F may be proved to be unique: (n,)."""
+        return np.asarray(self.distances[0])
+
+    def within(self, level: int) -> str:
+        """Write within which distance d* of q_ref F is the only solution.
+
+        ``level`` is the index of the smallest d* that a box needed.
+        """
+        first, last = (", ".join(f"{v:.2g}" for v in self.distances[index]) for index in (0, level))
+        return f"within ({first}) of q_ref" + (f", on some boxes within ({last})" if level else "")
 
     def use(self, native: ctypes.CDLL) -> None:
         """Use the given native library: later calls run its function ``cell_bounds``."""
@@ -177,8 +201,8 @@ class CellProof:
         K, n = len(Uc), self.chain.n
         leaf, sigma, limit = np.zeros((3, K))
         Q, reach = np.full((2, K, n), np.nan)
-        split = np.zeros(K, np.int32)
-        arrays = (leaf, sigma, limit, Q, reach, gradients, split)
+        split, level = np.zeros((2, K), np.int32)
+        arrays = (leaf, sigma, limit, Q, reach, gradients, split, level)
         out = MARGINS(*(None if x is None else x.ctypes.data for x in arrays))
         given = [np.ascontiguousarray(x, float) for x in (Uc, half, start)]
         done = self._run(
@@ -189,7 +213,7 @@ class CellProof:
         )
         if not done:
             raise MemoryError("no memory for the Taylor models of a cell")
-        return CellBounds(leaf, sigma, limit, split, Q, reach)
+        return CellBounds(leaf, sigma, limit, split, level, Q, reach)
 
     def start(self, Uc: Array, half: Array) -> Array:
         """Estimate F − q_ref at the centres Uc of boxes of poses, and its slopes: (K, n, 1 + k).
@@ -233,7 +257,7 @@ class CellProof:
             "parts": np.moveaxis(parts.parts, 1, 0),
             "rest": parts.rest,
             "blur": self.blur,
-            "near": self.near,
+            "near": self.distances,
             "lower": self.lower,
             "upper": self.upper,
             "farthest": self.farthest,
@@ -255,6 +279,8 @@ class CellProof:
             "spun": int(poses["spin"].any()),
             "m": self.task.m,
             "removed": poses["along"].shape[1],
+            "levels": len(self.distances),
+            **_bent_coordinates(self.cell),
             "turned": _TURNED.get(kind, 3),
             "slides": sum(1 << "xyz".index(axis) for axis in FREE[kind][0]),
             "tool": tool_reach(chain),
@@ -297,6 +323,12 @@ def farthest(chart: Chart) -> Array:
         found, width = away(Y), width / 2
         most = np.maximum(most, found.max(axis=0))
     return np.asarray(most)
+
+
+def _nested(found: Array) -> Array:
+    """Make the distances d* (L, n), the largest first, from the largest distance found: (n,)."""
+    first = [factor * found + more for factor, more in _SLACKS]
+    return np.array([*first, *np.outer(_NEARER, first[-1])])
 
 
 def limits_of(cell: Cell) -> tuple[Array, Array]:
@@ -376,20 +408,13 @@ class _Polynomials:
         return np.asarray(monomials.starts[np.maximum(monomials.degree - orders + 1, 0)])
 
 
-def require_straight(cell: Cell) -> None:
-    """Raise an InputError for a sector whose range of radius depends on the height."""
-    if isinstance(cell, Sector) and cell.profile.degree:
-        raise InputError(
-            "a sector whose range of radius depends on the height has no proof yet",
-            remedy="design a sector with one range of radius, such as best_cell(…).table.straight",
-        )
-
-
 def _pose_tables(cell: Cell) -> dict[str, Array]:
     r"""Return the poses (p, R) of a cell as functions of its coordinates u, and their velocities.
 
     ``p = o + R_a(φ) (d + D u)``, ``R = R_a(φ) exp(\hat{Ω u}) R_0 R_z(ψ)``: R_a rotates about a
-    sector's axis, R_z about the tool's z axis. The angles φ and ψ are linear in u.
+    sector's axis, R_z about the tool's z axis. The angles φ and ψ are linear in u. If a sector's
+    range of radius depends on the height η, ``(b(η) + (s(η) − 1) y) e`` is added to ``D u``: see
+    :class:`Profile`. y is the radial coordinate, e the radial direction of the middle.
 
     Velocities are given along each of the m task coordinates: first the k coordinates u, then those
     that symmetries remove from u, then those of width 0.
@@ -409,6 +434,8 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     around, twirl : (m,) arrays
         ``around`` is 1 for the coordinate φ, ``twirl`` is 1 for the coordinate ψ; both are 0 for
         others.
+    outward, profile : (3,) and (2, D + 1) arrays
+        The direction e, and the coefficients of the polynomials b and s.
     widths : (k,) array
         Metres or radians per unit of u.
     along : (n, l) array
@@ -426,7 +453,26 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     tables |= {"angle": own[:, 6], "spin": own[:, 7]}
     tables |= {"way": rates[:, :3], "turn": rates[:, 3:6]}
     tables |= {"around": rates[:, 6], "twirl": rates[:, 7]}
+    tables |= {"outward": np.zeros(3), "profile": np.array(STRAIGHT)}
+    if isinstance(cell, Sector):
+        tables |= {"outward": cell.directions[0], "profile": np.array(cell.profile)}
     return tables | {"widths": widths, "along": cell.along}
+
+
+def _bent_coordinates(cell: Cell) -> dict[str, int]:
+    """Return the degree of a sector's profile, and the indices of its radius and height in u.
+
+    The names are those of the C struct CELL. The degree is 0 without a profile; then the indices
+    have no meaning.
+    """
+    if not (isinstance(cell, Sector) and cell.profile.degree):
+        return {"bent": 0, "radial": 0, "upright": 0}
+    moved = list(cell.moved)
+    return {
+        "bent": cell.profile.degree,
+        "radial": moved.index(RADIUS),
+        "upright": moved.index(HEIGHT),
+    }
 
 
 def _coordinate_rates(cell: Cell) -> tuple[Array, Array, Array]:

@@ -25,10 +25,6 @@ _MOST = 400_000
 """Maximum number of initial boxes."""
 _SMALLEST = 1e-4
 """Half-width, relative to that of the cell, below which an undecided box stops the search."""
-STOPPED = "stopped after"
-"""Beginning of the reason of a proof whose time ended."""
-UNDECIDED = "a box too small to halve is undecided"
-"""Reason of a proof that ended at such a box: a smaller d* may suffice."""
 
 
 def bound_cell(
@@ -37,7 +33,6 @@ def bound_cell(
     limit: float,
     seconds: float,
     report: Callable[[str, float], None],
-    spent: float = 0.0,
 ) -> Proof:
     """Prove that F exists on a whole cell, and that its margins are above two goals.
 
@@ -54,20 +49,18 @@ def bound_cell(
         Processor time, s, after which the search stops.
     report
         Progress callback (step, fraction); the fraction is the proved share of the cell.
-    spent
-        Processor time of earlier searches, s, that counts as part of ``seconds``.
 
     Returns
     -------
     Proof
-        The proof, without a description yet. If the search stopped before its goal, the bounds are
-        0 and −inf.
+        The proof; its description only says within which distance of q_ref F is unique. If the
+        search stopped before its goal, the bounds are 0 and −inf.
     """
-    end = thread_time() + seconds - spent
+    end = thread_time() + seconds
     search = _CellSearch(problem, max(leaf, 0.0), limit)
     while len(search.low) and not search.reason:
         if thread_time() > end:
-            search.stop(-1, search.low, search.high, f"{STOPPED} {seconds:g} s")
+            search.stop(-1, search.low, search.high, f"stopped after {seconds:g} s")
         else:
             search.advance()
             report("proving", 1 - search.volume())
@@ -80,8 +73,9 @@ class _CellSearch:
     ``low`` and ``high`` (K, k) are the corners of the undecided boxes of poses, in the cell's
     coordinates u. ``margins`` are the smallest proved leaf margin, σ_min(J) and limit margin.
     ``at`` is the box with the smallest leaf margin, or the box at which the search stopped: its
-    centre and half-widths. ``reason`` says why the search stopped; it is empty while the search
-    runs.
+    centre and half-widths. ``level`` is the index of the smallest distance d* from q_ref within
+    which F is the only solution on a box. ``reason`` says why the search stopped; it is empty while
+    the search runs.
     """
 
     def __init__(self, problem: CellProof, leaf: float, limit: float) -> None:
@@ -89,6 +83,7 @@ class _CellSearch:
         k = problem.cell.k
         self.margins = np.array([np.inf, np.inf, np.inf])  # leaf, σ_min, limit
         self.at, self.reason, self.boxes = (np.zeros(k), np.ones(k)), "", 0
+        self.level = 0
         self.low, self.high = grid(self._counts())
 
     def _counts(self) -> Array:
@@ -142,6 +137,7 @@ class _CellSearch:
             where = int(np.argmin(np.where(done, found.leaf_margin, np.inf)))
             if found.leaf_margin[where] < self.margins[0]:
                 self.at = Uc[where], half[where]
+            self.level = max(self.level, int(found.level[done].max()))
             each = np.stack([found.leaf_margin, found.sigma_min, found.limit_margin])
             self.margins = np.minimum(self.margins, each[:, done].min(axis=1))
         low, high, split = low[~done], high[~done], found.split[~done]
@@ -171,7 +167,7 @@ class _CellSearch:
             (leaf_margins(chart, points) - self.leaf, "the leaf margin there is {leaf:.4g}"),
             (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
             (-away.max(axis=1), "F is {away:.2g} rad or m too far from q_ref to be proved unique"),
-            ((high - low).max(axis=1) - 2 * _SMALLEST, UNDECIDED),
+            ((high - low).max(axis=1) - 2 * _SMALLEST, "a box too small to halve is undecided"),
         ):
             where = int(np.argmin(short))
             if short[where] < 0:
@@ -191,11 +187,11 @@ class _CellSearch:
     def proof(self) -> Proof:
         """Return the margins proved on the whole cell, or where and why the search stopped.
 
-        The description and the fingerprint of what is proved are added later.
+        The rest of the description, and the fingerprint of what is proved, are added later.
         """
         leaf, sigma, limit = (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
-        proved = not self.reason
-        return Proof("", proved, leaf, limit, sigma, self.boxes, *self.at, self.reason)
+        proved, what = not self.reason, self.problem.within(self.level)
+        return Proof(what, proved, leaf, limit, sigma, self.boxes, *self.at, self.reason)
 
 
 def grid(counts: Array) -> tuple[Array, Array]:

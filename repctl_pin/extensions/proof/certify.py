@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from time import thread_time
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -374,8 +373,8 @@ def _of_cell(
     the limit margin to prove, rad or m, by default slightly below the smallest margin found.
     ``seconds`` is the processor time.
     """
-    from .cell_bounds import SLACKS, CellProof
-    from .cell_search import STOPPED, UNDECIDED, bound_cell
+    from .cell_bounds import CellProof
+    from .cell_search import bound_cell
 
     found = design.evaluation
     leaf = 0.9 * _least_leaf_margin(design) if goal is None else goal
@@ -385,24 +384,12 @@ def _of_cell(
         limit = found.limit_margin_worst - 0.1 * abs(found.limit_margin_worst) - 0.01
     else:
         limit = -np.inf
-    begin, tried = thread_time(), []
-    # too wide a neighbourhood of q_ref prevents a proof, however small the boxes are
-    for slack in SLACKS:
-        problem = CellProof(design.function.chart, slack)
-        proof = bound_cell(problem, leaf, limit, seconds, report, thread_time() - begin)
-        tried.append((problem, proof))
-        if proof.reason != UNDECIDED:
-            break
-    # more time may help after the last one only
-    if not (proof.proved or proof.reason.startswith(STOPPED)):
-        problem, proof = tried[0]
-    near = ", ".join(f"{v:.2g}" for v in problem.near)
+    proof = bound_cell(CellProof(design.function.chart), leaf, limit, seconds, report)
     proof = replace(
         proof,
         what=(
             f"{design.task.robot.name} {design.task}, {design.cell!r}: "
-            "F exists, is smooth, and is the only solution "
-            f"within ({near}) of q_ref"
+            f"F exists, is smooth, and is the only solution {proof.what}"
         ),
         asked_leaf_margin=goal,
         asked_limit_margin=least,
