@@ -254,7 +254,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     "joined": (lambda g: (g.potentials + g.waves).gradients(SHORT), r"\(K, 7\)"),
     "given": (
         lambda g: rp.CustomPotentials([lambda q: q[5]]).values(SHORT),
-        "potential h_1 must be one finite number; at .* index 5 is out of bounds",
+        "potential h_1 must be one finite number, but .* index 5 is out of bounds",
     ),
     "given, slope": (
         lambda g: rp.CustomPotentials([(sum, lambda q: q[5])]).gradients(SHORT),

@@ -50,9 +50,10 @@ def prepare_folder(folder: Path) -> Path:
 
 @contextlib.contextmanager
 def not_left_empty(folder: Path) -> Iterator[Path]:
-    """Context manager that at its end removes a new folder, and new parents, if they are empty.
+    """Context manager that at its end removes ``folder`` if the block created it and it is empty.
 
-    A command that fails before it writes thus leaves no empty folders.
+    The same holds for its parents. So a command that fails before it writes leaves no empty
+    folders. The block receives ``folder``.
     """
     missing = [part for part in (folder, *folder.parents) if not part.exists()]
     try:
@@ -67,11 +68,10 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
 def written_together(folder: Path) -> Iterator[Path]:
     """Context manager: yield a temporary folder, and finally move its contents to ``folder``.
 
-    A subfolder is moved as a whole. All targets are checked before the first move.
-
-    One process at a time moves its files, so that a folder never holds files of two runs. A
-    symbolic link in ``folder`` is replaced; its target, which the user did not name, is not
-    written. If the block raises an exception, the files in ``folder`` are unchanged.
+    All files appear together: the moves come after the block, all targets are checked before the
+    first move, and processes that write into one folder move their files one after the other. If
+    the block raises an exception, the files in ``folder`` are unchanged. A subfolder is moved as a
+    whole. A symbolic link in ``folder`` is replaced, instead of the file that it leads to.
 
     Raises
     ------

@@ -966,6 +966,12 @@ def nan_beyond(q: np.ndarray) -> float:
         ),
         (
             lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4)),
+            "the potentials are missing; give potentials, or degree=2",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t), rp.Polynomial(Q0, 1, 0.4), rp.Box(Q0, 0.4), degree=1
+            ),
             "potentials and degree= are mutually exclusive",
         ),
         (
