@@ -183,7 +183,7 @@ def _shrinking(problem: FitProblem, shrink: bool) -> Design:
         except SingularityError as error:
             raise SingularityError(
                 f"{error}: the design fails there, not the arm; "
-                "use a smaller region, a lower degree, or a region with another centre"
+                "use a smaller region, a lower degree, or another center"
             ) from None
 
 
