@@ -277,8 +277,7 @@ class _SpeedRatio(Quantity):
     direction: bool
 
     def least(self, at: Points) -> Array:
-        """Evaluate the squared ratio at K points of the function: (K,), infinite without a point.
-        """
+        """Evaluate the squared ratio at K points of the function: (K,), infinite without one."""
         ratio = np.full(len(at.U), np.inf)
         squares = np.linalg.eigvalsh(at.J @ np.swapaxes(at.J, 1, 2))
         found = np.flatnonzero(at.found & (squares[:, 0] > _REGULAR * squares[:, -1]))
