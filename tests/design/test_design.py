@@ -1239,7 +1239,7 @@ class Violation:
 
 
 def test_an_inverse_that_is_none_is_refused_with_the_residual(panda_pose: rp.Task) -> None:
-    with pytest.raises(rp.InputError, match=r"differs from I by 0\.1"):
+    with pytest.raises(rp.InputError, match=r"differs from the identity by 0\.1"):
         rp.nearest_repeatable(Violation(panda_pose), None, rp.Box(Q0, 0.3), degree=1)
 
 

@@ -34,9 +34,9 @@ class FailureReason:
     cause : str
         Kind of the reason: ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``.
     share : float
-        Fraction of the sampled poses that fail for this reason.
+        Fraction of the sampled poses that fail for this reason, 0 to 1.
     u : (k,) array
-        Worst pose, in all coordinates u of the cell (those of :attr:`Cell.whole`).
+        Worst pose, in all coordinates u of the cell, from −1 to 1 (those of :attr:`Cell.whole`).
     what : str
         Message that describes the failure and its worst pose.
     """
