@@ -280,7 +280,7 @@ def test_the_node_at_which_a_strategy_is_no_inverse_is_named(factor: float, word
             return G
 
     for k in range(3):
-        says = f"differs from I by {words} at theta1 = {Q[k, 0]:.3f}, "
+        says = f"differs from the identity by {words} at theta1 = {Q[k, 0]:.3f}, "
         with pytest.raises(rp.InputError, match=says):
             evaluate(Off(task), potentials, Q)
 

@@ -356,9 +356,9 @@ class Cell:
     # -------------------------------------------------------------------------------------------
 
     def _native_region(self) -> Any:
-        """Create the C struct :data:`REGION`, with which C tests if q is in the region Ω of the cell.
+        """Create the C struct :data:`REGION` of Ω, the set of configurations with poses in the cell.
 
-        Ω is the set of configurations whose pose is in the cell.
+        With it, C tests whether a configuration is in the region of a design.
         """
         ints, reals, scalars = self._tables()
         region, _ = filled_struct(REGION, {}, {}, {})
