@@ -194,7 +194,7 @@ def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
         if n is None:
             width = "(K, n), one number per joint"
         single = (
-            ": write [q] for a single q" if array is not None and n in (None, array.size) else ""
+            "; write [q] for a single q" if array is not None and n in (None, array.size) else ""
         )
         raise InputError(
             f"{whose} takes Q as an array {width}; got {_shape(values, array)}{single}"

@@ -68,10 +68,10 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
 def written_together(folder: Path) -> Iterator[Path]:
     """Context manager: yield a temporary folder, and finally move its contents to ``folder``.
 
-    All files appear together: the moves come after the block, all targets are checked before the
-    first move, and processes that write into one folder move their files one after the other. If
-    the block raises an exception, the files in ``folder`` are unchanged. A subfolder is moved as a
-    whole. A symbolic link in ``folder`` is replaced, instead of the file that it leads to.
+    The files are moved after the block, once all targets are checked; of several processes, one at
+    a time moves its files. If the block raises an exception, the files in ``folder`` are unchanged.
+    A subfolder is moved as a whole. A symbolic link in ``folder`` is replaced, instead of the file
+    that it leads to.
 
     Raises
     ------
@@ -201,7 +201,8 @@ def write_whole(path: str | Path, content: str | bytes) -> Path:
         raise
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         raise InputError(
-            f"cannot write {path}: {getattr(error, 'strerror', None) or error}"
+            f"cannot write {path}: {getattr(error, 'strerror', None) or error}",
+            remedy="choose another file",
         ) from None
     return target
 
@@ -243,7 +244,8 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
                 data = file.read(largest + 1)
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         raise InputError(
-            f"cannot read {path}: {getattr(error, 'strerror', None) or error}"
+            f"cannot read {path}: {getattr(error, 'strerror', None) or error}",
+            remedy="give a file that exists and can be read",
         ) from None
     if not stat.S_ISREG(mode):
         what = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"

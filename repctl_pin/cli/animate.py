@@ -45,7 +45,7 @@ def add_options(parser: Parser) -> None:
     add(
         "--only",
         metavar="NAMES",
-        help="show only these of the CSV's strategies, separated by commas",
+        help="strategies of the CSV to show, separated by commas (default: all)",
     )
     parser.task()
     parser.path()

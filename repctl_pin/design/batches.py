@@ -44,8 +44,9 @@ class Batches:
     Parameters
     ----------
     builder
-        Function (Q, weights) → batch, which evaluates the arm at some nodes. Q, weights : (K, n),
-        (K,) arrays Nodes (configurations) and their quadrature weights.
+        Function (Q, weights) → batch, which evaluates the arm at some nodes.
+    Q, weights : (K, n), (K,) arrays
+        Nodes (configurations) and their quadrature weights.
     tick
         Progress callback, called with the fraction of the batches that are built.
     size

@@ -135,7 +135,7 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
     D = np.asarray(potentials.gradients(Q), float)
     if D.shape != (len(Q), task.n, potentials.size):
         raise InputError(
-            f"the potentials' gradients must be (K, {task.n}, {potentials.size}) numbers, "
+            f"the potentials' gradients must be ({len(Q)}, {task.n}, {potentials.size}) numbers, "
             f"not {D.shape}; correct the method gradients"
         )
     if not np.isfinite(D).all():

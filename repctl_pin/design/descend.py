@@ -156,7 +156,9 @@ def descend(
     batches
         The nodes.
     basis : (N', N') array
-        B for the first N' potentials. begin Result of :func:`start`, with the data of the penalty.
+        B for the first N' potentials.
+    begin
+        Result of :func:`start`, with the data of the penalty.
     A : (N', r) array
         Initial coefficients.
     penalty

@@ -142,11 +142,11 @@ class Design:
 
     @property
     def subject(self) -> str:
-        """Fingerprint of all that a certificate proves of the design; empty for some designs.
+        """Fingerprint of all that a certificate of the design depends on; empty if none can be.
 
         It covers the joint chain, its limits, potentials, coefficients and region. A saved proof
-        with another fingerprint is dropped. A design with user-defined potentials or a user-defined
-        region has none, because nothing can be proved of these.
+        with another fingerprint is dropped. It is empty for a design with user-defined potentials
+        or a user-defined region, of which nothing can be proved.
         """
         return subject_of(self.task, self.potentials, self.coefficients, self.region)
 
@@ -186,9 +186,8 @@ class Design:
     def spectral_cost(self) -> float:
         """Evaluate the mean over Ω of ‖G_r − G_d‖₂², in the paper's norm, on the held-out nodes.
 
-        G_r is the repeatable inverse, G_d the desired one, and Ω the region. The result equals
-        :attr:`cost` for r = 1. For r > 1 it is smaller, because the Frobenius norm, which a design
-        minimises, includes all singular values.
+        The result equals :attr:`cost` for r = 1. For r > 1 it is smaller, because the Frobenius
+        norm, which a design minimises, includes all singular values.
         """
         return spectral_cost(
             self.inverse, self.desired, self.region, samples=self.held_out, seed=self.seed + 1

@@ -104,7 +104,8 @@ def _numbers_of_nodes(problem: FitProblem) -> tuple[int, int]:
     count = max(few, NODES) if samples is None else samples
     if undetermined(problem.potentials, task, count):
         raise InputError(
-            f"{count} samples are too few for {size} potentials; give at least {-(-size // task.m)}"
+            f"{count} samples are too few for {size} potentials",
+            remedy=f"give at least {-(-size // task.m)} samples",
         )
     return count, few
 

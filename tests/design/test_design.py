@@ -1054,7 +1054,7 @@ def test_the_fewest_nodes_that_the_refusal_names_are_enough(robot: str, degree: 
 
     least = int(np.ceil(potentials.size / task.m))
     for count in (1, least - 1):
-        says = f"{count} samples are too few for {potentials.size} .*at least {least}$"
+        says = f"{count} samples are too few for {potentials.size} .*at least {least} samples$"
         with pytest.raises(rp.InputError, match=says):
             fitted(count)
     assert fitted(least).samples >= least

@@ -356,7 +356,7 @@ class Cell:
     # -------------------------------------------------------------------------------------------
 
     def _native_region(self) -> Any:
-        """Create the C struct :data:`REGION` of Ω, the set of configurations with poses in the cell.
+        """Create the C struct :data:`REGION` of Ω, the set of configurations with poses in it.
 
         With it, C tests whether a configuration is in the region of a design.
         """
