@@ -168,10 +168,11 @@ def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
 
 
 def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
-    """Factor ``Jᵀ = Q R`` for J (K, m, n) at the configurations Q (K, n), and orient null spaces.
+    """Factor ``Jᵀ = O R`` for J (K, m, n) by QR, and orient the null spaces.
 
-    Return the null-space bases N (K, n, r) with ``det [J; Nᵀ] > 0``, the orthogonal factors (K, n,
-    n), and R (K, m, m). A SingularityError names the configuration where J loses rank.
+    Return the null-space bases N (K, n, r) with ``det [J; Nᵀ] > 0``, the orthogonal factors O (K,
+    n, n), and R (K, m, m). A SingularityError names the configuration of Q (K, n) where J loses
+    rank.
     """
     m = J.shape[-2]
     try:

@@ -43,9 +43,10 @@ def nearest_repeatable(
 ) -> Design:
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
 
-    Ω is the region, and V are the gradients of the r potentials that the inverse keeps constant.
-    Linear least squares give a start, which damped Gauss–Newton steps improve. A line search keeps
-    the sign of det(Nᵀ V) at the nodes. Large fits begin with a smaller set of nodes.
+    Ω is the region, V are the gradients of the r potentials that the inverse keeps constant, and N
+    spans the null space of J. Linear least squares give a start, which damped Gauss–Newton steps
+    improve. A line search keeps the sign of det(Nᵀ V) at the nodes, since it changes at an
+    algorithmic singularity. Large fits begin with a smaller set of nodes.
 
     Parameters
     ----------

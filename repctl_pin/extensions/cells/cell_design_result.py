@@ -279,7 +279,7 @@ class CellDesign:
     def _symmetry(self) -> dict[str, str]:
         """Return texts by display name: the symmetries in use, and the ranges of their coordinates.
 
-        In a sector, one joint may turn the whole arm about the axis, or the tool about its z axis.
+        In a sector, one joint can turn the whole arm about the axis, or the tool about its z axis.
         For other cells the dictionary is empty.
         """
         sector = self.function.chart.cell
@@ -430,9 +430,9 @@ PROBLEM = (CellDesign, _problem_of_cell)
 def tour(cell: Cell) -> TaskPath:
     r"""Make a smooth closed sample path through a cell, to show its function in motion.
 
-    Its coordinates in the cell are ``u_i(s) = Σ_k a_ik cos 2πks + b_ik sin 2πks`` for s from 0 to
-    1, with a and b drawn from a fixed random seed, scaled so that the maximum of every |u_i| is
-    0.9.
+    Its coordinates in the cell are ``u_i(s) = Σ_j a_ij cos 2πjs + b_ij sin 2πjs``, where s is the
+    path parameter from 0 to 1. a and b are drawn from a fixed random seed, and scaled so that the
+    maximum of every |u_i| is 0.9.
     """
     rng = np.random.default_rng(0)
     k = 2 * np.pi * np.arange(1, _WAVES + 1)

@@ -75,9 +75,8 @@ class _FailureFile(Part):
 class _TurnFile(Part):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
-    See :class:`repctl_pin.extensions.cells.evaluate.turning.Turn`. ``joint_range`` is null for a
-    joint without limits. ``nearly``, ``unasked``, ``covered`` and ``as_covered`` are null if they
-    were not computed.
+    See :class:`repctl_pin.extensions.cells.evaluate.turning.Turn`. Null stands for infinity in
+    ``joint_range``, and for NaN in ``nearly``, ``unasked``, ``covered`` and ``as_covered``.
     """
 
     coordinate: str

@@ -206,9 +206,8 @@ class InverseFunction:
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Compute the pose x of each configuration, and its level c, so that ``F(x; c) = q``.
 
-        The leaf ``c = n_ref(x)ᵀ (q − q_ref(x))`` is the position along the self-motion; on the
-        function itself, c = 0. Far from the function, several configurations can have the same pose
-        and leaf; F returns only one of them.
+        The level is ``c = n_ref(x)ᵀ (q − q_ref(x))``; it is 0 at the values of F(x). Far from them,
+        several configurations can have the same pose and level; F returns only one of them.
 
         Parameters
         ----------

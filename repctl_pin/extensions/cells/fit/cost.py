@@ -296,8 +296,8 @@ class Descent:
     ----------
     a : (N, r) array
         Final coefficients.
-    value : Value
-        The cost at a.
+    value : _Value
+        The cost at a, with the configurations of F.
     start : float
         The cost at the initial coefficients.
     steps : int

@@ -219,7 +219,8 @@ def near_all_round(
 def turned(task: Task, Q: Array, around: Symmetry, angle: float) -> Array:
     """Turn the arm at configurations Q (K, n) by an angle, rad, about the axis of a joint.
 
-    The joint is less than a full turn above its lower limit; it may be beyond its upper one.
+    In the result (K, n), this joint is less than a full turn above its lower limit, and can be
+    beyond its upper one.
     """
     Q, low = Q.copy(), task.lower[around.joint]
     low = low if np.isfinite(low) else 0.0

@@ -158,7 +158,7 @@ class Cell:
         margin
             Addition to the half-widths, m: one number, or one per position that the task commands.
         half_angle
-            Addition to the half-widths of the rotations, rad.
+            Addition to the half-widths of the rotations, rad: one number, or one per axis.
         """
         one_frame(require_task(task), "a cell")
         if hasattr(poses, "placement"):

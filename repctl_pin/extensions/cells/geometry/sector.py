@@ -329,7 +329,7 @@ class Sector(Cell):
     def radii(self, z: ArrayLike) -> Array:
         """Return the smallest and the largest radius (…, 2), m, at heights z (…), m.
 
-        Heights are those along the sector's axis, from its point :attr:`axis`.
+        Heights are measured along the sector's axis from its point ``axis[0]``.
         """
         rho, middle = self.middle
         bend, stretch, *_ = self._profiled(np.asarray(z, float) - middle)
