@@ -77,7 +77,9 @@ def design_map(
     n = design.task.n
     first, second = _liveliest(design) if joints is None else joints
     if not (0 <= first < n and 0 <= second < n and first != second):
-        raise InputError(f"a map needs two different joints from 0 to {n - 1}, not {joints}")
+        raise InputError(
+            f"must be two different indices from 0 to {n - 1}, not {joints}", argument="joints"
+        )
     x, y = (np.linspace(box.lower[j], box.upper[j], points) for j in (first, second))
     Q = _grid(center, (first, second), x, y)
     distance, reference = _distance(design, Q).T

@@ -220,7 +220,7 @@ def _check(
         raise InputError(
             f"the task is not redundant (r = {task.r}): {task.n} joints move {task.frame!r}, and "
             f"a {task.kind} task has {task.m} coordinates",
-            remedy="use another kind of task",
+            remedy="use a kind of task with fewer coordinates",
         )
     if potentials is None and degree is None:
         raise InputError("the potentials are missing", remedy="give potentials, or degree=2")

@@ -237,7 +237,7 @@ def _require_one_task(desired: Inverse, cell: Cell) -> None:
         raise InputError(
             f"{cell.task!r} is not redundant: with r = {cell.task.r} "
             "the pose determines the configuration",
-            remedy="use a task with fewer coordinates, such as kind='position'",
+            remedy="use a kind of task with fewer coordinates, or an arm with more joints",
         )
 
 
@@ -252,7 +252,7 @@ def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
     degree, k = as_int(degree, "degree", 1, _MOST_DEGREE), cell.whole.k
     if comb(k + degree, degree) * cell.task.r > 4 * MOST_UNKNOWNS:
         raise InputError(
-            f"degree {degree} in {k} coordinates makes more than "
+            f"degree {degree} in {k} coordinates of the cell makes more than "
             f"{4 * MOST_UNKNOWNS} unknowns; lower the degree"
         )
     return degree

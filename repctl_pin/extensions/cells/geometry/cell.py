@@ -330,8 +330,9 @@ class Cell:
             )
         if off[at] > TURNED and (np.abs(U[at]) <= self._bounds + EDGE).all():
             raise InputError(
-                f"{which} lies outside the cell, by {off[at]:.3g} m or rad along a coordinate of "
-                f"width 0; only {', '.join(self.names)} may change, so widen the cell"
+                f"{which} lies outside the cell: it deviates by {off[at]:.3g} m or rad along a "
+                f"coordinate that the cell holds constant, as all but {', '.join(self.names)}; "
+                "make a cell with a half-width there"
             )
         i = int(np.argmax(np.abs(U[at]) - self._bounds))
         name, unit, width = self.names[i], self.units[i], self._widths_at(U[at])[i]
