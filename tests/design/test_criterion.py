@@ -1020,7 +1020,7 @@ def test_maps_hold_what_the_inverses_do(panda_design: rp.Design) -> None:
         potentials.leaf_margin[7, 2],
         redundancy.leaf_margin(N, panda_design.inverse.potentials.gradient(q)),
     )
-    with pytest.raises(rp.InputError, match="two different joints"):
+    with pytest.raises(rp.InputError, match="joints must be two different indices"):
         design_map(panda_design, (1, 1))
 
 
