@@ -207,7 +207,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         lambda g: g.box.contains(SHORT),
         r"this box takes Q as an array \(K, 7\).*shape \(2, 3\)",
     ),
-    "box, one q": (lambda g: g.box.contains(g.q0), r"shape \(7,\): write \[q\]"),
+    "box, one q": (lambda g: g.box.contains(g.q0), r"shape \(7,\); write \[q\]"),
     "box, words": (lambda g: g.box.ratio("q0"), r"\(K, 7\).*'q0'"),
     "box, clip": (lambda g: g.box.clip(SHORT), r"\(K, 7\)"),
     "box, limits": (lambda g: g.box.inside([0, 1], [2, 3]), "limits of this box must be 7 numbers"),

@@ -168,7 +168,7 @@ def test_a_tool_that_keeps_its_direction_does_not_turn_with_the_arm(
         ({"half_angle": 3.0}, "half_angle reaches half a turn"),
         ({"half_angle": (0.95 * np.pi, 0)}, "half_angle reaches half a turn"),
         ({"half_angle": (0.1, 0.1, 3.2)}, "half_angle reaches half a turn"),
-        ({"radius": (0.1, 0.1)}, "radius must be one number in m or 1"),
+        ({"radius": (0.1, 0.1)}, "radius must be one number in m; got"),
         ({"half_angle": (0.1, 0.1, 0.1), "spin": 0.1}, "mutually exclusive"),
         ({"axis": [0, 0, 1]}, "axis must be a point"),
         ({"axis": [[0, 0, np.nan], [0, 0, 1]]}, "axis must be a point"),
