@@ -118,7 +118,10 @@ def test_a_path_wherever_paths_are_named(panda_pose, q_panda, capsys) -> None:
     "options, words",
     [
         (["--strategy", "dampd"], "did you mean 'damped'"),
-        (["--strategy", "broken"], "of the package tiny-plugin cannot be imported: ModuleNotFoundError"),
+        (
+            ["--strategy", "broken"],
+            "of the package tiny-plugin cannot be imported: ModuleNotFoundError",
+        ),
         (["--strategy", "number"], "of the package tiny-plugin must be a function or a class"),
         (["--strategy", "nothing"], "an object without the attributes task and velocity"),
         (["--potentials", "wavs"], "did you mean 'waves'"),
