@@ -91,8 +91,8 @@ def reached(
 def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) -> list[int]:
     """Select rows (K, ·) farther than a distance from each other; return their indices.
 
-    Of several similar rows only the first one is selected, and at most ``count`` rows in all.
-    ``norm`` is the order of the norm by which their difference is measured.
+    Among similar rows only the first one is selected, and at most ``count`` rows in all. ``norm``
+    is the order of the norm by which their difference is measured.
     """
     kept: list[int] = []
     for k, row in enumerate(rows):
