@@ -1037,7 +1037,7 @@ def test_gradients_that_are_none_are_refused_by_name(panda_pose: rp.Task) -> Non
         with pytest.raises(rp.InputError, match=says) as error:
             rp.nearest_repeatable(desired, potentials, region, options=few)
         assert float(re.search("joint1 = ([-.0-9]+)", str(error.value))[1]) > 0.2
-    with pytest.raises(rp.InputError, match=r"must be \(K, 7, 7\) numbers, not .* 6, 7"):
+    with pytest.raises(rp.InputError, match=r"must be \(512, 7, 7\) numbers, not .* 6, 7"):
         rp.nearest_repeatable(desired, Broken(0), region, options=few)
 
 
