@@ -207,7 +207,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
         lambda g: g.box.contains(SHORT),
         r"this box takes Q as an array \(K, 7\).*shape \(2, 3\)",
     ),
-    "box, one q": (lambda g: g.box.contains(g.q0), r"shape \(7,\): write \[q\]"),
+    "box, one q": (lambda g: g.box.contains(g.q0), r"shape \(7,\); write \[q\]"),
     "box, words": (lambda g: g.box.ratio("q0"), r"\(K, 7\).*'q0'"),
     "box, clip": (lambda g: g.box.clip(SHORT), r"\(K, 7\)"),
     "box, limits": (lambda g: g.box.inside([0, 1], [2, 3]), "limits of this box must be 7 numbers"),
@@ -254,7 +254,7 @@ CALLS: dict[str, tuple[Callable[[Given], object], str]] = {
     "joined": (lambda g: (g.potentials + g.waves).gradients(SHORT), r"\(K, 7\)"),
     "given": (
         lambda g: rp.CustomPotentials([lambda q: q[5]]).values(SHORT),
-        "potential h_1 must be one finite number; at .* index 5 is out of bounds",
+        "potential h_1 must be one finite number, but .* index 5 is out of bounds",
     ),
     "given, slope": (
         lambda g: rp.CustomPotentials([(sum, lambda q: q[5])]).gradients(SHORT),

@@ -139,7 +139,7 @@ def test_where_it_does_not_fit_the_old_file_stays(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", LIMITED], cwd=tmp_path, capture_output=True, text=True, timeout=60
     )
-    assert done.stdout == "cannot write file: File too large\n", done.stderr
+    assert done.stdout == "cannot write file: File too large; choose another file\n", done.stderr
     assert (tmp_path / "file").read_text() == "old" and len(list(tmp_path.iterdir())) == 1
 
 

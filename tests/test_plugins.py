@@ -118,9 +118,12 @@ def test_a_path_wherever_paths_are_named(panda_pose, q_panda, capsys) -> None:
     "options, words",
     [
         (["--strategy", "dampd"], "did you mean 'damped'"),
-        (["--strategy", "broken"], "of tiny-plugin cannot be imported: ModuleNotFoundError"),
-        (["--strategy", "number"], "of tiny-plugin must be a function or a class"),
-        (["--strategy", "nothing"], "an object without a task or a velocity"),
+        (
+            ["--strategy", "broken"],
+            "of the package tiny-plugin cannot be imported: ModuleNotFoundError",
+        ),
+        (["--strategy", "number"], "of the package tiny-plugin must be a function or a class"),
+        (["--strategy", "nothing"], "an object without the attributes task and velocity"),
         (["--potentials", "wavs"], "did you mean 'waves'"),
         (["--strategy", "damped", "--path", "elipse:1"], "no path 'elipse:1'"),
     ],

@@ -1,7 +1,8 @@
 """Argument validation: convert the value, or raise a one-line InputError.
 
 The error names the argument and the remedy. ``name`` is the argument's name in the message, and
-``each`` or ``what`` describes the required value there.
+``each`` or ``what`` describes the required value there. Each function returns the checked or
+converted value.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ MOST_STEPS = 10_000_000
 
 
 def require_type(value: Any, kind: type[T], name: str, what: str) -> T:
-    """Require an instance of a class or runtime protocol.
+    """Require an instance of a class or runtime protocol, and return it.
 
     Parameters
     ----------
@@ -50,7 +51,7 @@ def require_type(value: Any, kind: type[T], name: str, what: str) -> T:
     Raises
     ------
     InputError
-        If the argument is of another type.
+        If the argument is of another type, or is itself a class.
     """
     if isinstance(value, kind) and not isinstance(value, type):
         return value
@@ -79,7 +80,10 @@ def _binds(value: Callable[..., Any], takes: int) -> bool:
 
 
 def require_choice(value: Any, names: Iterable[str], kind: str) -> str:
-    """Require one of ``names``; the message calls a name by the noun ``kind``, such as ``goal``."""
+    """Require one of the texts ``names``, and return it; else raise an InputError.
+
+    ``kind`` is the noun for such a name in the message, for example ``goal``: "unknown goal …".
+    """
     names = tuple(names)
     if isinstance(value, str) and value in names:
         return value
@@ -87,7 +91,7 @@ def require_choice(value: Any, names: Iterable[str], kind: str) -> str:
 
 
 def as_int(value: Any, name: str, least: int = 0, most: int | None = None) -> int:
-    """Convert an argument to an integer, which must be from ``least`` to ``most``."""
+    """Convert an argument to an integer from ``least`` to ``most``; None means no upper bound."""
     number = _number(value)
     if not (math.isfinite(number) and number == int(number) and number >= least):
         raise InputError(
@@ -99,7 +103,7 @@ def as_int(value: Any, name: str, least: int = 0, most: int | None = None) -> in
 
 
 def positive(value: Any, name: str, unit: str = "", *, zero: bool = False) -> float:
-    """Convert an argument to a finite number above 0; with ``zero``, 0 is allowed, too."""
+    """Convert an argument to a finite number above 0; with ``zero=True``, 0 is allowed, too."""
     number = _number(value)
     if not (math.isfinite(number) and (number > 0 or (zero and number == 0))):
         least = f"0{unit and ' '}{unit} or more" if zero else f"above 0{unit and ' '}{unit}"
@@ -137,10 +141,10 @@ def vector(values: ArrayLike, n: int | None, name: str, each: str = "one per joi
 def per_joint(
     values: ArrayLike, n: int, name: str, each: str = "one per joint", *, finite: bool = False
 ) -> Array:
-    """Convert one number above 0, or n of them, to an array (n,).
+    """Convert one number above 0, or n numbers above 0, to an array (n,); a single one is repeated.
 
-    Infinity is allowed unless ``finite`` is True. Joint positions are divided by finite numbers, so
-    a divisor must be larger than the rounding error of a joint position.
+    Infinity is allowed unless ``finite`` is True. With ``finite``, the numbers must be at least
+    1e-12, because the caller divides joint positions by them.
     """
     array = as_numbers(values)
     most = (
@@ -176,8 +180,8 @@ def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") ->
 def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
     """Convert finite configurations, one per row, to an array (K, n); with n = None, any n.
 
-    ``whose`` begins the message, such as ``this cell``. A single q is refused, with the hint to
-    write [q].
+    ``whose`` is the noun at the beginning of the message, such as ``this cell``: "this cell takes Q
+    …". For a single configuration (n,), the message says to write ``[q]``.
     """
     array = as_numbers(values)
     if (
@@ -190,7 +194,7 @@ def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
         if n is None:
             width = "(K, n), one number per joint"
         single = (
-            ": write [q] for a single q" if array is not None and n in (None, array.size) else ""
+            "; write [q] for a single q" if array is not None and n in (None, array.size) else ""
         )
         raise InputError(
             f"{whose} takes Q as an array {width}; got {_shape(values, array)}{single}"
@@ -201,13 +205,13 @@ def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
 def as_matrices(
     *given: tuple[str, ArrayLike, str], exact: bool = False, finite: bool = True
 ) -> list[Array]:
-    """Convert stacks of matrices with matching sizes, each given as (name, array, axes).
+    """Convert stacks of matrices to float arrays, and check that their sizes match.
 
-    The formulas take arrays for one configuration and for many, so shapes must be checked. ``axes``
-    are the sizes of the last axes, as in ``("J", J, "m n"), ("V", V, "n r")``: a number, or a
-    letter that stands for the same size in all arrays. Sizes are at least 1, except r and K.
-    Leading axes must broadcast; with ``exact``, there must be none. Without ``finite``, NaN and
-    infinity are accepted.
+    Each stack is given as (name, array, axes). ``axes`` are the sizes of the array's last axes, as
+    in ``("J", J, "m n"), ("V", V, "n r")``: each is a number, or a letter that stands for the same
+    size in all arrays. Only the sizes ``r`` and ``K`` can be 0. All axes before these must
+    broadcast; with ``exact``, there must be none. Without ``finite``, NaN and infinity are
+    accepted.
     """
     sizes: dict[str, int] = {}
     arrays = []
@@ -261,14 +265,14 @@ def _require_broadcast(
 def evaluated(
     function: Callable[..., ArrayLike], q: Array, shape: tuple[int, ...], what: str, *more: Array
 ) -> Array:
-    """Call a user's function of q and ``more``; check that it returns finite numbers of a shape.
+    """Call a user's function as ``function(q, *more)``; return its result as an array of a shape.
 
-    ``what`` names the function in the message.
+    ``what`` names the result in the message, such as ``the gradient of h``.
 
     Raises
     ------
     InputError
-        If the function returns anything else; the message shows the result and q.
+        If the result does not have this shape, or is not finite; the message shows q.
     """
     required = " × ".join(map(str, shape)) + " finite numbers"
     try:
@@ -279,7 +283,7 @@ def evaluated(
         required = "one finite number"
         values = values.reshape(()) if values.size == 1 else values
     if values.shape != shape or not np.isfinite(values).all():
-        raise InputError(f"{what} must be {required}; at q = {row(q)} it is not{why}")
+        raise InputError(f"{what} must be {required}, but is not at q = {row(q)}{why}")
     return values
 
 
@@ -321,10 +325,9 @@ def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
 
 
 def freeze(made: object, /, **values: Any) -> None:
-    """Set attributes of a frozen dataclass while it is created; arrays become read-only views.
+    """Set the attributes ``values`` of a frozen dataclass object; arrays become read-only views.
 
-    ``made`` is the new object. Its arrays then cannot be changed by accident; the caller's own
-    arrays stay writable.
+    ``made`` is the object, while it is created. The caller's own arrays stay writable.
     """
     for name, value in values.items():
         kept = value
@@ -360,7 +363,7 @@ def row(q: Array) -> str:
 
 
 def percentage(share: float) -> str:
-    """Format a share in per cent, ``5.8 %``; only exactly 0 and 1 give ``0 %`` and ``100 %``."""
+    """Format a fraction, 0 to 1, in per cent: ``5.8 %``; only exactly 0 and 1 give 0 and 100 %."""
     if 0 < share < 0.0005:
         return "< 0.1 %"
     if 0.9995 <= share < 1:
@@ -369,7 +372,10 @@ def percentage(share: float) -> str:
 
 
 def ratio_in_percent(ratio: float, digits: int = 3) -> str:
-    """Format a ratio in per cent, without an exponent: under 0.001 %, 0.0899 %, 46 %, 1234 %."""
+    """Format a ratio in per cent, with ``digits`` digits and no exponent: ``0.0899 %``, ``1234 %``.
+
+    Ratios above 0 and below 1e-5 give ``under 0.001 %``.
+    """
     value = 100 * ratio
     if 0 < value < 1e-3:
         return "under 0.001 %"
@@ -385,7 +391,7 @@ def file_name(value: Any, name: str = "file") -> Path:
 
 
 def _number(value: Any) -> float:
-    """Convert a number to a float; NaN if it is not a number, which the caller then refuses.
+    """Convert a number to a float; NaN if it is not a number, so that the caller refuses it.
 
     A text such as ``"1"`` does not count as a number, and neither does an array.
     """
@@ -400,9 +406,9 @@ def _number(value: Any) -> float:
 
 
 def as_numbers(values: ArrayLike) -> Array | None:
-    """Copy numbers to an array of native doubles; None if they are ragged or not numbers.
+    """Copy numbers of any shape to an array of doubles; None if they are ragged or not numbers.
 
-    The caller makes the message for None, because only it knows what was expected.
+    The caller raises the error for None, because only the caller knows what was required.
     """
     try:
         array = np.asarray(values)

@@ -1,10 +1,11 @@
 """Certificate of a design or of a cell's function: the bounds that were proved.
 
 A design is a controller for a region Ω of joint space; a cell is a box of poses covered by one
-function from poses to configurations. The controller holds potentials h(q) constant; a leaf is a
-set h(q) = c, on which the arm then stays. The leaf margin σ_min(Nᵀ V̂) is the distance from an
-algorithmic singularity, at which the controller fails. Samples cannot exclude a singularity between
-them; a proof over boxes that cover all of Ω does.
+function from poses to configurations. The controller holds potentials h(q) constant. Their values c
+are the levels; a leaf is a set h(q) = c, on which the arm then stays. The leaf margin σ_min(Nᵀ V̂)
+is the distance from an algorithmic singularity, at which the controller fails; N spans the null
+space of J, and V̂ the gradients of h. Samples cannot exclude a singularity between them. A proof
+divides Ω into boxes, and bounds the margins over each whole box.
 """
 
 from __future__ import annotations
@@ -50,11 +51,11 @@ class ClosingRadius:
     long it is. The arm must reach the path from the start pose along a straight line. The motion
     then stays in Ω, the region of joint space that was proved.
 
-    A radius around a path is for closed paths that deviate from this path by less than both numbers
-    at each moment. They close if the path itself closes. This is proved if :attr:`checked` is 0;
-    else it was checked at that many points by following the path. Where the path crosses itself,
-    paths that switch to the other branch are not covered. ``bool(radius)`` tells whether a radius
-    of at least 1 mm is proved.
+    A radius around a path is for closed paths whose pose at each moment is within both numbers of
+    the pose of this path at that moment. They close if the path itself closes. The latter is proved
+    if :attr:`checked` is 0; else it was checked at that many points by following the path. Where
+    the path crosses itself, paths that switch to the other branch are not covered. ``bool(radius)``
+    tells whether a radius of at least 1 mm is proved.
 
     Attributes
     ----------
@@ -64,16 +65,16 @@ class ClosingRadius:
         Maximum angle of the rotations, rad; for an axis task, of the tool axis. 0 for paths of
         constant orientation, None for a task without orientation.
     around : str
-        ``"start"`` or ``"path"``.
+        What the radius is around: ``"start"``, the start pose, or ``"path"``.
     kind : str
-        Kind of task.
+        Kind of task, such as ``pose``; of several frames, joined by ``" + "``.
     start : (n,) array
-        Start configuration, rad or m; its leaf is that of the radius.
+        Start configuration, rad or m; the radius is valid on the leaf through it.
     positions, rotations : (K, 3) and (K, 3, 3) arrays
-        The start pose, or poses along the path, m. With F frames: (K, 3 F) and (K, 3 F, 3), those
-        of the first frame first.
+        Positions, m, and rotation matrices of the start pose (K = 1), or of K poses along the path.
+        With F frames: (K, 3 F) and (K, 3 F, 3), those of the first frame first.
     boxes : int
-        Number of boxes evaluated.
+        Number of boxes of the region that were bounded.
     complete : bool
         False if the processor time ran out before every box was decided or the requested radius was
         proved. More time can then prove a larger radius.
@@ -142,11 +143,14 @@ class ClosingRadius:
         kinds = self.kind.split(" + ")
         several = isinstance(placement, tuple) or len(kinds) > 1
         if several and not isinstance(placement, (tuple, list, np.ndarray)):
-            raise InputError(f"there must be {len(kinds)} placements, one per frame")
+            raise InputError(
+                f"must be {len(kinds)} placements, one per frame", argument="placement"
+            )
         given = list(placement) if several else [placement]
         if len(given) != len(kinds):
             raise InputError(
-                f"there must be {len(kinds)} placements, one per frame, not {len(given)}"
+                f"must be {len(kinds)} placements, one per frame, not {len(given)}",
+                argument="placement",
             )
         near = np.ones(len(self.positions), bool)
         for f, (kind, each) in enumerate(zip(kinds, given, strict=True)):
@@ -158,9 +162,9 @@ class ClosingRadius:
     def _near(self, kind: str, T: Array, frame: slice) -> NDArray[np.bool_]:
         """Test which of the K poses of one frame are within the radius of a placement: (K,) bool.
 
-        T is the placement (4, 4), ``kind`` the kind of the frame's task, and ``frame`` the columns
-        of the frame in ``positions`` and ``rotations``. Only coordinates that the task controls are
-        compared.
+        The K poses are those of :attr:`positions` and :attr:`rotations`, in the columns ``frame``.
+        T is the placement (4, 4), and ``kind`` the kind of the frame's task; only coordinates that
+        the task controls are compared.
         """
         away = T[:3, 3] - self.positions[:, frame]
         if len(kind) == 2:
@@ -177,11 +181,10 @@ class ClosingRadius:
 
     @property
     def squared_chord(self) -> float:
-        """Squared chord of the angle: ``(2 sin(α/2))² = ‖R − R₀‖²_F / 2 = ‖z − z₀‖²``.
+        """Squared chord of the angle α = :attr:`radians`: ``(2 sin(α/2))²``; 0 without orientation.
 
-        The angle α is :attr:`radians`, between two orientations R and R₀ or two tool axes z and z₀.
-        The result is 0 for a task without orientation. Chords are compared instead of angles,
-        because a chord needs no trigonometric function.
+        It is compared with ``‖R − R₀‖²_F / 2`` for two orientations R and R₀, or ``‖z − z₀‖²`` for
+        two tool axes z and z₀, which need no trigonometric function.
         """
         if self.radians is None:
             return 0.0
@@ -194,9 +197,10 @@ class ClosingRadius:
 
     @property
     def words(self) -> str:
-        """Proved statement: ``closed paths within 6 cm and 11° of the start close``.
+        """Proved statement as text: ``closed paths within 6 cm and 11° of the start close``.
 
-        The summary of a proof and exported code quote it.
+        The summary of a proof and exported code quote it. Below 1 mm, it states why nothing is
+        proved.
         """
         if not self:
             return f"no closing radius above 1 mm is proved: {self.reason}"
@@ -220,11 +224,12 @@ class ClosingRadius:
 
 
 def beyond(closes: ClosingRadius, inverse: Any, q: Array) -> bool:
-    """Test whether a configuration is outside the closing radius of a repeatable inverse.
+    """Test whether the configuration q (n,) is outside a proved closing radius.
 
-    Closed paths within the radius are proved to end in the configuration they began in. True means
-    that the levels h(q) are farther from those of the start than the radius allows, or that the
-    pose at q is outside the radius. A governor reports this while the robot moves.
+    The result is True if the levels h(q) differ from those of the start by more than the radius
+    allows, or if the pose at q is outside the radius; closed paths are then not proved to close.
+    ``inverse`` is the repeatable inverse that was proved. A control loop calls the function at each
+    step.
     """
     off = np.abs(inverse.leaf(q) - inverse.leaf(closes.start)).max()
     if not off <= max(closes.leaf, SAME_LEAF):
@@ -243,7 +248,7 @@ class Proof:
     Attributes
     ----------
     what : str
-        Description of the design or the cell's function.
+        Description of the design or of the cell's function, the first line of the summary.
     proved : bool
         True if everything that was requested is proved.
     leaf_margin : float
@@ -254,17 +259,17 @@ class Proof:
     sigma_min : float
         Lower bound of the smallest singular value of J, in base axes, m and rad.
     boxes : int
-        Number of boxes evaluated.
+        Number of boxes that were bounded.
     worst, half : (n,) or (k,) arrays
         Centre and half-widths of the box that could not be decided; if all were decided, of the box
-        with the smallest bound. In rad or m; for a cell, in its coordinates u.
+        with the smallest bound. In rad or m; for a cell, in its k coordinates u, from −1 to 1.
     reason : str
         Reason for an early end of the proof, in words; empty without one.
     asked_leaf_margin, asked_limit_margin : float or None
         Bounds that were to be proved, the second in rad or m; None to find the largest bound that
         can be proved in the available time.
     theorem : int
-        Version of the theorem (:data:`_THEOREM`) that was used.
+        Version of the theorem (:data:`_THEOREM`) by which the boxes were bounded.
     excepted : tuple of str
         Joints left out of the limit margin, because they reach their limits. Such a limit ends the
         range of an angle of the cell that was given as ``"all"``.
@@ -326,7 +331,7 @@ class Proof:
         """Return a copy of the proof that is bound to one design and protected against changes.
 
         ``subject`` is the fingerprint, a hash, of the design. The copy also has a seal, a hash of
-        all its values, so that a proof of another design and a changed proof are both refused.
+        all its values. With both, a proof of another design and a changed proof are refused.
         """
         bound = replace(self, subject=subject, seal="")
         return replace(bound, seal=bound._fingerprint())
@@ -404,11 +409,11 @@ class Proof:
 
 
 def own_proof(proof: Proof | None, subject: Callable[[], str], theorem: int = 0) -> Proof | None:
-    """Return a proof of the subject; None, with a warning, if it proves something else.
+    """Return the proof if it is of the given subject; else warn, and return None.
 
-    A saved or changed design thus never shows the proof of another design. ``subject`` computes the
-    fingerprint of what must be proved, and ``theorem`` is the lowest version of the theorem
-    that bounds the same quantities.
+    So a changed design never shows the proof of another one. ``subject`` computes the fingerprint
+    of the design, and ``theorem`` is the lowest version of the theorem that is accepted. For no
+    proof, None, there is no warning.
     """
     if proof is None:
         return None
@@ -433,9 +438,9 @@ def own_proof(proof: Proof | None, subject: Callable[[], str], theorem: int = 0)
 
 
 def fingerprint(*parts: Any) -> str:
-    """Hash nested plain data: exact numbers, texts, arrays, and sequences of these.
+    """Hash nested plain data to a text: numbers, texts, None, arrays, and sequences of these.
 
-    Numbers that are equal give the same hash, whether they are integers, floats or 0 and −0.
+    Equal numbers give the same hash, whether they are integers, floats or 0 and −0.
     """
     digest = hashlib.sha256()
     for piece in _pieces(parts):
@@ -463,7 +468,7 @@ def _pieces(part: Any) -> Iterator[str]:
 
 
 def below(value: float, digits: int = 3) -> str:
-    """Format a lower bound with ``digits`` digits, rounded down so that it stays a bound."""
+    """Format a lower bound with ``digits`` significant digits, rounded down."""
     if not np.isfinite(value) or value == 0:
         return f"{value:g}"
     step = 10.0 ** (np.floor(np.log10(abs(value))) - digits + 1)
@@ -481,8 +486,8 @@ def length_below(value: float) -> str:
 def proved_words(proof: Proof | None) -> str:
     """Write whether a leaf margin is proved, with its bound, or only found by a search.
 
-    The leaf margin is the distance from an algorithmic singularity. A search gives the smallest
-    value among its samples; a smaller value may exist.
+    Without a proof (None) or a proved bound, it is only the smallest value among the samples of a
+    search; a smaller one may exist.
     """
     return f"proved > {below(proof.leaf_margin)}" if proof else "found, not proved"
 

@@ -77,9 +77,10 @@ class RepctlError(Exception):
 
 
 def _restored(kind: type[RepctlError], args: tuple[Any, ...], parts: dict[str, Any]) -> RepctlError:
-    """Create an error from its parts, without its constructor, which may take other arguments.
+    """Create an error of the class ``kind`` from its parts, without calling its constructor.
 
-    Worker processes pickle their errors. ``args`` and ``parts`` are the attributes of the error.
+    Worker processes pickle their errors. ``args`` is the error's tuple ``args``, and ``parts`` are
+    its attributes by name.
     """
     error = kind.__new__(kind, *args)
     vars(error).update(parts)
@@ -178,7 +179,7 @@ def unknown(
     likely
         Names to list first if no known name is similar.
     listing
-        Where all names are listed; appended to the message.
+        Sentence that tells where to find all names, such as a command; ends the message.
     """
     name = f"{name[:59]}…" if isinstance(name, str) and len(name) > 60 else name
     every = list(dict.fromkeys([*likely, *map(str, known)]))
@@ -196,7 +197,8 @@ def unknown(
 def _near(name: str, names: Mapping[str, str]) -> list[str]:
     """Find up to four known names that contain a name, begin with it, or are spelled alike.
 
-    ``names`` maps each spelling, such as an alias, to the name that is suggested for it.
+    ``names`` maps each known spelling to the name that is suggested for it; an alias maps to the
+    name that it stands for.
     """
     written = name.strip().lower()
     folded = {k.lower(): v for k, v in names.items()}

@@ -50,9 +50,10 @@ def prepare_folder(folder: Path) -> Path:
 
 @contextlib.contextmanager
 def not_left_empty(folder: Path) -> Iterator[Path]:
-    """Context manager that at its end removes a new folder, and new parents, if they are empty.
+    """Context manager that at its end removes ``folder`` if the block created it and it is empty.
 
-    A command that fails before it writes thus leaves no empty folders.
+    The same holds for its parents. So a command that fails before it writes leaves no empty
+    folders. The block receives ``folder``.
     """
     missing = [part for part in (folder, *folder.parents) if not part.exists()]
     try:
@@ -67,11 +68,10 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
 def written_together(folder: Path) -> Iterator[Path]:
     """Context manager: yield a temporary folder, and finally move its contents to ``folder``.
 
-    A subfolder is moved as a whole. All targets are checked before the first move.
-
-    One process at a time moves its files, so that a folder never holds files of two runs. A
-    symbolic link in ``folder`` is replaced; its target, which the user did not name, is not
-    written. If the block raises an exception, the files in ``folder`` are unchanged.
+    The files are moved after the block, once all targets are checked; of several processes, one at
+    a time moves its files. If the block raises an exception, the files in ``folder`` are unchanged.
+    A subfolder is moved as a whole. A symbolic link in ``folder`` is replaced, instead of the file
+    that it leads to.
 
     Raises
     ------
@@ -201,7 +201,8 @@ def write_whole(path: str | Path, content: str | bytes) -> Path:
         raise
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         raise InputError(
-            f"cannot write {path}: {getattr(error, 'strerror', None) or error}"
+            f"cannot write {path}: {getattr(error, 'strerror', None) or error}",
+            remedy="choose another file",
         ) from None
     return target
 
@@ -243,7 +244,8 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
                 data = file.read(largest + 1)
     except (OSError, ValueError) as error:  # ValueError: a name with a NUL
         raise InputError(
-            f"cannot read {path}: {getattr(error, 'strerror', None) or error}"
+            f"cannot read {path}: {getattr(error, 'strerror', None) or error}",
+            remedy="give a file that exists and can be read",
         ) from None
     if not stat.S_ISREG(mode):
         what = "a folder" if stat.S_ISDIR(mode) else "a device or a pipe"

@@ -21,12 +21,11 @@ class FitOptions:
     Attributes
     ----------
     samples : int, optional
-        Number of nodes of the fit. By default :func:`nearest_repeatable` takes ``defaults.NODES``,
-        or, if more, 32 times the number of unknowns divided by the number m of task coordinates;
-        :func:`nearest_inverse_function` takes as many as the unknowns require.
+        Number K of nodes of the fit. By default :func:`nearest_repeatable` takes the larger of
+        ``defaults.NODES`` and 32 U / m, for U unknowns and m task coordinates;
+        :func:`nearest_inverse_function` takes as many as its unknowns require.
     held_out : int, optional
-        Number of nodes of the evaluation; by default ``defaults.NODES``, or half as many for a
-        cell.
+        Number of held-out nodes; by default ``defaults.NODES``, and half as many for a cell.
     seed : int
         Random seed of the fit nodes and of the held-out nodes; for a cell, of the search for a
         start configuration, too.
@@ -70,12 +69,12 @@ class FitOptions:
     def require_only(self, names: tuple[str, ...], by: str) -> None:
         """Raise InputError if an option other than ``names`` differs from its default.
 
-        ``by`` names, in the message, the function that has only these options.
+        ``by`` is the name of the function that uses only these options, for the message.
         """
         defaults = vars(FitOptions())
         for name, value in vars(self).items():
             if name not in names and value != defaults[name]:
-                raise InputError(f"{by} has no option {name}; omit it from FitOptions")
+                raise InputError(f"{by} has no option {name}; omit {name}= from FitOptions")
 
 
 def fit_options(given: FitOptions | None) -> FitOptions:

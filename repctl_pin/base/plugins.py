@@ -44,12 +44,13 @@ class Extension:
     package : str
         The extension's own name, ``__name__``.
     commands
-        Modules of the commands, by the name of the command.
+        Module of each command, by the name of the command.
     files
-        Modules with a ``KIND`` of design files, by the file's ``format``.
+        Module that reads each kind of design file, by the ``format`` in the file; the module has a
+        ``FileKind`` named ``KIND``.
     parts
-        Objects, each as ``module:name``, by the name of the place: a point of the core that accepts
-        additions, see :func:`parts`.
+        Functions that the core calls, each as ``module:name``, by one of the names in
+        :func:`parts`.
     """
 
     package: str
@@ -74,10 +75,9 @@ def all_extensions() -> tuple[Extension, ...]:
 
 
 def parts(place: str) -> list[Any]:
-    """Import the additions of extensions at one place of the core, such as notes of a study.
+    """Import what extensions add to the core under the name ``place``, such as notes of a study.
 
-    A place is a named point of the core that accepts additions; the core imports no extension
-    itself.
+    The core calls the result at that point of its work, and imports no extension itself.
 
     Parameters
     ----------
@@ -86,6 +86,11 @@ def parts(place: str) -> list[Any]:
         ``study_notes``: functions design → notes, for the design of a study; ``study_row``:
         functions row → row, for each strategy of a study; ``problem``: pairs of a design class and
         its function (design, start, path, plane) → problem.
+
+    Returns
+    -------
+    list
+        One object for each extension that has such a part.
     """
     found = []
     for extension in all_extensions():
@@ -133,12 +138,12 @@ def plugin(kind: str, name: str, *, known: tuple[str, ...] = ()) -> Any:
         made = point.load()
     except Exception as error:
         raise InputError(
-            f"{name!r} of {package} cannot be imported: {type(error).__name__}: {error}; "
-            "correct or uninstall this package"
+            f"plugin {name!r} of the package {package} cannot be imported: "
+            f"{type(error).__name__}: {error}; correct or uninstall {package}"
         ) from error
     if not callable(made):
         raise InputError(
-            f"{name!r} of {package} must be a function or a class, not {made!r}; "
-            "correct or uninstall this package"
+            f"plugin {name!r} of the package {package} must be a function or a class, "
+            f"not {made!r}; correct or uninstall {package}"
         )
     return made

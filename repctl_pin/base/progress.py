@@ -20,10 +20,10 @@ def silent(what: str, share: float) -> None:
 
 @contextmanager
 def reporter(progress: bool | Report) -> Iterator[Report]:
-    """Context manager that provides a progress callback: silent, a bar on stderr, or the user's.
+    """Context manager that provides a progress callback (step: str, fraction: float from 0 to 1).
 
-    ``progress`` is False, True, or a function (step, fraction). The bar, which needs tqdm, is
-    removed at the end.
+    ``progress`` is False for a callback that does nothing, True for a bar on stderr, or the user's
+    callback. The bar requires tqdm, and is removed at the end.
     """
     if not callable(progress) and not isinstance(progress, bool):
         raise InputError(

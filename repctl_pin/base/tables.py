@@ -43,16 +43,17 @@ Column = NDArray[Any]
 
 
 class NewCells(NamedTuple):
-    """Numbers that replace cells of a column.
+    """Numbers that replace cells of one column of a table of K rows.
 
     Attributes
     ----------
     values : (K, w) array
-        New numbers, one row per row of the table.
+        New numbers; rows that are not replaced are ignored.
     at : sequence of int
-        Indices of the w numbers in a row of the column; 0 for a column of one number per row.
+        Indices of the w replaced numbers among those of a row of the column; (0,) for a column
+        with one number per row.
     rows : (K,) array of bool
-        Rows that are replaced; the others keep their cells.
+        True where the row is replaced; the others keep their cells.
     """
 
     values: Array
@@ -68,7 +69,7 @@ class Table(ABC):
     file : Path
         The file.
     widths : dict of str to int
-        Count of numbers per row, by the column's name; 0 for a column without numbers.
+        Count of numbers per row, by the column's name; 0 for a column of text.
     """
 
     file: Path
@@ -76,13 +77,14 @@ class Table(ABC):
 
     @abstractmethod
     def column(self, name: str) -> Column:
-        """Return a column as (K, …) array of numbers, or of text as objects."""
+        """Return a column of K rows as an array (K, …) of numbers, or of texts (type object)."""
 
     @abstractmethod
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
-        """Write the file again to ``path``, with new cells and without the columns ``removed``.
+        """Write the table to ``path``, with new cells, and without the columns ``removed``.
 
-        Columns of ``new`` that the file lacks are appended. All other cells stay as they are.
+        ``new`` has the new cells by column; columns that the file lacks are appended. All other
+        cells stay as they are. Return the path.
         """
 
     def same_format(self, path: Path) -> bool:
@@ -113,7 +115,7 @@ class Table(ABC):
         return values
 
     def where(self, row: int) -> str:
-        """Name a row, counted from 0, for a message: by its line in a CSV file, else its number."""
+        """Name a row, counted from 0, for a message: the file, with the CSV line or the frame."""
         return f"{self.file}, frame {row}"
 
 
@@ -125,8 +127,8 @@ def read_table(file: Path, known: Collection[str] = ()) -> Table:
     file
         The file.
     known
-        Names that may stand in the header of a CSV file; other names are stripped of ``#`` and
-        quotes.
+        Column names to take from the header of a CSV file as they are; all other names are stripped
+        of ``#`` and quotes.
 
     Raises
     ------
@@ -160,9 +162,9 @@ def read_csv(
     largest
         Maximum size, bytes.
     unnamed
-        Names of the columns of a file without a header, one tuple for each number of columns.
+        Column names to use if the file has no header: the tuple with as many names as columns.
     rows
-        Noun in the message for the lines of the file.
+        Noun for the rows of the file in messages, in the plural.
 
     Raises
     ------
@@ -173,7 +175,7 @@ def read_csv(
 
 
 def number(text: str) -> float:
-    """Parse a text as a number; nan for any other text."""
+    """Parse a text as a number; NaN for any other text."""
     return float(text) if _is_number(text) else np.nan
 
 
@@ -216,9 +218,9 @@ def _format(file: Path) -> str:
 
 
 class CsvTable(Table):
-    """A CSV file: a header, and lines of cells; lines without a filled cell are skipped.
+    """A CSV file: a header, and lines of cells; lines whose cells are all empty are skipped.
 
-    The file stays unchanged. Columns are read on request.
+    The file is read once and not changed. Columns are parsed on request.
     """
 
     def __init__(
@@ -242,7 +244,8 @@ class CsvTable(Table):
             names = self._unnamed(unnamed, line, first)
         elif any(_is_number(name) or not name for name in names) or not names:
             raise InputError(
-                f"{file}: the first line must name the columns, such as time and the joints"
+                f"{file}: the first line must name the columns",
+                remedy="write a header, such as time and the names of the joints",
             )
         else:
             self._header = line
@@ -259,9 +262,10 @@ class CsvTable(Table):
     def _unnamed(
         self, unnamed: Sequence[tuple[str, ...]], line: int, first: Sequence[str]
     ) -> list[str]:
-        """Choose the names of a file without a header, by the number of fields of its first row.
+        """Return the tuple of ``unnamed`` whose length is the number of fields of the first line.
 
-        InputError is raised if no tuple of names in ``unnamed`` has this number of fields.
+        The file has no header; ``line`` and ``first`` are the number and the cells of that line.
+        InputError is raised if no tuple fits; an empty file gives an empty list.
         """
         names = list(next((own for own in unnamed if len(own) == len(first)), ()))
         if first and not names:
@@ -346,7 +350,7 @@ class CsvTable(Table):
         return write_whole(path, start + out.getvalue().encode())
 
     def _records(self) -> Iterator[tuple[int, list[str], str]]:
-        """Yield number, cells and text of each record; a quoted cell may contain line breaks."""
+        """Yield line number, cells and text of each record, also if a cell contains line breaks."""
         text = io.TextIOWrapper(io.BytesIO(self._data), "utf-8-sig", newline="")
         raw: list[str] = []
 
@@ -371,9 +375,9 @@ class CsvTable(Table):
         return cell if cell in self._known else cell.strip("#\"' \t")
 
     def _loaded(self, places: Sequence[int]) -> Array | None:
-        """Read columns of numbers by NumPy, which is fast; None if cells must be parsed singly.
+        """Read columns of numbers (K, C) by NumPy, which is fast; None if NumPy cannot parse them.
 
-        ``places`` are the indices of the columns.
+        ``places`` are the indices of the C columns. The caller then parses the cells one by one.
         """
         text = io.TextIOWrapper(io.BytesIO(self._data), "utf-8-sig", newline="")
         kinds = [(f"c{i}", float if i in places else "U1") for i in range(len(self.names))]
@@ -420,20 +424,21 @@ def _is_number(text: str) -> bool:
 
 
 def _raw_cells(body: str) -> list[str]:
-    """Split a line of a CSV file at its commas, and leave the cells as they are written."""
+    """Split a line of a CSV file at its commas; each cell keeps its quotes and blanks."""
     return body.split(",") if '"' not in body else _CELL.findall(body)
 
 
 def _texts(values: Array) -> Iterator[str]:
-    """Write numbers (K, 1) as text, block by block, with enough digits to read the same number."""
+    """Yield each number of an array (K, 1) as text that reads back as the same number."""
     for k in range(0, len(values), _BLOCK):
         yield from map(repr, values[k : k + _BLOCK].ravel().tolist())
 
 
 def _csv_text(columns: Mapping[str, Column]) -> bytes:
-    """Write columns as the bytes of a CSV file, in blocks of rows that keep the memory small.
+    """Write columns as the bytes of a CSV file.
 
-    A column of several numbers per row becomes ``name_0``, ``name_1``, and so on.
+    A column of several numbers per row becomes ``name_0``, ``name_1``, and so on. Rows are written
+    in blocks, which keep the memory small.
     """
     flat: dict[str, Column] = {}
     for name, values in columns.items():
@@ -458,7 +463,7 @@ def _lines_of(rows: Iterable[tuple[object, ...]]) -> bytes:
 
 
 class _Arrays(Table):
-    """Table of a .npz file, one column per array; arrays without rows are kept, not columns."""
+    """Table of a .npz file, one column per array; scalars stay in the file, but are no columns."""
 
     def __init__(self, file: Path) -> None:
         self.file = file
@@ -498,10 +503,9 @@ _NO_NPZ = (ValueError, OSError, EOFError, KeyError, AttributeError, zipfile.BadZ
 
 
 def replaced(old: Column | None, cells: NewCells) -> Column:
-    """Return a column (K, …) with new numbers; its shape stays, and its type if it is a float type.
+    """Return a copy of the column ``old`` (K, …) with new numbers; integers become doubles.
 
-    If ``old`` is None, because the file lacks the column, it gets one number per row. ``cells`` are
-    the new numbers.
+    If ``old`` is None, because the file lacks the column, return the new numbers (K,).
     """
     if old is None:
         return cells.values[:, 0]
@@ -578,10 +582,10 @@ def arrow_replaced(table: Any, new: Mapping[str, NewCells], removed: Collection[
 
 
 def _changed(column: Any, values: Column, cells: NewCells) -> Any:
-    """Make an Arrow array of the type of a column from new numbers (K, …).
+    """Make the Arrow array of a changed column from its numbers ``values`` (K, …).
 
-    Missing numbers stay missing. A column of integers, which cannot hold joints, becomes one of
-    double precision. ``cells`` has the rows that are replaced.
+    ``column`` is the column before the change, and ``cells`` has the rows that are replaced; in the
+    other rows, missing numbers stay missing. A column of integers becomes one of doubles.
     """
     import pyarrow
 
@@ -630,11 +634,10 @@ def _flat(column: Any) -> Any:
 
 
 def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
-    """Adapt the metadata of a Parquet file to the columns of a changed table.
+    """Return the metadata of a Parquet file for its changed ``table``; None if there are none.
 
-    The library ``datasets`` stores a description of each column, its features, in the metadata. It
-    refuses a file whose features do not match the columns. ``table`` is the changed table, and
-    ``old`` the one before the change. Return the adapted metadata; None if there are none.
+    The library ``datasets`` stores a description of each column, its features, in the metadata, and
+    refuses a file whose features do not match the columns. ``old`` is the table before the change.
     """
     metadata = old.schema.metadata
     if not metadata or b"huggingface" not in metadata or table.column_names == old.column_names:

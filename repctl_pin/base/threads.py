@@ -44,7 +44,7 @@ def one_blas_thread() -> Iterator[None]:
 
 
 class PerThread(threading.local, Generic[T]):
-    """Value that each thread, copy and process creates for itself on first use.
+    """Container of a value that each thread, copy and process creates for itself on first use.
 
     Scratch memory of Pinocchio and of C cannot be shared between threads, nor pickled.
 

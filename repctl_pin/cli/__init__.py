@@ -123,8 +123,9 @@ def parser() -> Parser:
 def commands() -> Iterator[tuple[str, Any]]:
     """Yield the commands, each as a name and a module, in the order of the help.
 
-    A module has ``HELP``, ``EXAMPLE``, ``add_options`` and ``run``. Commands of extensions come
-    after the main commands and before ``robots`` and ``inspect``.
+    The module has the texts ``HELP`` and ``EXAMPLE``, and the functions ``add_options(parser)`` and
+    ``run(options)``. Commands of extensions come after the main commands and before ``robots`` and
+    ``inspect``.
     """
     yield from ((command.__name__.rpartition(".")[2], command) for command in _FIRST)
     for extension in all_extensions():

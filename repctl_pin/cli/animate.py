@@ -1,7 +1,8 @@
 """``repctl animate``: write motions to an animation page.
 
 The motions come from a CSV file, from a saved design, or from a study made here. A playback is one
-motion as the page shows it, with its label and colour.
+motion as the page shows it, with its label and colour. ``say`` is the callback that receives the
+name of each step.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def add_options(parser: Parser) -> None:
     add(
         "--only",
         metavar="NAMES",
-        help="show only these of the CSV's strategies, separated by commas",
+        help="strategies of the CSV to show, separated by commas (default: all)",
     )
     parser.task()
     parser.path()
@@ -87,12 +88,10 @@ def _drawn(
     say: Callable[[str], None],
     **more: Any,
 ) -> _Shown:
-    """Draw motions on a page, and collect what the command reports about them.
+    """Draw the motions ``tracks`` of one robot on a page.
 
-    All sources of motions, such as a CSV file or a design, use this function. ``tracks`` are the
-    motions of one robot, ``say`` receives the name of each step, and ``more`` are further arguments
-    of :func:`playback_page`. Return the page, the task, the number of cycles, and for each
-    controller the drift after each cycle (cycles,), rad or m.
+    ``more`` are further arguments of :func:`playback_page`. Return the HTML of the page, the task,
+    the number of cycles, and the drift after each cycle (cycles,), rad or m, by controller.
     """
     from ..show.page.playback import playback_page, traced_chains
     from ..studies.quantities import KEYS
@@ -145,7 +144,8 @@ def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
     for name in [names] if names in labelled else names.split(","):  # a label may hold a comma
         if name.strip() not in labelled:
             raise InputError(
-                f"--only: {file} has no strategy {name.strip()!r}; choose from {', '.join(there)}"
+                f"--only: {file} has no motion of the strategy {name.strip()!r}; "
+                f"choose from {', '.join(there)}"
             )
         chosen.append(labelled[name.strip()])
     return chosen
@@ -194,8 +194,8 @@ def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]
 def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
     """Run a study, and show its motions under J⁺ and the nearest repeatable inverse.
 
-    This is the default of the command for a robot without ``--motion``. Return the result of
-    :func:`_drawn`.
+    This is the default of the command for a robot without ``--motion``. The result has the members
+    of that of :func:`_drawn`.
     """
     from ..show.study_files import study_page
 

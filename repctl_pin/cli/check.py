@@ -112,12 +112,10 @@ def run(options: Options) -> int:
 def _prove(options: Options, say: Callable[[str], None]) -> int:
     """Prove the margins of a saved design over its region; print the proof, return the exit code.
 
-    The leaf margin is the distance from an algorithmic singularity; for a cell, the distance from
-    the joint limits is proved, too.
-
-    If the file has a certificate, which holds the bounds of an earlier proof, these bounds are
-    proved again. Otherwise the largest bounds that can be found are proved. The exit code is 0 if
-    the proof was reached, else 3. ``say`` receives the name of each step.
+    The margins are the leaf margin, which is the distance from an algorithmic singularity, and for
+    a cell also the distance from the joint limits. If the file has a certificate, the bounds of
+    this earlier proof are proved again; else the largest bounds that can be found. The exit code is
+    0 if the proof was reached, else 3. ``say`` receives the name of each step.
     """
     from dataclasses import asdict
 
@@ -130,8 +128,10 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
         )
     for option in ("weight", "region", "start"):
         if getattr(options, option):
-            why = "a design is proved over its own region"
-            raise InputError(f"--prove and --{option} are mutually exclusive: {why}")
+            why = "a design is proved over its own region, with its own start"
+            raise InputError(
+                f"--prove and --{option} are mutually exclusive: {why}", remedy=f"omit --{option}"
+            )
     design = options.load_saved()
     held = design.proof
     of_cell = held is not None and isinstance(design, rp.CellDesign)
@@ -156,10 +156,11 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
 
 
 def _against(held: rp.Proof, proof: rp.Proof) -> str:
-    """Write what a failed proof means for the certificate (an earlier proof) in the file.
+    """Write the note on an earlier proof that could not be repeated.
 
-    ``held`` is the certificate, ``proof`` the failed proof. A counterexample disproves the
-    certificate; a proof that only stopped, for instance for lack of time, does not.
+    ``held`` is the earlier proof, the certificate in the file, and ``proof`` the new one, which
+    failed. If it failed by a counterexample, the certificate is false; if it only stopped, for
+    instance for lack of time, the certificate is not refuted.
     """
     says = f"the file's certificate says {held!r}"
     if proof.reason.startswith(_REFUTED):
@@ -169,11 +170,10 @@ def _against(held: rp.Proof, proof: rp.Proof) -> str:
 
 
 class _Case(NamedTuple):
-    """Controller to test, its name, and the problem in whose region Ω it is tested.
+    """What the command tests: a controller, over a region Ω of joint space.
 
-    Ω is a part of joint space. A case is made from a saved design or from a robot; the test is the
-    same for both. ``start_is`` describes where the start comes from, such as ``the reference
-    pose``.
+    ``name`` describes the controller. ``problem`` has the start and Ω, and ``start_is`` the origin
+    of the start, such as ``the reference pose``. ``notes`` are printed with the result.
     """
 
     strategy: Inverse
@@ -184,9 +184,7 @@ class _Case(NamedTuple):
 
 
 def _named(options: Options) -> _Case:
-    """Make the case of J⁺, or of the weighted inverse of ``--weight``, which has no design.
-
-    A case is what the command tests: a controller and a region.
+    """Make the case for a robot without a design: J⁺, or the weighted inverse of ``--weight``.
 
     The region Ω is a box of half-width ``--region`` around the start, cut at the joint limits.
     """
@@ -203,12 +201,11 @@ def _named(options: Options) -> _Case:
 def _saved(options: Options) -> _Case:
     """Make the case of a saved design, tested over its own region or that of ``--region``.
 
-    A case is what the command tests: a controller and a region.
-
     InputError is raised for ``--weight``, which would choose another controller.
     """
     if options.weight:
-        raise InputError(f"{options.what} has its own controller", remedy="omit --weight")
+        fact = f"the design in {options.what} is the controller to check"
+        raise InputError(fact, remedy="omit --weight")
     design = options.load_design()
     problem = options.problem_of(design, path=False)
     start_is = problem.start_is
@@ -235,9 +232,9 @@ def _as_dict(
 ) -> dict[str, Any]:
     """Convert the result of a test to plain Python types, for the output of ``--json``.
 
-    ``verdict`` says whether the controller is repeatable. ``drift`` is the joint drift per m² of a
-    small loop by plane, see :func:`_in_planes`. ``surfaces`` are the stable surfaces; None if they
-    were not searched for.
+    ``verdict`` is the test's result: the defect, and whether it is 0. ``drift`` is the joint drift
+    per m² of a small loop by plane, see :func:`_in_planes`. ``surfaces`` are the stable surfaces;
+    None if they were not searched for.
     """
     from ..studies.study_result import picked, region_dict
 
@@ -260,7 +257,7 @@ def _as_dict(
 def _lines(
     case: _Case, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> list[str]:
-    """Write the report of a test, as lines of text for a terminal.
+    """Write the report of a test, as lines of text for a terminal; arguments of :func:`_as_dict`.
 
     The drift and the surfaces appear only if the controller is not repeatable.
     """

@@ -145,8 +145,9 @@ def run(options: Options) -> int:
 class _Made(NamedTuple):
     """Design that the command made, with the other data of its report.
 
-    ``name`` describes the desired inverse; ``degrees`` are tuples of degree, cost and standard
-    error of the cost; ``baselines`` are simpler repeatable inverses.
+    ``name`` describes the desired inverse. ``degrees`` are tuples (degree, cost, standard error of
+    the cost), and ``baselines`` the figures of two simpler repeatable inverses. ``notes`` are
+    texts.
     """
 
     design: rp.Design
@@ -160,10 +161,10 @@ class _Made(NamedTuple):
 def _designed(
     options: Options, problem: rp.Problem, desired: Any, degree: Any, say: Callable[[str], None]
 ) -> tuple[rp.Problem, rp.Design]:
-    """Design the repeatable inverse nearest to ``desired``, and add its region to the problem.
+    """Design the repeatable inverse nearest to ``desired``.
 
-    The remedy of a SingularRegionError names options of the command. Return the completed problem,
-    and the design.
+    Return the problem with the region of the design, and the design. The remedy of a
+    SingularRegionError names options of the command.
     """
     from ..studies.around_motion import design_for
 
@@ -223,10 +224,9 @@ def _text(made: _Made) -> str:
 
 
 def _unproved(design: rp.Design) -> list[str]:
-    """Write a note, with a remedy, on a proof that was not reached, as a list of one text.
+    """Write the note that a design is saved unproved, in a list; the list is empty if it is proved.
 
-    The design is saved nevertheless, so the note says that its leaf margin, the distance from an
-    algorithmic singularity, is not guaranteed. The list is empty if the proof was reached.
+    Potentials of a high degree get the remedy of a lower one.
     """
     if design.proof:
         return []
@@ -257,11 +257,11 @@ def _check(options: Options, degree: Any) -> None:
 
 
 def _problem(options: Options, degree: Any) -> rp.Problem:
-    """Make the problem to design for: with the path of ``--path`` or, without it, a box as region.
+    """Make the problem to design for, from the options.
 
-    With a path, Ω will be a tube around the motion; without one, Ω is the result of
-    :func:`_region`. ``degree`` is ``auto`` or a number; InputError is raised if this degree
-    requires too many polynomials.
+    With ``--path``, the problem has no region yet: it becomes a tube around the motion. Without a
+    path, its region Ω is the result of :func:`_region`. ``degree`` is ``auto`` or a number;
+    InputError is raised if this degree requires too many polynomials.
     """
     from ..studies.design_choice import check_degree
 
@@ -288,10 +288,9 @@ def _region(options: Options, task: rp.Task, q0: Any) -> Region:
 
 
 def _cut(options: Options, problem: rp.Problem) -> tuple[str, ...]:
-    """Write a note, as a tuple of one text, that names the joints at whose limits Ω was cut.
+    """Write a note, in a tuple, on the joints at whose limits the box Ω was cut.
 
-    A cut box Ω is smaller than requested. The tuple is empty if Ω was not cut, or is a tube around
-    the motion on a path.
+    The tuple is empty if Ω was not cut, or is a tube around the motion on a path.
     """
     if options.path is not None:
         return ()
@@ -321,11 +320,10 @@ def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list
 
 
 def _potentials(task: rp.Task, region: Region, degree: Any, fourier: int | None) -> Any:
-    """Make the potentials of ``--fourier``: polynomials, sines and cosines of the joints.
+    """Make the basis of potentials of ``--fourier``; None without ``--fourier``.
 
-    A potential is a function of the joints; the controller holds its value constant. ``degree`` is
-    the degree of the polynomials, ``fourier`` the highest order of sines and cosines of the
-    revolute joints. Without ``--fourier``, return None: the design then makes polynomials itself.
+    The basis has polynomials up to ``degree`` in all joints, and sines and cosines of the revolute
+    joints up to the order ``fourier``. For None, the design makes the polynomials itself.
     """
     if fourier is None:
         return None

@@ -63,9 +63,10 @@ def _stopped_cleanly() -> Iterator[None]:
             raise _Stopped(number)
 
     def swallowed(what: Any) -> None:
-        """Send the signal again if its exception was raised in a finaliser, where Python drops it.
+        """Send the signal again if :class:`_Stopped` was dropped, as Python does in a finaliser.
 
-        ``what`` is Python's report of the dropped exception. Otherwise, the signal would be lost.
+        ``what`` is Python's report of the exception that it dropped; other exceptions go to the
+        previous hook. Otherwise the signal would be lost.
         """
         nonlocal coming
         if isinstance(what.exc_value, _Stopped):

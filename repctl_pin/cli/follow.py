@@ -3,7 +3,8 @@
 The controller is a saved design, a named strategy (``pseudoinverse``), or a design made here around
 the motion. A leaf is the set of configurations on which a repeatable controller stays, because its
 potentials are constant there. Ω is the region of joint space of a design. Within the closing radius
-of a start, every closed path is proved to end in the configuration it began in.
+of a start, every closed path is proved to end in the configuration it began in. ``say`` is the
+callback that receives the name of each step.
 """
 
 from __future__ import annotations
@@ -135,11 +136,11 @@ def run(options: Options) -> int:
 
 
 class _Followed(NamedTuple):
-    """Motion along the path, the motion to send to a robot, and notes.
+    """Simulated motion along the path, and what belongs to it.
 
-    ``commanded`` is the motion with the velocities that a repeatable controller commands, else the
-    motion itself. ``unresolved`` is a note that the drift depends on the number of steps; empty if
-    it does not.
+    ``commanded`` is the same motion with the joint velocities that a repeatable controller
+    commands; for other controllers, it is ``motion``. ``unresolved`` is a note that the drift
+    depends on the number of steps; empty if it does not.
     """
 
     motion: rp.Motion
@@ -149,7 +150,7 @@ class _Followed(NamedTuple):
 
 
 def _followed(options: Options, case: _Case, q0: Any) -> _Followed:
-    """Follow the path of a case from q0 (n,), and write the notes on its motion."""
+    """Follow the path of a case from the configuration q0 (n,); write the notes on its motion."""
     from ..model.bodies import bodies_of
     from ..motion.follow import unresolved
     from ..motion.write_motion import commanded
@@ -183,10 +184,10 @@ def _followed(options: Options, case: _Case, q0: Any) -> _Followed:
 
 
 def _closing_radius(case: _Case, q0: Any) -> tuple[ClosingRadius | None, list[str]]:
-    """Return the proved closing radius, and a list of notes.
+    """Return the proved closing radius of a case for a start q0 (n,), and a list of notes.
 
-    The radius is None if nothing is proved, or if q0 (n,) is on another leaf than the proof; the
-    list then has a note on that leaf, else it is empty.
+    If q0 is on another leaf than the proof, the radius is None, and the list has a note on this. If
+    nothing is proved, the radius is None, and the list is empty.
     """
     strategy = case.strategy
     if case.closes is None or not isinstance(strategy, rp.RepeatableInverse):
@@ -221,9 +222,9 @@ def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) ->
 
 
 def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
-    """Collect the figures of the timed motion, by key; they replace those of :func:`_result`.
+    """Collect the figures of the motion ``rest``, timed from rest to rest, by key.
 
-    ``rest`` is the motion timed from rest to rest.
+    They replace those in the dictionary of :func:`_result`, or are added to it.
     """
     return {
         "duration": rest.duration,
@@ -270,10 +271,9 @@ def _written(
 
 
 def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
-    """Write the remedy for an exceeded limit or a collision: options that may avoid it.
+    """Write the remedy for an exceeded limit or a collision: options that can avoid it.
 
-    ``best_leaf`` adds --best-leaf, which searches for another start by self-motion; ``smaller``
-    adds a smaller path.
+    With ``best_leaf``, --best-leaf is one of them; with ``smaller``, so is a smaller path.
     """
     from ..studies.around_motion import NO_BETTER
 
@@ -312,12 +312,11 @@ def _check_control(options: Options) -> None:
 
 
 class _Case(NamedTuple):
-    """Controller, the problem to solve with it, and known data of its design.
+    """Controller to follow a path with, the problem with the path, and known data of its design.
 
-    A case is made from a saved design or from a robot. ``region`` is Ω, the region of joint space
-    of the design, ``period`` the duration of one cycle, s, and ``desired`` the desired inverse,
-    which the design approximates. ``closes`` is the proved closing radius. Each of these four is
-    None if unknown.
+    ``region`` is Ω, the region of joint space of the design, ``period`` the duration of one cycle,
+    s, and ``desired`` the desired inverse, which the design approximates. ``closes`` is the proved
+    closing radius. Each of these four is None if unknown.
     """
 
     strategy: Strategy
@@ -419,18 +418,18 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
     strategy = plugin("strategies", name, known=_OWN)(task)
     if not isinstance(strategy, Strategy):
         raise InputError(
-            f"{name} makes an object without a task or a velocity(q, ẋ); "
-            "return a strategy, such as rp.Pseudoinverse(task), in the plugin",
+            f": the plugin {name!r} returned an object without the attributes task and "
+            "velocity(q, ẋ); let it return a strategy, such as rp.Pseudoinverse(task)",
             argument="--strategy",
         )
     return strategy
 
 
 def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
-    """Convert the motion and its figures to plain Python types, for JSON output and for the text.
+    """Collect the figures of the motion in plain Python types, for JSON output and for the text.
 
     ``slowed`` is the motion slowed down to meet the speed limits, and ``q0`` (n,) the start.
-    ``followed`` is the result of :func:`_followed`.
+    ``followed`` is the result of :func:`_followed`, before the motion was slowed down.
     """
     from ..studies.study_result import bodies_dict, limits_dict
 
@@ -456,10 +455,10 @@ def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
 
 
 def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files: list[Path]) -> str:
-    """Write the report of a motion as text, after a warning on leaving Ω and a note on the leaf.
+    """Write the report of a motion as text, from its figures ``result`` of :func:`_result`.
 
-    ``searched`` is the note on the leaf that --best-leaf found, as lines; ``slowed`` is the motion.
-    ``files`` are the written files.
+    A warning on leaving Ω, and ``searched``, the lines on the leaf that --best-leaf found, come
+    first. ``slowed`` is the motion, and ``files`` are the written files.
     """
     from ..show.text.table import outside_words
 
@@ -468,10 +467,10 @@ def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files:
 
 
 def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Iterator[str]:
-    """Yield the lines of text that report a motion.
+    """Yield the lines of text that report a motion, from its figures ``result`` of :func:`_result`.
 
-    ``result`` is the result of :func:`_result`. If ``written`` is True, files were written, and a
-    note on the speed at both ends of the motion is added.
+    If ``written`` is True, because files were written, a note on the speed at both ends of the
+    motion is added.
     """
     from ..base.arguments import percentage
     from ..model.bodies import bodies_of

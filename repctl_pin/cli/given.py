@@ -1,8 +1,8 @@
 """Parsed options, and the robots, problems and designs that they describe.
 
-WHAT and ROBOT are the positional arguments of commands. A saved design is a .json file of
-``repctl design``, ``study`` or ``cell``. The region Ω is the part of joint space for which a design
-was made.
+WHAT and ROBOT are the positional arguments of commands. A saved design is a .json file of ``repctl
+design``, ``study`` or ``cell``. A problem is a task with a start, a closed path and a region. The
+region Ω is the part of joint space for which a design was made.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Options(argparse.Namespace):
     Attributes
     ----------
     ending : ExitStack
-        Clean-up at the end of the command, also after an error.
+        Context managers to leave at the end of the command, also after an error.
     option_names : dict of str
         Command-line option for each argument name of the library, such as ``--task`` for ``kind``.
     """
@@ -50,7 +50,7 @@ class Options(argparse.Namespace):
         return is_saved(self.what)
 
     def of(self, *names: str) -> dict[str, Any]:
-        """Select options by name, as keyword arguments: ``of("steps")`` is ``{"steps": 200}``."""
+        """Select options by name, as a dictionary: ``of("steps")`` is ``{"steps": 200}``."""
         return {name: getattr(self, name) for name in names}
 
     def load_robot(self) -> rp.Robot:
@@ -70,9 +70,9 @@ class Options(argparse.Namespace):
         return rp.Robot.load(name, lock=self.lock, base=self.base, **self.beside())
 
     def beside(self) -> dict[str, Any]:
-        """Return the mesh folders and the surroundings, as keyword arguments of ``Robot.load``.
+        """Return two keyword arguments of ``Robot.load``: the mesh folders, and the surroundings.
 
-        They are ``--package-dir`` and, for commands that have it, ``--surroundings``.
+        They are the values of ``--package-dir`` and, for commands that have it, ``--surroundings``.
         """
         return {
             "package_dirs": self.package_dir,
@@ -91,8 +91,8 @@ class Options(argparse.Namespace):
     def problem(self, robot: rp.Robot | None = None, **parts: Any) -> rp.Problem:
         """Make the problem that the options describe: task, start, path and region.
 
-        ``robot`` is loaded if it is None. ``parts`` are arguments of :class:`Problem` that replace
-        those of the options, such as ``path=False``.
+        ``parts`` are arguments of :class:`Problem` that replace those of the options, such as
+        ``path=False``.
         """
         frame, kind = self.asked_frames()
         asked = {
@@ -105,9 +105,10 @@ class Options(argparse.Namespace):
         return rp.Problem(robot or self.load_robot(), **(asked | parts))
 
     def problem_of(self, design: rp.Design | rp.CellDesign, **parts: Any) -> rp.Problem:
-        """Make the problem of a saved design: its task, region, and cycle.
+        """Make the problem of a saved design: its task and region, with a start and a path.
 
-        A start and a path from the options replace those of the design; ``parts`` replace both.
+        Start and path are those of the options or, if these are not given, of the design; the
+        arguments ``parts`` of :func:`repctl_pin.studies.of_design.problem_of` replace both.
         """
         from ..studies.of_design import problem_of
 
@@ -168,22 +169,25 @@ class Options(argparse.Namespace):
         for option in ("frame", "task", "base"):
             if getattr(self, option) not in (None, getattr(made_for, option)):
                 its = getattr(made_for, option) or "none"
-                raise InputError(f"{file} has its own {option}, {its}", remedy=f"omit --{option}")
+                raise InputError(
+                    f"the design in {file} has its own {option}, {its}", remedy=f"omit --{option}"
+                )
         for joint in self.lock:
             if joint not in made_for.lock:
                 raise InputError(
-                    f"{file} was made with {joint!r} free to move", remedy=f"omit --lock {joint}"
+                    f"the design in {file} was made with {joint!r} free to move",
+                    remedy=f"omit --lock {joint}",
                 )
         if self.robot is None and not made_for.catalogue:
             raise InputError(
-                f"{file} is for {made_for.robot} ({made_for.file}), which is not in the catalogue",
-                remedy=f"give its URDF: --robot {made_for.file}",
+                f"{file} is a design for the robot {made_for.robot}, which is not in the catalogue",
+                remedy=f"give the path of its URDF: --robot {made_for.file}",
             )
         robot = rp.Robot.load(self.robot or made_for.robot, **self.beside())
         if robot.name != made_for.robot:
             raise InputError(
-                f"{file} is for the robot {made_for.robot!r}, not {robot.name!r}",
-                remedy=f"pass the URDF of {made_for.robot} with --robot",
+                f"{file} is a design for the robot {made_for.robot!r}, not {robot.name!r}",
+                remedy=f"give the URDF of {made_for.robot} with --robot",
             )
         return robot
 
@@ -211,9 +215,10 @@ class Options(argparse.Namespace):
     def asked_path(self) -> Any:
         """Parse ``--path``: one path, or one per frame, separated by commas.
 
-        The result is as :class:`Problem` takes it. A single path belongs to the first frame; the
-        other frames do not move. In a list, the word ``hold`` or None means that a frame does not
-        move. A CSV file names the frames that move.
+        Return the argument ``path`` of :class:`Problem`: a text, or with several frames a list with
+        one text per frame, or None for a frame that does not move. A single path belongs to the
+        first frame. The word ``hold`` gives None. A single CSV file stays a text, because it names
+        the frames that move.
         """
         path = getattr(self, "path", None)
         frames, paths = _listed(self.frame), _listed(path)
@@ -236,7 +241,7 @@ class Options(argparse.Namespace):
         return numbers_of(self.start, "--start", what)
 
     def asked_weight(self) -> Any:
-        """Parse ``--weight``, the joint weights of the desired inverse: None, a word, or numbers.
+        """Parse ``--weight``, the joint weights of the desired inverse: a word, numbers, or None.
 
         The word is ``inertia``, ``limits`` or ``absolute``; InputError is raised for any other text
         without numbers.
@@ -278,10 +283,10 @@ class Options(argparse.Namespace):
         )
 
     def output_folder(self, name: str) -> Path:
-        """Return the output folder, ``--out`` or ``repctl-out/NAME``, if it can be written.
+        """Return the output folder: ``--out``, or ``repctl-out/NAME`` with the given ``name``.
 
-        The folder is tested before the work, so that no result is lost. A new folder that is still
-        empty when the command ends is removed.
+        InputError is raised if it is not writable; the check comes before the work, so that no
+        result is lost. A new folder that is still empty when the command ends is removed.
         """
         folder = Path(self.out or Path("repctl-out") / name)
         try:
@@ -304,8 +309,7 @@ def is_saved(name: str) -> bool:
 def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
     """Parse numbers separated by commas or spaces; InputError for any other text.
 
-    ``option`` begins the error message and ``otherwise`` ends it, such as ``is not a list of
-    numbers``.
+    The message is ``option``, the text, and ``otherwise``, such as ``is not a list of numbers``.
     """
     try:
         return [float(part) for part in text.replace(" ", ",").split(",") if part]
@@ -327,18 +331,19 @@ def _named(text: str | None, option: str) -> str | list[float] | None:
 
 
 def proved(design: D, say: Callable[[str], None], leaf: float = 0.0) -> D:
-    """Add to a design a proof with the largest bounds that can be found in a minute.
+    """Return a copy of a design with a proof of the largest bounds that can be found in a minute.
 
     The proof bounds the leaf margin, the distance from an algorithmic singularity, over the whole
     region. A proof that was not reached is also added, with the reason. ``say`` receives the
-    progress; ``leaf`` is the maximum change of the levels along closed paths.
+    progress; ``leaf`` is the maximum change of the levels, the values of the potentials, along
+    closed paths.
     """
     proof = rp.prove(design, leaf=leaf, progress=in_percent(say))
     return replace(design, proof=proof)
 
 
 def require_proofs(asked: bool) -> None:
-    """Raise an error if proofs are ``asked`` for, but the native library for them is missing.
+    """Raise an error if proofs are ``asked`` for and the native library that proves is missing.
 
     Commands call this before the design, which takes long and would otherwise be made in vain.
     """
@@ -358,10 +363,9 @@ def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:
 
 
 def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
-    """Write a note, as a tuple of one text, that names the joints at whose limits a box was cut.
+    """Write a note, in a tuple, on the joints at whose limits a box was cut; empty if none.
 
-    The box was cut if it is narrower than the requested ``half_width``; otherwise the tuple is
-    empty.
+    The box was cut in a joint if it is narrower there than the requested ``half_width``, rad or m.
     """
     sides = zip(task.joint_names, box.bounds.half_width, strict=True)
     cut = [joint for joint, width in sides if width < half_width * (1 - 1e-9)]
@@ -369,10 +373,10 @@ def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
 
 
 def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
-    """Rewrite the remedy of an error on a singular Ω in terms of options; return the error.
+    """Replace the remedy of an error on a singular Ω by one with options; return the error.
 
-    The library's remedy names arguments, which users of a command do not see. ``shrink`` is True if
-    the command has --shrink, but it was not given; otherwise the remedy is a smaller --region.
+    The library's remedy names arguments of Python functions. With ``shrink``, the remedy is
+    --shrink, which the command must have; otherwise it is a smaller --region.
     """
     from ..studies.around_motion import half_width_within
 

@@ -31,7 +31,8 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Load a robot, and print its joints, limits, frames and redundancy as text or JSON.
 
-    A frame's redundancy is its number of spare joints by kind of task. Returns the exit code 0.
+    Redundancy is given for each frame and kind of task: r = n − m, the number of joints that move
+    the frame minus that of task coordinates. Returns the exit code 0.
     """
     from ..studies.task_choice import redundant_kinds
 
@@ -49,7 +50,7 @@ def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) ->
     robot
         The robot.
     redundancy
-        For each frame to list, degree of redundancy r by task kind.
+        Redundancy r = n − m by kind of task, for each frame to list.
 
     Returns
     -------
@@ -107,8 +108,9 @@ def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) ->
 def _with_bodies(robot: rp.Robot) -> dict[str, int]:
     """Count the links whose collisions can be checked, and all links that have a shape.
 
-    Links that no joint separates count as one. A link has a body if one of its collision shapes has
-    a size or an existing mesh file, which is not read. If no link has a shape, all links count.
+    The keys are ``links_with_body`` and ``links``. Links that no joint separates count as one. A
+    link has a body if one of its collision shapes has a size or an existing mesh file, which is not
+    read. If no link has a shape, all links count.
     """
     from ..model.model import link_frames
     from ..model.packages import find_mesh
@@ -161,10 +163,10 @@ def _text(found: Mapping[str, Any]) -> str:
 
 
 def _chains(found: Mapping[str, Any]) -> list[str]:
-    """Write lines on kinematic chains, the joints that move a frame, with their task kinds.
+    """Write the joints of the longest kinematic chains, and r by task kind: two lines per chain.
 
-    ``found`` is the result of :func:`_inspection`. The chain of the default frame is listed, and
-    other chains with as many joints. If frames have the same chain, only the first is listed.
+    Chains with as many joints as that of the default frame are listed, each once. ``found`` is the
+    result of :func:`_inspection`.
     """
     frames = found["frames"]
     lines: list[str] = []
@@ -182,10 +184,9 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
 
 
 def _frames(found: Mapping[str, Any]) -> list[str]:
-    """Format a table of the frames and their positions, m, with a legend: a list of two texts.
+    """Format a table of the frames with their positions, m, and a legend: a list of two texts.
 
-    The user can choose a frame and a path from the table. ``found`` is the result of
-    :func:`_inspection`.
+    ``found`` is the result of :func:`_inspection`.
     """
     from ..show.text.table import table
 

@@ -30,7 +30,7 @@ _WINDOW = "`repctl study ROBOT` writes a page for the browser, animation.html"
 
 
 class _Base(argparse.Action):
-    """Store the link of --base or --on; only one of them may be given."""
+    """Action that stores the link of --base or --on; only one of them may be given."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: Any, value: Any, option: str | None = None
@@ -41,7 +41,7 @@ class _Base(argparse.Action):
 
 
 class _Frames(argparse.Action):
-    """Store the frames of --frame; frames of a repeated option are joined: ``a,b``."""
+    """Action that stores the frames of --frame; those of a repeated option are joined: ``a,b``."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: Any, value: Any, option: str | None = None
@@ -84,10 +84,10 @@ class Parser(argparse.ArgumentParser):
             raise argparse.ArgumentError(None, str(unknown(kind, value, action.choices)))
 
     def parse_all(self, arguments: list[str]) -> Options:
-        """Parse the arguments of the command line; the subcommand's parser reports unknown ones.
+        """Parse the arguments of the command line.
 
-        That parser knows its options, and can suggest the nearest. The process then ends with exit
-        code 2.
+        For an unknown option or argument, the parser of the subcommand prints the error, which
+        suggests its most similar option; the process then ends with exit code 2.
         """
         options, rest = self.parse_known_args(arguments, Options())
         chosen: Parser = vars(options).pop("parser")
@@ -210,9 +210,9 @@ class Parser(argparse.ArgumentParser):
         add("--start", metavar="Q", help="joint positions q1,q2,…, rad or m")
 
     def path(self, lead: str = "", default: str = " (default: a circle that fits)") -> None:
-        """Add --path and --plane; ``lead`` and ``default`` are texts around the help of --path.
+        """Add --path, whose help begins with ``lead`` and ends with ``default``, and --plane.
 
-        These texts say what the command does with a path, and without one.
+        ``lead`` says what the command does with the path, and ``default`` what it does without one.
         """
         add = self.add_argument
         where = "below" if self.prog == "repctl study" else "`repctl study --help`"

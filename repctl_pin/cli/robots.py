@@ -21,9 +21,10 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Print the catalogue: the joints and the redundancy of every offered frame.
+    """Print the catalogue: the joints and the redundancy of the frames offered for each robot.
 
-    Redundancy is the number of spare joints r = n − m by kind of task. Returns the exit code 0.
+    Redundancy is r = n − m, the number of joints that move the frame minus that of task
+    coordinates, for each kind of task. Returns the exit code 0.
     """
     from ..model.catalogue import entries
     from ..show.text.table import table
@@ -60,8 +61,8 @@ def run(options: Options) -> int:
 def _cells(row: dict[str, Any]) -> list[str]:
     """Format one row of the catalogue's table, as one text per column.
 
-    ``row`` has the keys of :func:`run`: ``robot``, ``frame``, ``chain`` and ``joints`` (numbers of
-    joints), and ``redundancy``, r by task kind.
+    ``row`` has the keys ``robot`` and ``frame``, names; ``chain`` and ``joints``, the numbers of
+    joints that move the frame and of all joints; and ``redundancy``, r by task kind.
     """
     r = row["redundancy"]
     planes = [kind for kind in ("xy", "xz", "yz") if kind in r]

@@ -134,10 +134,11 @@ def _studied(options: Options, say: Callable[[str], None]) -> rp.Study:
 def _report(
     result: rp.Study, maps: ReportMaps, animation: Path, file: Path, options: Options, run: str
 ) -> Path:
-    """Write ``report.html``, with the value of every option; return its file.
+    """Write ``report.html``, with the value of every option, to ``file``; return its path.
 
-    ``maps`` are the design's values over two joints, ``animation`` is the file of the animation
-    page, which the report embeds, and ``run`` the name that marks all files of one study.
+    ``maps`` are the data of the plots of the design over two joints, ``animation`` is the file of
+    the animation page, which the report embeds, and ``run`` the identifier that all files of one
+    study share.
     """
     from ..show.report import report_page
     from ..show.study_files import with_run

@@ -22,7 +22,7 @@ def progress(quiet: bool) -> Callable[[str], None]:
     """Make the callback that reports progress; it is called with the name of each new step.
 
     On a terminal, the callback rewrites one line. If stderr is not a terminal, it prints only
-    notes, or nothing if ``quiet``.
+    notes. With ``quiet``, it prints nothing.
     """
     shown = on_terminal(sys.stderr)
 
@@ -41,10 +41,9 @@ def progress(quiet: bool) -> Callable[[str], None]:
 
 
 def in_percent(say: Callable[[str], None]) -> Callable[[str, float], None]:
-    """Make the callback that reports a long step and its finished fraction, from 0 to 1.
+    """Make a callback (step, fraction) that passes texts such as ``fitting 40 %`` to ``say``.
 
-    The library calls the callback with both. The resulting text, such as ``fitting 40 %``, goes to
-    ``say``.
+    The fraction goes from 0 to 1; at 0 and 1, the text is the step alone.
     """
     return lambda step, fraction: say(
         f"{step} {100 * fraction:.0f} %" if 0 < fraction < 1 else step
@@ -74,17 +73,18 @@ def report(
     text: Callable[[], str | list[Span]] = str,
     files: Sequence[str | Path] | None = None,
 ) -> int:
-    """Print the result of a command, as JSON or as text and the written files; return exit code 0.
+    """Print the result of a command as JSON, or as text and the names of the files; return 0.
 
-    Commands end with this call. Only the requested form, JSON or text, is made.
+    Only the requested form is made: JSON if ``options.json``, nothing if ``options.quiet``, else
+    text.
 
     Parameters
     ----------
     options
         Options with ``json`` and ``quiet``.
     result, text
-        Functions that make the JSON value and the text; the text may be a list of spans, pieces of
-        text that a terminal colours.
+        Functions that return the JSON value, and the text: a str, or a list of spans, which are
+        pieces of text with a colour.
     files
         Written files; None for a command that writes none.
     """
@@ -101,9 +101,9 @@ def report(
 
 
 def page_lines(files: Sequence[Path]) -> list[str]:
-    """Write the lines that say which page to open, and which other files were written.
+    """Write two lines of text: which page to open, and which other files were written.
 
-    The page is the first of ``files``; the answer of a study ends with these lines.
+    The page is the first of ``files``, and the others are in its folder.
     """
     page, *others = files
     names = ", ".join(file.name for file in others)

@@ -31,7 +31,7 @@ Tick = Callable[[float], None]
 def _silent(share: float) -> None:
     """Do nothing: the progress callback of a fit that reports no progress.
 
-    ``share`` is the completed share of a pass over the nodes, 0 to 1.
+    ``share`` is the finished fraction of the nodes, 0 to 1.
     """
 
 
@@ -44,7 +44,7 @@ class Batches:
     Parameters
     ----------
     builder
-        Factory of the batches.
+        Function (Q, weights) → batch, which evaluates the arm at some nodes.
     Q, weights : (K, n), (K,) arrays
         Nodes (configurations) and their quadrature weights.
     tick
@@ -93,7 +93,7 @@ class Batches:
         return add(function(batch, *arguments) for batch in batches)
 
     def _build(self, first: int) -> Iterator[Batch]:
-        """Build the batches from number ``first`` on, and report the share that is built."""
+        """Yield the batches from number ``first`` on; report the fraction of nodes after each."""
         for begin in range(first * self._size, len(self._Q), self._size):
             nodes = slice(begin, begin + self._size)
             yield self._builder(self._Q[nodes], self._weights[nodes])
@@ -101,23 +101,23 @@ class Batches:
 
 
 class BarrierCost:
-    """Nodes of a fit, and additional points of Ω that act as a barrier against singularities.
+    """Nodes of a fit, and barrier points: configurations between them that repel singularities.
 
-    The points are configurations between the nodes at which an earlier fit had det(Nᵀ V) = 0, an
-    algorithmic singularity. Each of these points is an additional node, whose cost tends to
-    infinity as det(Nᵀ V) tends to 0, so that a descent stays away from a singularity there. V are
-    the gradients of the potentials, and N spans the null space of J.
+    At a barrier point, an earlier fit had an algorithmic singularity, det(Nᵀ V) = 0: V are the
+    gradients of the potentials, and N spans the null space of J. As an additional node, its cost
+    tends to infinity as det(Nᵀ V) tends to 0, so that a descent stays away from a singularity
+    there.
 
     Parameters
     ----------
     batches
         The nodes.
     builder
-        Factory of batches, for the additional points.
+        Function (Q, weights) → batch, for the barrier points.
     weight
-        Quadrature weight of each additional point.
+        Quadrature weight of each barrier point.
     guards
-        Arrays (K, n) of initial additional points.
+        Arrays (K, n) of initial barrier points.
     """
 
     def __init__(
@@ -132,10 +132,7 @@ class BarrierCost:
             self.guard(Q)
 
     def guard(self, Q: Array) -> None:
-        """Add the configurations Q (K, n), at or near which det(Nᵀ V) = 0, to the barrier points.
-
-        V are the gradients of the potentials. The next descent keeps away from these points.
-        """
+        """Add the configurations Q (K, n), at or near which det(Nᵀ V) = 0, as barrier points."""
         self.guards.append(Q)
         self._built.append(self._builder(Q, np.full(len(Q), self._weight)))
 
@@ -148,7 +145,7 @@ class BarrierCost:
         """Sum the tuples ``function(batch, *arguments)`` of all batches and the barrier points.
 
         ``function`` is a function of :mod:`criterion`, such as the cost of coefficients A. The
-        result is one tuple of sums, which a descent uses in place of those over the nodes alone.
+        result is one tuple of sums.
         """
         nodes = self.batches.total(function, *arguments)
         return add([nodes, *(function(b, *arguments) for b in self._built)])

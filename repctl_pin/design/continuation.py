@@ -1,15 +1,16 @@
 """Continuation in the degree of the potentials, to an optimum without algorithmic singularities.
 
 At an algorithmic singularity the repeatable inverse fails though J has full rank: det(Nᵀ V) = 0,
-where N spans the null space of J, and V = ∂hᵀ/∂q are the gradients of the r potentials h. The
-coefficients A of the potentials in their basis determine V, so either one stands for a candidate
-design. V is regular if no algorithmic singularity is found in Ω.
+where N spans the null space of J, and V = ∂hᵀ/∂q are the gradients of the r potentials h. With a
+basis of potentials whose gradients are the columns of D, a candidate design has coefficients A, and
+V = D A. A candidate is regular if a search finds no algorithmic singularity in the region Ω.
+Independent potentials are those of the basis that remain without linearly dependent ones.
 
 A descent evaluates det(Nᵀ V) at the nodes alone, and potentials of high degree vary between them.
 So Ω is searched for singularities after each descent. A configuration with det(Nᵀ V) = 0 is added
-to the cost as a barrier, and the descent starts again from a regular V. If no regular V of the full
-degree is found, the degree is raised from 1 step by step, and each fit starts from the optimum of
-the degree below.
+to the cost as a barrier point, and the descent starts again from a regular candidate. If no regular
+candidate of the full degree is found, the degree is raised from 1 step by step, and each fit starts
+from the optimum of the degree below.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ _COARSE_TOLERANCE = 1e-4
 class FitProblem:
     """Arguments of a fit of potentials over one region Ω; see :func:`nearest_repeatable`.
 
-    A fit in a smaller region, or of another degree, takes a copy with that argument replaced.
+    A fit in a smaller region, or of another degree, takes a changed copy.
 
     Attributes
     ----------
@@ -53,8 +54,8 @@ class FitProblem:
     options
         Nodes, seed and stopping.
     warm : (N_first, r) array, optional
-        Coefficients of a design of lower degree, which uses the first N_first potentials of the
-        basis; a starting point of the fit.
+        Coefficients of a design of lower degree, for the first N_first potentials of the basis; one
+        of the starting points of the fit. By default none.
     report
         Progress callback.
     """
@@ -78,9 +79,10 @@ class Continuation:
     problem
         Arguments of the fit.
     chosen
-        The independent potentials over Ω.
+        The independent potentials over Ω, and coordinates in which their gradients are
+        orthonormal.
     coarse
-        A small set of nodes, with its barrier points.
+        The coarse nodes, with barrier points.
     """
 
     def __init__(self, problem: FitProblem, chosen: Independent, coarse: BarrierCost) -> None:
@@ -92,23 +94,22 @@ class Continuation:
         self._starts: dict[int, Start] = {}
 
     def margin(self, A: Array) -> LeafMargin:
-        """Make the function that measures the signed leaf margin of V = D A over Ω.
+        """Make the measure of the signed leaf margin of the candidate A (N', r).
 
-        The function maps configurations (K, n) to ±σ_min(Nᵀ V̂) (K,), the distance from an
-        algorithmic singularity. The sign is positive where det(Nᵀ V) has the same sign as at the
-        centre of Ω. So a search for its minimum finds singularities. D are the gradients of the
-        basis.
+        It maps configurations (K, n) to ±σ_min(Nᵀ V̂) (K,), with V̂ the orthonormalised V. The
+        absolute value is the distance from an algorithmic singularity, and the sign is positive
+        where det(Nᵀ V) has the same sign as at the centre of Ω. So a search for the minimum finds
+        singularities.
         """
         potentials = self.problem.potentials.weighted(self.chosen.spread(A))
         return LeafMargin(self.problem.desired.task, potentials, self.problem.region.center)
 
     def regular(self) -> Iterator[Descent]:
-        """Yield optima on the coarse nodes for which a search finds no singularity, the best first.
+        """Yield regular optima on the coarse nodes, the best first.
 
-        The first one uses all potentials, if a regular optimum is found. The second one is the
-        given design of lower degree (``warm``). Without ``warm``, the optima reached by raising the
-        degree step by step follow instead, the highest degree first. An optimum is regular if no
-        algorithmic singularity, det(Nᵀ V) = 0, was found in Ω.
+        The first one uses all independent potentials, if such an optimum is regular. With ``warm``,
+        the second and last one is the given design of lower degree. Without ``warm``, the optima
+        reached by raising the degree step by step follow, the highest degree first.
         """
         whole = len(self.chosen.kept)
         warm = self.problem.warm
@@ -129,13 +130,12 @@ class Continuation:
         yield from reversed(ladder)
 
     def fit_degree(self, size: int, below: Array | None) -> Descent | None:
-        """Minimise the cost with the first ``size`` potentials on the coarse nodes.
+        """Minimise the cost with the first ``size`` independent potentials on the coarse nodes.
 
-        The coarse nodes are the few configurations of the early descents. The starting points are
-        the solution of the linear problem and ``below``, an optimum with fewer potentials. The
-        starting point of lower cost is tried first. If this point does not lead to a regular
-        optimum, the other one is tried. Random restarts may improve the optimum. Return the best
-        one; None if neither starting point leads to a regular optimum.
+        There are two starting points: the result of :func:`start`, and ``below``, the coefficients
+        of an optimum with fewer potentials, if given. The one of lower cost is tried first, and the
+        other one only if the first leads to no regular optimum. With random restarts, the best
+        optimum is returned. Return None if neither starting point leads to a regular optimum.
         """
         begin = self._start(size)
         starts = (
@@ -154,14 +154,13 @@ class Continuation:
     def descend(
         self, batches: BarrierCost, A: Array, penalty: float, tolerance: float
     ) -> Descent | None:
-        """Minimise the cost from coefficients A to an optimum without singularity in Ω.
+        """Minimise the cost on the nodes ``batches`` from coefficients A to a regular optimum.
 
-        After each descent, singular configurations that a search of Ω finds are added to the
-        barrier points, and the descent is repeated from A. Return None if A itself is singular at a
-        configuration found in this way, or if every descent ends in a singular V, the gradients of
-        the potentials. ``batches`` are the nodes with their barrier points, ``penalty`` is the
-        relative weight of the penalty, and ``tolerance`` the relative decrease of the cost that
-        ends a descent.
+        After each descent, singular configurations that a search of Ω finds become barrier points,
+        and the descent is repeated from A. Return None if A itself is singular at one of them, if
+        the optimum is singular between the nodes, or after the last repetition. ``penalty`` is the
+        relative weight of the penalty of :func:`descend`, and ``tolerance`` the relative decrease
+        of the cost that ends a descent.
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         begin = self._start(len(A))
@@ -180,12 +179,11 @@ class Continuation:
         return None
 
     def refusal(self, Q: Array, error: SingularRegionError | None) -> SingularRegionError:
-        """Make the error that no V without an algorithmic singularity in Ω was found.
+        """Make the error that no regular candidate was found.
 
-        V = D A are the gradients of the potentials, and Ω is the region of the design. The message
-        names a configuration where the V of the linear problem is singular. If there is none, the
-        message names the configuration of the given error. Without an error, the message states
-        that the nodes Q (K, n) are too few.
+        The message names a configuration at which the result of :func:`start` is singular or, if
+        there is none, that of the given ``error``. Without either, it says that the nodes Q (K, n)
+        are too few.
         """
         begin = self._start(len(self.chosen.kept))
         measure = self.margin(begin.A)
@@ -209,8 +207,8 @@ class Continuation:
     def _between_nodes(self, Q: Array) -> SingularRegionError:
         """Make the error that the nodes Q (K, n) are too few to determine the potentials.
 
-        The nodes are too few if the V of the linear problem is regular, but every descent ends in a
-        V that is singular between the nodes. The message calls nodes samples, as the option does.
+        This is so if the result of :func:`start` is regular, but every descent ends in a
+        singularity between the nodes. The message calls nodes samples, as the option does.
         """
         task = self.problem.desired.task
         kept = self.chosen.kept
@@ -228,11 +226,11 @@ class Continuation:
         self.problem.report(f"step {step}", 1.0)
 
     def _again(self, A: Array) -> Iterator[Descent]:
-        """Yield the regular optima reached by descents from random perturbations of A.
+        """Yield the regular optima that descents from random perturbations of A (N', r) reach.
 
-        There are ``options.restarts`` perturbations, by default none. A descent can end in a local
-        minimum, and another local minimum may be lower. Perturbed coefficients with a singularity
-        at a node are skipped.
+        They can have a lower cost than the local minimum reached from A. There are
+        ``options.restarts`` perturbations, by default none; those with a singularity at a node are
+        skipped.
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         for attempt in range(self.problem.options.restarts):
@@ -246,10 +244,7 @@ class Continuation:
                 yield found
 
     def _start(self, size: int) -> Start:
-        """Solve the linear problem of :func:`start` with the first ``size`` potentials; cached.
-
-        Its solution is the starting point of descents, and the reference of their penalty.
-        """
+        """Return the result of :func:`start` for the first ``size`` independent potentials."""
         if size not in self._starts:
             self._starts[size] = start(
                 self.coarse.batches, self.chosen.basis[:size, :size], self.moments
@@ -261,10 +256,10 @@ class Continuation:
         return search(self.margin(A), region, region.random(1024, self.problem.options.seed + 7919))
 
     def _rungs(self) -> list[int]:
-        """Return the numbers of independent potentials of degree at most 1, 2, …, from r upwards.
+        """Return the numbers of independent potentials up to degree 1, 2, …, if at least r.
 
-        For a basis without degrees, return the number of all independent potentials. The numbers
-        are the steps of the continuation in the degree.
+        They are the steps of the continuation. For a basis that is not polynomial, return the
+        number of all independent potentials.
         """
         potentials = self.problem.potentials
         if not isinstance(potentials, Polynomial):

@@ -1,16 +1,16 @@
 """Cost of coefficients A of the potentials, its gradient and its Gauss–Newton matrix, per batch.
 
-The cost is the mean of ‖G_r − G_d‖² over Ω: how far the repeatable inverse is from the desired one.
-G_r belongs to the potentials h = Aᵀ (h_1 … h_N) with gradients V = D A, N spans the null space of
-J, and the nodes are the configurations over which the mean is taken. Equation numbers are the
-paper's.
+The cost is the mean of ‖G_r − G_d‖² over the region Ω: the squared distance of the repeatable
+inverse G_r from the desired inverse G_d. G_r belongs to the potentials h = Aᵀ (h_1 … h_N) with
+gradients V = D A, where D = [∇h_1 … ∇h_N], and N spans the null space of J. As a size, N is the
+number of potentials of the basis. The nodes are the configurations over which the mean is taken.
+Equation numbers are the paper's.
 
 Everything that depends on the arm is in the arrays E and F of :class:`Batch`, which are built once
 (34), (36), (38). Each evaluation is then dense linear algebra. :func:`linear`, :func:`cost`,
-:func:`linearised` and :func:`gauss_newton` take one batch and return its terms of the sums over all
-batches. If A has fewer rows than there are potentials, only the first potentials are used. B is a
-basis of coefficients in which the gradients of the potentials are orthonormal over Ω. An argument b
-is a batch.
+:func:`linearised` and :func:`gauss_newton` take one batch b and return its terms of the sums over
+all batches. If A has fewer rows than there are potentials, only the first potentials are used. B is
+a basis of coefficients in which the gradients of the potentials are orthonormal over Ω.
 """
 
 from __future__ import annotations
@@ -34,10 +34,8 @@ from ..strategies.strategy import Inverse
 class Batch:
     """Matrices E and F of K nodes, from which the cost is evaluated for any coefficients A.
 
-    With D = [∇h_1 … ∇h_N] (gradients of the basis of potentials) at a node, a configuration of Ω,
-    ``E = Nᵀ D`` (r, N) and ``F = G_dᵀ D`` (m, N). N spans the null space of J, and G_d is the
-    desired inverse. The null-space components of the repeatable inverse G_r, with gradients V = D
-    A, and of G_d then differ by ``W_r − W_d = −F A (E A)⁻¹`` (38).
+    At each node, ``E = Nᵀ D`` (r, N) and ``F = G_dᵀ D`` (m, N). The null-space components ``W_r =
+    G_rᵀ N`` and ``W_d = G_dᵀ N`` (m, r) then differ by ``W_r − W_d = −F A (E A)⁻¹`` (38).
 
     Attributes
     ----------
@@ -62,8 +60,7 @@ class Batch:
     def E(self) -> Array:
         """``E = Nᵀ D`` (K, r, N): null-space components of the gradients of the potentials.
 
-        D = [∇h_1 … ∇h_N], and N spans the null space of J. det(E A) = 0 is an algorithmic
-        singularity.
+        det(E A) = 0 is an algorithmic singularity.
         """
         return self.EF[:, : self.r]
 
@@ -71,8 +68,7 @@ class Batch:
     def F(self) -> Array:
         """``F = G_dᵀ D`` (K, m, N): derivatives of the potentials along the columns of G_d.
 
-        D = [∇h_1 … ∇h_N], and G_d is the desired inverse. If F A = 0, G_d itself keeps h = Aᵀ
-        (h_1 … h_N) constant.
+        If F A = 0, G_d itself keeps h = Aᵀ (h_1 … h_N) constant.
         """
         return self.EF[:, self.r :]
 
@@ -84,14 +80,14 @@ class Batch:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Builder:
-    """Factory of batches, which holds what is common to all nodes of a fit.
+    """Function (Q, weights) → :class:`Batch`, with all that is common to the nodes of a fit.
 
     Attributes
     ----------
     desired, potentials
         G_d and the basis of potentials.
     kept : (N',) array of int
-        Indices of the potentials that are used.
+        Indices of the potentials that are used; batches contain only these.
     N_center : (n, r) array
         Null-space basis at the centre of Ω.
     """
@@ -102,11 +98,7 @@ class Builder:
     N_center: Array
 
     def __call__(self, Q: Array, weights: Array) -> Batch:
-        """Build the batch of the nodes Q (K, n), with quadrature weights (K,).
-
-        The arm and the potentials are evaluated only here; every cost of the batch is linear
-        algebra after that.
-        """
+        """Build the batch of the nodes Q (K, n), with quadrature weights (K,)."""
         task = self.desired.task
         N, G, D = evaluate(self.desired, self.potentials, Q)
         if len(self.kept) < D.shape[-1]:
@@ -117,10 +109,10 @@ class Builder:
 
 
 def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Array, Array, Array]:
-    """Evaluate N (K, n, r), G_d (K, n, m) and D = [∇h_1 … ∇h_N] (K, n, N) at the nodes Q (K, n).
+    """Evaluate N (K, n, r), G_d (K, n, m) and D (K, n, N) at the nodes Q (K, n).
 
-    N are oriented null-space bases of J, G_d the desired inverse, and D the gradients of the basis
-    of potentials: all that a cost needs of the arm. The gradients and J G_d = I are checked.
+    N are oriented null-space bases, see :func:`oriented_nullspace`. The gradients D and J G_d = I
+    are checked.
 
     Raises
     ------
@@ -137,13 +129,13 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
     if not residual.max() < 1e-6:
         k = int(np.argmax(np.where(np.isfinite(residual), residual, np.inf)))
         raise InputError(
-            f"the desired strategy is not an inverse: J G differs from I by {residual[k]:.2g} "
-            f"at {named(task, Q[k])}; correct G"
+            "the desired strategy is not an inverse: J G differs from the identity by "
+            f"{residual[k]:.2g} at {named(task, Q[k])}; correct G"
         )
     D = np.asarray(potentials.gradients(Q), float)
     if D.shape != (len(Q), task.n, potentials.size):
         raise InputError(
-            f"the potentials' gradients must be (K, {task.n}, {potentials.size}) numbers, "
+            f"the potentials' gradients must be ({len(Q)}, {task.n}, {potentials.size}) numbers, "
             f"not {D.shape}; correct the method gradients"
         )
     if not np.isfinite(D).all():
@@ -157,7 +149,7 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
 
 
 def null_space_and_inverse(J: Array, task: Task, Q: Array) -> tuple[Array, Array]:
-    """Evaluate N (K, n, r) as :func:`oriented_nullspace` does, and J⁺ (K, n, m).
+    """Evaluate the null-space bases of :func:`oriented_nullspace` (K, n, r), and J⁺ (K, n, m).
 
     One factorisation of J (K, m, n) gives both. Error messages name the configurations Q (K, n).
     """
@@ -168,18 +160,19 @@ def null_space_and_inverse(J: Array, task: Task, Q: Array) -> tuple[Array, Array
 def oriented_nullspace(J: Array, task: Task, Q: Array) -> Array:
     """Evaluate orthonormal null-space bases N (K, n, r) of J (K, m, n) with ``det [J; Nᵀ] > 0``.
 
-    A factorisation returns bases of random orientation. With this orientation, ``det(Nᵀ V)`` has
-    the sign of ``det [J; Vᵀ]``, which is smooth in q. So its sign changes only across an
-    algorithmic singularity of the potentials with gradients V.
+    With this orientation, ``det(Nᵀ V)`` has the sign of ``det [J; Vᵀ]``, which is smooth in q; so
+    its sign changes only across an algorithmic singularity. Q (K, n) are the configurations, for
+    the message of the SingularityError where J loses rank.
     """
     return _oriented(J, task, Q)[0]
 
 
 def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
-    """Factor ``Jᵀ = Q R`` for J (K, m, n) at the configurations Q (K, n), and orient null spaces.
+    """Factor ``Jᵀ = O R`` for J (K, m, n) by QR, and orient the null spaces.
 
-    Return the null-space bases N (K, n, r) with ``det [J; Nᵀ] > 0``, the orthogonal factors (K, n,
-    n), and R (K, m, m). A SingularityError names the configuration where J loses rank.
+    Return the null-space bases N (K, n, r) with ``det [J; Nᵀ] > 0``, the orthogonal factors O (K,
+    n, n), and R (K, m, m). A SingularityError names the configuration of Q (K, n) where J loses
+    rank.
     """
     m = J.shape[-2]
     try:
@@ -201,8 +194,7 @@ def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
 class SignCount:
     """Numbers of nodes with det(Nᵀ V) above 0, and with det(Nᵀ V) at most 0.
 
-    If both occur, an algorithmic singularity lies between the nodes, and the design is rejected. V
-    are the gradients of the potentials, and N spans the null space of J.
+    If both are positive, an algorithmic singularity lies between the nodes.
     """
 
     positive: int
@@ -218,11 +210,10 @@ class SignCount:
 
 
 def linear(b: Batch) -> tuple[Array, Array, Array]:
-    """Evaluate this batch's terms of the linear problem from which a fit starts.
+    """Evaluate this batch's terms of three means for the linear problem of :func:`descend.start`.
 
-    The terms belong to ``mean EᵀE`` and ``mean FᵀF``, (N, N) each, and ``mean Eᵀ NᵀN(center)``
-    (N, r), with N(center) the null-space basis at the centre of the region Ω. See
-    :func:`descend.start`.
+    The means are those of ``EᵀE`` and ``FᵀF``, (N, N) each, and ``Eᵀ NᵀN(center)`` (N, r), with
+    N(center) the null-space basis at the centre of Ω.
     """
     root = np.sqrt(b.weights)[:, None, None]
     E = (b.E * root).reshape(-1, b.EF.shape[-1])
@@ -233,8 +224,8 @@ def linear(b: Batch) -> tuple[Array, Array, Array]:
 def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
     """Evaluate this batch's term of the cost ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38).
 
-    A (N, r) are the coefficients of the potentials. Return the term with the number of nodes with
-    either sign of det(E A) = det(Nᵀ V), whose zeros are the singularities that a fit must avoid.
+    A (N, r) are the coefficients of the potentials. Return the term, and the numbers of nodes with
+    either sign of det(E A) = det(Nᵀ V), whose zeros are algorithmic singularities.
     """
     X, _, sides = _difference(b.first(len(A)), A)
     return float(b.weights @ np.sum(X**2, axis=(1, 2))), sides
@@ -245,9 +236,9 @@ def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
 class Differential:
     """First-order change ``dX = L dA P⁻¹`` of ``X = F A P⁻¹`` (38), ``P = E A``, at K nodes.
 
-    X is the difference of the null-space components of G_r and G_d. The mean square of dX is the
-    Gauss–Newton model of the cost, ``Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']`` with S = P⁻¹
-    P⁻ᵀ.
+    X is the difference of the null-space components of G_d and G_r, see :class:`Batch`. The mean
+    square of dX is the Gauss–Newton model of the cost: ``Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:,
+    j']``, with ``S = P⁻¹ P⁻ᵀ`` (r, r).
 
     Attributes
     ----------
@@ -277,7 +268,7 @@ class Differential:
     def traces(self, basis: Array) -> Array:
         """Evaluate the trace of each node's term of the Gauss–Newton matrix: (K,).
 
-        The matrix is in coordinates ``B⁻¹ A``, with B the (N, N) array ``basis``.
+        The matrix is that for the coordinates ``B⁻¹ A`` of the coefficients; ``basis`` is B (N, N).
         """
         rows = self.L.reshape(-1, self.L.shape[-1]) @ basis
         return np.trace(self.S) * np.sum(np.sum(rows**2, axis=1).reshape(len(self.L), -1), axis=0)
@@ -303,10 +294,11 @@ class Differential:
 def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differential, float]:
     """Estimate the Gauss–Newton matrix from ``count`` randomly drawn nodes, without bias.
 
-    A node is drawn with a probability that is half constant, half in proportion to the trace of its
-    term in coordinates ``B⁻¹ A``, so that nodes near a singularity are seldom missed. The terms are
-    divided by the probabilities. Return the drawn nodes' :class:`Differential`, and the trace of
-    the matrix of all nodes. ``basis`` is B.
+    ``model`` are the differentials of all batches. A node is drawn with a probability that is half
+    constant, half in proportion to the trace of its term for the coordinates ``B⁻¹ A``, so that
+    nodes near a singularity are seldom missed; the drawn terms are divided by their probabilities.
+    ``basis`` is B (N, N). Return the :class:`Differential` of the drawn nodes, and the trace of the
+    matrix of all nodes for the coordinates ``B⁻¹ A``.
     """
     traces = [one.traces(basis) for one in model]
     every = np.concatenate(traces)
@@ -324,8 +316,8 @@ def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differ
 def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], SignCount]:
     """Evaluate this batch's terms of the cost C(A), its gradient, and its first-order model.
 
-    E and F are the matrices of the :class:`Batch`. With P = E A, X = F A P⁻¹ and L = F − X E, ``½
-    ∂C/∂A = mean Lᵀ X P⁻ᵀ``, and the first-order change of X is ``dX = L dA P⁻¹``.
+    With P = E A, X = F A P⁻¹ and L = F − X E, ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``, and the first-order
+    change of X is ``dX = L dA P⁻¹``.
 
     Returns
     -------
@@ -335,7 +327,7 @@ def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], Si
     differentials : list of Differential
         First-order model of this batch alone; over several batches, the lists are joined.
     sides : SignCount
-        Number of nodes with either sign of det P.
+        Numbers of nodes with either sign of det P.
     """
     size, r = A.shape
     b = b.first(size)
@@ -352,10 +344,10 @@ def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], Si
 
 
 def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
-    """Evaluate this batch's terms of the cost C(A), its gradient, and its Gauss–Newton matrix.
+    """Evaluate this batch's terms of the cost C(A), of half its gradient, and of its model.
 
-    The terms are those of :func:`linearised`, but with the model ``mean ‖dX‖² = Σ_jj' dA[:, j]ᵀ
-    (mean S[j, j'] LᵀL) dA[:, j']`` and ``S = P⁻¹ P⁻ᵀ`` as a matrix (r, N, r, N).
+    As :func:`linearised`, but the model is the Gauss–Newton matrix (r, N, r, N) of
+    :meth:`Differential.matrix`.
     """
     total, gradient, (differential,), sides = linearised(b, A)
     return total, gradient, differential.matrix(), sides
@@ -369,10 +361,10 @@ def named(task: Task, q: Array) -> str:
 
 
 def _difference(b: Batch, A: Array) -> tuple[Array, Array, SignCount]:
-    """Evaluate ``X = F A P⁻¹ = −(W_r − W_d)`` (38), with P = E A, for coefficients A (N, r).
+    """Evaluate ``X = F A P⁻¹ = W_d − W_r`` (38), with P = E A, for coefficients A (N, r).
 
-    X is the difference of the null-space components of the repeatable and of the desired inverse.
-    Return X (K, m, r), P⁻¹ (K, r, r), and the number of nodes with either sign of det P.
+    W_d and W_r are the null-space components, see :class:`Batch`. Return X (K, m, r), P⁻¹ (K, r,
+    r), and the numbers of nodes with either sign of det P.
     """
     K, n, size = b.EF.shape
     EFA = (b.EF.reshape(-1, size) @ A).reshape(K, n, -1)

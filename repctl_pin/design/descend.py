@@ -1,10 +1,11 @@
 """Fit of the coefficients A of the potentials, by Levenberg–Marquardt steps.
 
-The start is the solution of a linear least-squares problem. V = D A are the gradients of the
-potentials h, D those of their basis, and N spans the null space of J: det(Nᵀ V) = 0 is an
-algorithmic singularity. B is a basis of coefficients in which the gradients are orthonormal. The
-cost C is the mean over the region of ‖G_r − G_d‖², with G_r the repeatable inverse and G_d the
-desired one.
+The cost C is the mean over the region Ω of ‖G_r − G_d‖², with G_r the repeatable inverse and G_d
+the desired one. V = D A are the gradients of the potentials h, D those of their basis, and N spans
+the null space of J; det(Nᵀ V) = 0 is an algorithmic singularity. At each node, E = Nᵀ D and F =
+G_dᵀ D. N(center) is the null-space basis at the centre of Ω. As sizes, K, N and r are the numbers
+of nodes, of potentials of the basis, and of potentials h. B (N, N) is a basis of coefficients: in
+the coordinates x = B⁻¹ A, the gradients of the potentials are orthonormal over Ω.
 """
 
 from __future__ import annotations
@@ -57,16 +58,15 @@ class Descent:
     A : (N, r) array
         Final coefficients.
     cost, gradient_norm : float
-        Cost on the fit nodes, and norm of the gradient of the penalised cost, in coordinates in
-        which the gradients of the potentials are orthonormal over Ω.
+        Cost on the fit nodes, and norm of the gradient of the penalised cost with respect to x.
     converged : bool
         True if an undamped step predicts no relative decrease of the cost above the tolerance, or
         the last three steps gave none.
     steps : int
         Number of steps.
     sides : SignCount
-        Number of nodes with either sign of det(Nᵀ V); ``sides.uniform`` means that no algorithmic
-        singularity lies between the nodes.
+        Numbers of nodes with either sign of det(Nᵀ V); ``sides.uniform`` means that all have one
+        sign.
     """
 
     A: Array
@@ -81,9 +81,6 @@ class Descent:
 @read_only
 class Start:
     """Starting point of a descent, and the data of the penalty that keeps V near the null space.
-
-    V are the gradients of the potentials. The farther V is from the null space of J, the nearer are
-    singularities.
 
     Attributes
     ----------
@@ -103,22 +100,21 @@ class Start:
 
 
 def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -> Start:
-    """Find initial coefficients by linear least squares: V should lie in the null space of J.
+    """Find initial coefficients A by linear least squares, such that V is near the null space of J.
 
-    V = D A are the gradients of the potentials, and N(center) is the null-space basis at the centre
-    of the region. A minimises ``mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``. The second term brings V
-    close to N Nᵀ N(center), the projection of N(center) onto the null space, which is smooth in q.
-    The first term makes G_dᵀ V small. ε is 1, then 0.1 and 0.01, until V has no algorithmic
-    singularity. If no ε helps, the solution for ε = 1 is returned.
+    A minimises ``mean ε ‖F A‖² + ‖E A − Nᵀ N(center)‖²``. The second term brings V close to N Nᵀ
+    N(center), the projection of N(center) onto the null space, which is smooth in q. The first term
+    makes G_dᵀ V small. ε is 1, then 0.1 and 0.01, until det(Nᵀ V) has one sign at all nodes. If no
+    ε helps, the solution for ε = 1 is returned.
 
     Parameters
     ----------
     batches
         The nodes.
     basis : (N', N') array
-        B of :class:`Independent` for the first N' potentials; only these are used.
+        B for the first N' potentials; only these are used.
     moments
-        The sums of :func:`criterion.linear` for all potentials.
+        The sums of :func:`criterion.linear` over the nodes, for all potentials.
     """
     size = len(basis)
     EE = moments[0][:size, :size]
@@ -149,18 +145,18 @@ def descend(
     """Minimise the penalised cost by Levenberg–Marquardt steps that keep the sign of det(Nᵀ V).
 
     The objective is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) / r. C
-    alone is invariant under A → A T with any invertible T. C is also nearly invariant under
-    relabelled leaves h(q) = c, h → φ(h), and under added functions of a joint that does not affect
-    the task. Along these directions, a fit to finitely many nodes can end in a singularity between
-    the nodes. Among all V of nearly equal cost, the penalty selects the one closest to N Nᵀ
-    N(center), the projection of N(center) onto the null space.
+    alone is invariant under A → A T with any invertible T. C is also nearly invariant if h is
+    replaced by a function φ(h), which has the same leaves h(q) = c, or if a function of a joint
+    that does not affect the task is added to h. Along these directions, a fit to finitely many
+    nodes can end in a singularity between the nodes. Among all V of nearly equal cost, the penalty
+    selects the one closest to N Nᵀ N(center), the projection of N(center) onto the null space.
 
     Parameters
     ----------
     batches
         The nodes.
     basis : (N', N') array
-        B of :class:`Independent` for the first N' potentials.
+        B for the first N' potentials.
     begin
         Result of :func:`start`, with the data of the penalty.
     A : (N', r) array
@@ -200,13 +196,11 @@ differentials, and the number of nodes with either sign of det(Nᵀ V)."""
 
 
 class _PenalisedCost:
-    """Penalised cost as a least-squares problem in the coordinates ``x = B⁻¹ A``.
+    """Penalised cost as a least-squares problem in x = B⁻¹ A, for :func:`levenberg_marquardt`.
 
-    This is the problem that :func:`levenberg_marquardt` solves. A (N, r) are the coefficients of
-    the potentials, and B is ``basis`` (N, N), chosen so that the gradients of the potentials are
-    orthonormal over Ω in x. A step solves ``(H + μ I) dx = −g``, with the penalty included in H and
-    g. If potentials are nearly dependent, B is large, and the rounding errors of ``Bᵀ H B``
-    determine the smallest useful μ.
+    A step dx solves ``(H + μ I) dx = −g`` with half the gradient g, the Gauss–Newton matrix H, both
+    with the penalty, and the damping μ. If potentials are nearly dependent, B is large, and the
+    rounding errors of ``Bᵀ H B`` determine the smallest useful μ.
     """
 
     terms: Sum = staticmethod(criterion.gauss_newton)
@@ -219,10 +213,10 @@ class _PenalisedCost:
         self.null_alignment = basis.T @ begin.null_alignment
 
     def evaluate(self, x: Array) -> Point[_Evaluated]:
-        """Evaluate the cost at x, half its gradient and its Gauss–Newton matrix in one pass.
+        """Evaluate the cost at x (N, r), half its gradient and its Gauss–Newton matrix in one pass.
 
-        The pass over the nodes takes most of the time. The merit of the point includes the penalty,
-        and the point is allowed if det(Nᵀ V) has one sign at all nodes.
+        Return them as a :class:`Point`. Its ``merit`` includes the penalty, and it is allowed if
+        det(Nᵀ V) has one sign at all nodes. The pass over the nodes takes most of the time.
         """
         total = self.batches.total(self.terms, self.basis @ x)
         cost, gradient, second, sides = total
@@ -230,7 +224,7 @@ class _PenalisedCost:
         return Point(merit, cost, sides.uniform, (gradient, second, sides), x)
 
     def merit(self, x: Array) -> float:
-        """Evaluate the penalised cost alone; infinite where det(Nᵀ V) has both signs.
+        """Evaluate the penalised cost alone at x (N, r); infinite where det(Nᵀ V) has both signs.
 
         The line search rejects such x: a singularity lies between the nodes.
         """
@@ -245,8 +239,7 @@ class _PenalisedCost:
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Any]:
         """Evaluate half the gradient (N, r) and the Gauss–Newton matrix (r N, r N) in x.
 
-        ``at`` is an evaluated point with its sums over the nodes, so that no further pass is
-        needed.
+        ``at`` is the result of :meth:`evaluate`, whose sums over the nodes are used again.
         """
         basis, r = self.basis, range(self.r)
         blocks = at.data[1]
@@ -257,10 +250,10 @@ class _PenalisedCost:
         return self.gradient(at), np.block([[block(i, j) for j in r] for i in r])
 
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
-        """Solve ``(H + μ D) dx = −g`` with μ = ``damping`` and D = mean(diag H) I.
+        """Solve ``(H + μ I) dx = −g`` with μ = ``damping`` · mean(diag H).
 
-        ``model`` is (g, H), half the gradient and the Gauss–Newton matrix. The damping used can be
-        larger than the requested one, if the matrix is not positive definite.
+        ``model`` is (g, H), the result of :meth:`model`. The damping used is larger than the
+        requested one if the matrix would not be positive definite.
         """
         gradient, H = model
         g = gradient.T.ravel()
@@ -271,8 +264,7 @@ class _PenalisedCost:
     def _closeness(self, x: Array) -> float:
         """Evaluate the penalty ``τ mean ‖E A − Nᵀ N(center)‖²``, up to a constant, at ``A = B x``.
 
-        The penalty draws V towards the projection of N(center), the null space at the centre of Ω,
-        onto the null space at each node. τ is its weight.
+        The penalty draws V towards the projection of N(center) onto the null space at each node.
         """
         quadratic = np.sum(x * (self.EE @ x))
         return self.tau * float(quadratic - 2 * np.sum(x * self.null_alignment))
@@ -282,18 +274,18 @@ class _MatrixFree(_PenalisedCost):
     """Penalised cost whose steps are found by conjugate gradients, for many potentials and large r.
 
     The Gauss–Newton matrix of all nodes costs K m N² r (r + 1) operations, and a product with it 4
-    K m N r. So the matrix is built from a random sample of the nodes, as a preconditioner only; the
-    iteration multiplies by the matrix of all nodes. With a sample of 16 N / m nodes, a step needs
-    about ten products.
+    K m N r. So the matrix is built only from a random sample of 16 N / m nodes, as a
+    preconditioner; the iteration multiplies by the matrix of all nodes. A step needs about ten
+    products.
     """
 
     terms: Sum = staticmethod(criterion.linearised)
 
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Any]:
-        """Evaluate half the gradient, and three parts of the Gauss–Newton matrix H in x.
+        """Evaluate half the gradient (N, r), and three data of the Gauss–Newton matrix H in x.
 
-        The parts are the first-order changes (:class:`criterion.Differential`) at all nodes, H of a
-        sample of the nodes, and mean(diag H).
+        They are the differentials (:class:`criterion.Differential`) of all nodes, H estimated from
+        a sample of the nodes, and mean(diag H).
         """
         gradient, differentials, sides = at.data
         count = _SAMPLE * len(self.basis) // len(differentials[0].L)
@@ -303,10 +295,10 @@ class _MatrixFree(_PenalisedCost):
         return g, ([one.rounded() for one in differentials], H, level)
 
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
-        """Solve ``(H + μ D) dx = −g`` by conjugate gradients; see :meth:`_PenalisedCost.step`.
+        """Solve ``(H + μ I) dx = −g`` by conjugate gradients; see :meth:`_PenalisedCost.step`.
 
-        The residual is at most 1e-3 of ``‖g‖``. The gradient is exact, so the residual changes the
-        steps towards the optimum, but not the optimum.
+        The residual is at most 1e-3 of ``‖g‖``; it changes the steps, but not the optimum, because
+        g is exact.
         """
         g, (differentials, approximate, level) = model
         r, flat = self.r, -g.T.ravel()
@@ -331,16 +323,17 @@ class _MatrixFree(_PenalisedCost):
 
 
 def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, float]:
-    """Solve ``(H + μ I) x = −g`` with μ = ``damping`` · mean(diag H), raised if necessary.
+    """Solve ``(H + μ I) x = −g`` with μ = ``damping`` · mean(diag H), for H (p, p) and g (p,).
 
     Returns
     -------
-    matrix : (N, N) array
+    matrix : (p, p) array
         H + μ I.
-    step : (N,) array
+    step : (p,) array
         x.
     damping : float
-        The damping that was used.
+        The damping that was used; larger than the given one if H + μ I would not be positive
+        definite.
     """
     factor, mu, damping = _factor(H, damping, float(np.trace(H)) / len(g))
     return H + mu * np.eye(len(g)), -scipy.linalg.cho_solve(factor, g), damping
@@ -362,10 +355,10 @@ def _factor(H: Array, damping: float, level: float) -> tuple[Any, float, float]:
 
 
 def _solve(matrix: Array, rhs: Array) -> Array:
-    """Return the minimum-norm solution (N, r) of ``matrix · x = rhs``, for a least-squares start.
+    """Return the minimum-norm solution (N, r) of ``matrix · x = rhs``, with rhs (N, r).
 
     The matrix (N, N) is symmetric positive semidefinite; eigenvalues below 1e-13 of the largest one
-    count as 0, so that potentials may be dependent.
+    count as 0, so that potentials can be dependent.
     """
     values, vectors = np.linalg.eigh(matrix)
     keep = values > 1e-13 * values[-1]

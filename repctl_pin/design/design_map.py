@@ -31,17 +31,17 @@ _POINTS = 41
 class DesignMap:
     """Distance and leaf margin of a design over two joints; all other joints at the centre of Ω.
 
-    Ω is the region of joint space of the design. The distance from the desired inverse is ‖G_r −
-    G_d‖. The leaf margin, from 0 to 1, is the distance from an algorithmic singularity.
+    The distance ‖G_r − G_d‖ is that from the desired inverse. The leaf margin, from 0 to 1, is the
+    distance from an algorithmic singularity.
 
     Attributes
     ----------
     joints : (int, int)
         Indices of the joints on the x and the y axis, counted from 0.
     x, y : (k,) arrays
-        Values of these joints over the box around Ω, rad or m.
+        Grid values of the first and the second joint, over the smallest box around Ω, rad or m.
     distance, reference : (k, k) arrays
-        ‖G_r − G_d‖_F and ‖G_d‖_F; nan at singularities. Row i belongs to ``y[i]``, column j to
+        ‖G_r − G_d‖_F and ‖G_d‖_F; NaN at singularities. Row i belongs to ``y[i]``, column j to
         ``x[j]``.
     leaf_margin : (k, k) array
         σ_min(Nᵀ V̂), in the same order.
@@ -77,7 +77,9 @@ def design_map(
     n = design.task.n
     first, second = _liveliest(design) if joints is None else joints
     if not (0 <= first < n and 0 <= second < n and first != second):
-        raise InputError(f"a map needs two different joints from 0 to {n - 1}, not {joints}")
+        raise InputError(
+            f"must be two different indices from 0 to {n - 1}, not {joints}", argument="joints"
+        )
     x, y = (np.linspace(box.lower[j], box.upper[j], points) for j in (first, second))
     Q = _grid(center, (first, second), x, y)
     distance, reference = _distance(design, Q).T
@@ -107,12 +109,12 @@ def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, fl
     """Return the cost for each degree of the polynomials, up to the degree of the design.
 
     If the design was made with ``degree="auto"``, the degrees tried there are returned. Otherwise,
-    an inverse is designed for each lower degree. The curve shows whether a higher degree is
-    worthwhile.
+    an inverse is designed for each lower degree, which takes long; ``report`` is the progress
+    callback. The curve shows whether a higher degree is worthwhile.
 
     Returns
     -------
-    tuple of (degree, cost, standard error)
+    tuple of (degree, cost, standard error of the cost)
         Degrees whose design has a singularity in Ω are left out. Empty if the potentials are not
         polynomials.
     """
@@ -186,10 +188,9 @@ def report_maps(design: Design) -> ReportMaps:
 
 
 def _liveliest(design: Design) -> tuple[int, int]:
-    """Choose the two joints along which ‖G_r − G_d‖ changes most, as (int, int) in rising order.
+    """Choose the two joints along which ‖G_r − G_d‖ changes most; their indices, in rising order.
 
-    Each joint is moved alone through its range in Ω, from the centre of Ω. G_r is the repeatable
-    inverse, and G_d the desired one. A map over these two joints shows most of the variation.
+    Each joint is moved alone through its range in Ω, from the centre of Ω.
     """
     box = design.region.bounds
     center = design.region.center
@@ -203,10 +204,7 @@ def _liveliest(design: Design) -> tuple[int, int]:
 
 
 def _distance(design: Design, Q: Array) -> Array:
-    """Evaluate ‖G_r − G_d‖_F and ‖G_d‖_F at the rows of Q (K, n): (K, 2), nan if singular.
-
-    G_r is the repeatable inverse of the design, and G_d the desired one.
-    """
+    """Evaluate ‖G_r − G_d‖_F and ‖G_d‖_F at the rows of Q (K, n): (K, 2), NaN at singularities."""
 
     def evaluate(Q: Array) -> Array:
         G_d = design.desired.batch(Q)
@@ -217,20 +215,19 @@ def _distance(design: Design, Q: Array) -> Array:
 
 
 def _defects(design: Design, Q: Array) -> Array:
-    """Evaluate the relative defect of G_d at the rows of Q (K, n): (K,), nan if singular.
+    """Evaluate the relative defect of G_d at the rows of Q (K, n): (K,), NaN at singularities.
 
-    The defect is that of the Lie bracket condition; 0 means that G_d is repeatable there.
+    The defect violates the Lie bracket condition; 0 means that G_d is repeatable there.
     """
     found = _with_gaps(lambda Q: measure(design.desired, Q).norm[:, None], Q, 1)
     return found[:, 0]
 
 
 def _with_gaps(evaluate: Callable[[Array], Array], Q: Array, width: int) -> Array:
-    """Evaluate a function Q (K, n) → (K, width) where it is regular; nan at singularities.
+    """Evaluate a function of configurations Q (K, n) as (K, width); NaN at singularities.
 
-    A function on many rows fails as a whole if one row is singular. The rows are therefore divided
-    into halves until each failing row is alone. ``evaluate`` is the function, which raises
-    SingularityError.
+    ``evaluate`` raises a SingularityError if any row is singular. The rows are therefore divided
+    into halves until each singular row is alone.
     """
     try:
         return evaluate(Q)

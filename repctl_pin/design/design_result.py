@@ -36,7 +36,8 @@ class Design:
     desired : Inverse
         Desired inverse G_d.
     potentials, region, coefficients
-        Basis of potentials (35), region Ω, and coefficients A (N, r).
+        Basis of N potentials (35), region Ω, and coefficients A (N, r) of the r potentials h that
+        G_r holds constant.
     cost, cost_error : float
         Mean over Ω of ‖G_r − G_d‖_F² (26), and its standard error.
     relative_distance : float
@@ -50,13 +51,13 @@ class Design:
     fit_cost : float
         Cost on the nodes of the fit; lower than ``cost`` by the amount of overfitting.
     gradient_norm : float
-        Norm of the gradient of the fit cost with its small penalty, in coordinates in which the
-        gradients of the potentials are orthonormal over Ω.
+        Norm of the gradient of the minimised function, which is the cost plus a small penalty, with
+        respect to coefficients for potentials whose gradients are orthonormal over Ω.
     converged : bool
         True if the optimiser predicts no relative decrease of the cost above ``tolerance``, or its
         last three steps gave none. More potentials may still lower the cost.
     steps : int
-        Number of Gauss–Newton steps.
+        Number of steps of the optimiser.
     samples, held_out : int
         Number of nodes of the fit, and of the evaluation.
     seed : int
@@ -64,9 +65,10 @@ class Design:
     dropped : tuple of str
         Potentials that were left out, each with the reason.
     shrunk : float
-        Width of Ω relative to the requested one; 1 if it was not shrunk.
+        Width of Ω divided by the requested width; 1 if Ω was not shrunk.
     degrees : tuple of (degree, cost, cost_error)
-        Degrees that were tried, in order, with ``degree="auto"``.
+        Degrees that were tried with ``degree="auto"``, in order, with the cost and its standard
+        error; else empty.
     cycle : Cycle, optional
         Start, path and period of the motion that the design is for. It is saved with the design.
     proof : Proof, optional
@@ -140,11 +142,11 @@ class Design:
 
     @property
     def subject(self) -> str:
-        """Fingerprint of all that a certificate proves of the design; empty for some designs.
+        """Fingerprint of all that a certificate of the design depends on; empty if none can be.
 
         It covers the joint chain, its limits, potentials, coefficients and region. A saved proof
-        with another fingerprint is dropped. A design with user-defined potentials or a user-defined
-        region has none, because nothing can be proved of these.
+        with another fingerprint is dropped. It is empty for a design with user-defined potentials
+        or a user-defined region, of which nothing can be proved.
         """
         return subject_of(self.task, self.potentials, self.coefficients, self.region)
 
@@ -184,9 +186,8 @@ class Design:
     def spectral_cost(self) -> float:
         """Evaluate the mean over Ω of ‖G_r − G_d‖₂², in the paper's norm, on the held-out nodes.
 
-        G_r is the repeatable inverse, G_d the desired one, and Ω the region. The result equals
-        :attr:`cost` for r = 1. For r > 1 it is smaller, because the Frobenius norm, which a design
-        minimises, includes all singular values.
+        The result equals :attr:`cost` for r = 1. For r > 1 it is smaller, because the Frobenius
+        norm, which a design minimises, includes all singular values.
         """
         return spectral_cost(
             self.inverse, self.desired, self.region, samples=self.held_out, seed=self.seed + 1

@@ -118,8 +118,8 @@ class _Replicate(NamedTuple):
     """Means over one set of nodes, and its nodes with the lowest leaf margins.
 
     ``cost`` is the mean of ‖G_r − G_d‖_F², ``norm`` the mean of ‖G_d‖_F², and ``inside`` the
-    fraction of nodes inside the joint limits. ``lowest`` are the nodes with the lowest leaf
-    margins, and ``leaf_margins`` these margins.
+    fraction of nodes inside the joint limits. ``lowest`` (C, n) are the nodes with the lowest leaf
+    margins, and ``leaf_margins`` (C,) these margins.
     """
 
     cost: float
@@ -137,10 +137,10 @@ def _evaluated(
     count: int,
     seed: int,
 ) -> _Replicate:
-    """Evaluate one set of ``count`` nodes; SingularRegionError if a leaf margin is below 0.
+    """Evaluate G_r at one set of ``count`` nodes of the region, drawn with the random ``seed``.
 
-    ``measure`` evaluates leaf margins. The result has the means over the nodes, and the nodes with
-    the lowest leaf margins.
+    ``measure`` is the leaf margin of the inverse. A SingularRegionError is raised if it is 0 or
+    below, its sign beyond an algorithmic singularity, at some node.
     """
     task = inverse.task
     Q = region.random(count, seed)
@@ -172,9 +172,9 @@ def _singular(task: Task, at: Array) -> SingularRegionError:
 def spectral_cost(
     inverse: RepeatableInverse, desired: Inverse, region: Region, *, samples: int, seed: int
 ) -> float:
-    """Evaluate the mean over Ω of ‖G_r − G_d‖₂² on held-out nodes, in the spectral norm.
+    """Evaluate the mean over Ω of ‖G_r − G_d‖₂² on held-out nodes.
 
-    The norm is that of the paper. The parameters are those of :func:`evaluate_design`.
+    The spectral norm is that of the paper. The parameters are those of :func:`evaluate_design`.
     """
     costs = []
     for replicate in range(REPLICATES):
@@ -194,7 +194,7 @@ class Baseline:
     name : str
         Display name.
     evaluation : Evaluation or None
-        Figures; None if the inverse has a singularity in Ω.
+        Cost and margins; None if the inverse has a singularity in Ω.
     refused : str
         Error message about the singularity; empty if there is none.
     """
@@ -230,8 +230,9 @@ def baselines(
 ) -> tuple[Baseline, ...]:
     """Evaluate two simpler repeatable inverses on held-out nodes, for comparison with a design.
 
-    They are constant rows (linear potentials), and the extended Jacobian of ``U = ½ ‖q −
-    center‖²``; ``center`` is the centre of Ω. The parameters are those of :func:`evaluate_design`.
+    They are the augmented Jacobian with constant rows (linear potentials), and the extended
+    Jacobian of ``U = ½ ‖q − center‖²``; ``center`` is the centre of Ω. ``report`` is the progress
+    callback; the other parameters are those of :func:`evaluate_design`.
     """
     from ..strategies.extended import ExtendedJacobian
 

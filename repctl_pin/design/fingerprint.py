@@ -29,10 +29,10 @@ _DIGITS = 9
 
 
 def check_configurations(task: Task) -> Array:
-    """Choose generic configurations (4, n), at which a changed robot is detected.
+    """Return four configurations (4, n), at which a changed robot differs from the saved one.
 
-    A saved file holds the placements of the frame at these configurations. The first one is the
-    task's reference configuration.
+    A saved file holds the placements of the frame there. The first one is the task's reference
+    configuration; the others are generic.
     """
     joints = np.arange(1, task.n + 1)
     away = [0.7 * np.sin(joints * (k + 1.3)) for k in range(_CHECKS - 1)]
@@ -49,11 +49,11 @@ def points_at(task: Task, frames: Sequence[str], Q: ArrayLike) -> Array:
 
 
 def task_parts(task: Task) -> tuple[Any, ...]:
-    """Return kind, joint chain and position limits of a task as plain data.
+    """Return kind, joint chain and position limits of a task, rounded, as nested tuples.
 
     The chain has all placements and axes from base to frame, with locked joints in place, and the
-    map from q to its joints: mimic ratios. For several frames, the result is one such tuple per
-    frame. The fingerprint of a proof contains these data, so that the robot is recognised.
+    linear map from q to its joints, which contains mimic ratios. For several frames, the result is
+    one such tuple per frame. A fingerprint hashes these data, so that a changed robot is detected.
     """
     if isinstance(task, SeveralFrames):
         return tuple(task_parts(part) for part in task.parts)
@@ -71,7 +71,7 @@ def task_parts(task: Task) -> tuple[Any, ...]:
 def rounded(values: ArrayLike) -> Array:
     """Round numbers computed from a URDF to 9 decimals.
 
-    Rounding errors differ between computers; without this the same robot would get two
+    They differ between computers by rounding errors; unrounded, one robot would have two
     fingerprints.
     """
     return np.round(np.asarray(values, float), _DIGITS)
@@ -91,10 +91,9 @@ def subject_of(task: Task, potentials: PotentialBasis, coefficients: Array, regi
 
 
 def _region_parts(region: object) -> tuple[Any, ...] | None:
-    """Return the shape of a region as plain data; None if its shape is not known.
+    """Return the kind and the numbers that define the shape of a region; None for other regions.
 
-    The data are what a fingerprint hashes: a tuple of the kind of region, and its numbers. A
-    density has no effect on the shape, and so none on a proof.
+    A fingerprint hashes them. The density of a region has no effect on a proof, and is left out.
     """
     if isinstance(region, Box):
         return "box", region.center, region.half_width
@@ -107,10 +106,9 @@ def _region_parts(region: object) -> tuple[Any, ...] | None:
 
 
 def _basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
-    """Return a basis of potentials as plain data; None if it has user-defined functions.
+    """Return the kind and the numbers that define a basis of potentials; None for other bases.
 
-    The data are what a fingerprint hashes: a tuple of the kind of basis, and its numbers.
-    User-defined functions cannot be compared, so that nothing is proved of them.
+    A fingerprint hashes them. Bases with user-defined functions cannot be compared.
     """
     if isinstance(potentials, Polynomial):
         box = potentials.center, potentials.scale
@@ -137,11 +135,11 @@ def _basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
 def belong_together(
     inverse: RepeatableInverse, potentials: PotentialBasis, coefficients: Array, region: Region
 ) -> bool:
-    """Test whether an inverse, the potentials, the coefficients and the region belong together.
+    """Test whether an inverse has the given region, and potentials with the given coefficients.
 
-    The gradients of the potentials are compared at one configuration of the region. If they are not
-    defined there, the test passes. A partly changed result would show the figures of another
-    design.
+    The potentials' gradients are compared at one configuration of the region; if they are not
+    defined there, the test passes. A design of which only a part was changed would show figures of
+    another design.
     """
     if inverse.region is not region:
         shapes = _region_parts(inverse.region), _region_parts(region)

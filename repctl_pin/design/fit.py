@@ -1,8 +1,8 @@
 """Fit of potentials in one region, with the checks before it and the evaluation after it.
 
 The steps are: a search for singularities of the arm, the selection of independent potentials, the
-minimisation of the cost, and the evaluation on held-out nodes. Nodes are configurations of the
-region at which the cost is evaluated.
+minimisation of the cost on a few nodes and then on all, and the evaluation on held-out nodes. Nodes
+are configurations of the region Ω at which the cost is evaluated.
 """
 
 from __future__ import annotations
@@ -94,9 +94,9 @@ def _refuse_arm_singularities(problem: FitProblem) -> None:
 
 
 def _numbers_of_nodes(problem: FitProblem) -> tuple[int, int]:
-    """Compute two numbers of nodes: for the final fit, and for the cheaper descents before it.
+    """Compute two numbers of nodes: all nodes, for the last fit, and a few, for the fits before it.
 
-    InputError is raised if the final fit has too few nodes for the potentials.
+    InputError is raised if all nodes are too few for the potentials.
     """
     task, size, samples = problem.desired.task, problem.potentials.size, problem.options.samples
     unknowns = (size - task.r) * task.r
@@ -104,7 +104,8 @@ def _numbers_of_nodes(problem: FitProblem) -> tuple[int, int]:
     count = max(few, NODES) if samples is None else samples
     if undetermined(problem.potentials, task, count):
         raise InputError(
-            f"{count} samples are too few for {size} potentials; give at least {-(-size // task.m)}"
+            f"{count} samples are too few for {size} potentials",
+            remedy=f"give at least {-(-size // task.m)} samples",
         )
     return count, few
 
@@ -117,13 +118,13 @@ def _refined(
     fine: BarrierCost,
     samples: int,
 ) -> Design | SingularRegionError:
-    """Descend on all nodes, from a result on few nodes; evaluate the design on held-out nodes.
+    """Descend on all nodes from ``near``, a result on few nodes, and evaluate on held-out nodes.
 
-    A singularity that the evaluation finds becomes a barrier point of ``fine``, and the descent is
-    repeated. The error of the last singularity is returned if ``near``, the result on few nodes, is
-    singular at the same configuration, or after the last repetition. ``samples`` is the number of
-    all nodes. ``chosen`` are the independent potentials, and ``way`` is the continuation that made
-    ``near``.
+    A singularity that the evaluation finds becomes a barrier point of ``fine``, all nodes with
+    their barrier points, and the descent is repeated. The error of the singularity is returned
+    instead of a design if ``near`` is singular at that configuration, too, or after the last
+    repetition. ``chosen`` are the independent potentials, ``way`` is the continuation that made
+    ``near``, and ``samples`` the number of all nodes.
     """
     refusal: SingularRegionError | None = None
     for _ in range(_ROUNDS):
@@ -144,10 +145,9 @@ def _refined(
 
 
 def undetermined(potentials: PotentialBasis, task: Task, nodes: int) -> bool:
-    """Test whether there are more potentials than equations; each node gives m equations.
+    """Test whether there are more potentials than equations; each of the nodes gives m equations.
 
-    A fit to so few nodes would be meaningless. It is refused, and a search for the best degree ends
-    before it.
+    A fit to so few nodes is refused, and a search for the best degree ends before it.
     """
     return nodes * task.m < potentials.size
 

@@ -2,7 +2,8 @@
 
 With dependent potentials, the coefficients of a fit are undetermined. The module also finds
 coordinates in which the gradients of the potentials are orthonormal, so that the fit is well
-conditioned.
+conditioned. As sizes, N is the number of potentials of the basis, and N' that of the independent
+ones; N is also a matrix whose columns span the null space of J.
 """
 
 from __future__ import annotations
@@ -32,8 +33,6 @@ _DEPENDENT = 1e-8
 class Independent:
     """The independent potentials of a basis, which a fit over a region Ω uses.
 
-    Dependent potentials would leave the coefficients undetermined.
-
     Attributes
     ----------
     kept : (N',) array of int
@@ -41,9 +40,10 @@ class Independent:
     dropped : tuple of str
         Names of the potentials that are left out, each with the reason.
     basis : (N', N') array
-        B: the gradients D B of combined potentials are orthonormal in the mean over Ω. The
-        optimiser uses these coordinates, so that its result does not depend on the given basis.
-        B is upper triangular, so its leading blocks orthonormalise the first potentials.
+        B: the columns of D B, with D the gradients of the independent potentials, are orthonormal
+        in the mean over Ω. The optimiser uses these coordinates, so that its result does not
+        depend on the given basis. B is upper triangular, so its leading blocks orthonormalise the
+        first potentials.
     size : int
         N, the number of all potentials of the basis.
     """
@@ -56,9 +56,8 @@ class Independent:
     def spread(self, A: Array) -> Array:
         """Convert coefficients A of the first independent potentials to those of the whole basis.
 
-        A (N', r) has a row for each of the first N' independent potentials. The result (N, r) is 0
-        in all other rows. A fit works with A, and a saved design with the coefficients of the whole
-        basis.
+        A fit works with A, which has a row for each of the first independent potentials and r
+        columns. A saved design has the result (N, r), which is 0 in all other rows.
         """
         whole = np.zeros((self.size, A.shape[1]))
         whole[self.kept[: len(A)]] = A
@@ -68,17 +67,17 @@ class Independent:
 def independent(
     desired: Inverse, potentials: PotentialBasis, Q: Array, weights: Array
 ) -> Independent:
-    """Select the independent potentials of a basis.
+    """Select the independent potentials of a basis over Ω.
 
-    Dependent potentials would leave a fit's coefficients undetermined. Left out are potentials that
-    are constant over Ω, that are functions of x = f(q) alone, or whose gradients are linear
-    combinations of those of earlier potentials. The gradient of a function of x alone lies in the
-    row space of J, and makes J_V singular everywhere.
+    Left out are potentials that are constant over Ω, that are functions of the task coordinates x =
+    f(q) alone, or whose gradients are linear combinations of those of earlier potentials. The
+    gradient of a function of x alone lies in the row space of J, and makes J_V = [J; Vᵀ] singular
+    everywhere.
 
     Parameters
     ----------
     desired, potentials
-        G_d and the basis.
+        G_d, for its task and a check of its values, and the basis.
     Q, weights : (K, n), (K,) arrays
         Nodes in Ω with ``K n ≥ N``, and their quadrature weights.
 
@@ -111,11 +110,11 @@ def independent(
 def _gradients(
     desired: Inverse, potentials: PotentialBasis, Q: Array, weights: Array
 ) -> tuple[Array, Array, Array]:
-    """Compute norms and a triangular factor of the gradients of the potentials at Q (K, n).
+    """Compute a triangular factor and two norms of the gradients of the potentials at Q (K, n).
 
-    Return the triangular factor of the QR factorisation of all gradients, the norms of the
-    gradients (N,), and the norms of their parts in the null space of J (N,). ``weights`` (K,) are
-    the quadrature weights of Q.
+    Return R (N, N) of the QR factorisation of the gradients (K n, N), the norms of the gradients
+    (N,), and the norms of their components in the null space of J (N,). Each row is weighted by the
+    square root of the quadrature weight ``weights`` (K,) of its node.
     """
     triangle = np.zeros((0, potentials.size))
     square = 0.0
@@ -137,10 +136,10 @@ def _dropped(
     in_rows: NDArray[np.bool_],
     dependent: NDArray[np.intp],
 ) -> list[str]:
-    """Name the potentials that are left out, each with its reason.
+    """Write the names of the potentials that are left out, each with its reason.
 
-    ``constant`` and ``in_rows`` (N,) mark potentials that are constant, or functions of the task
-    alone; ``dependent`` are indices of potentials that depend on earlier ones.
+    ``constant`` and ``in_rows`` (N,) are True for potentials that are constant, or functions of the
+    task coordinates alone; ``dependent`` are indices of potentials that depend on earlier ones.
     """
     reasons = {
         "constant over the region": np.flatnonzero(constant),
@@ -155,9 +154,8 @@ def _dropped(
 def _sequential(triangle: Array) -> tuple[Array, list[int]]:
     """Factor the columns of a square matrix by QR, and skip those that depend on earlier columns.
 
-    Return R of the remaining columns, and their indices. Earlier potentials have lower degrees and
-    are kept. A column is dependent if less than 1e-8 of its norm is perpendicular to earlier
-    columns. ``triangle`` is the matrix.
+    Return R of the remaining columns, and their indices. A column is dependent if less than 1e-8 of
+    its norm is perpendicular to earlier columns, which belong to potentials of lower degree.
     """
     size = np.linalg.norm(triangle, axis=0)
     kept = list(range(triangle.shape[1]))

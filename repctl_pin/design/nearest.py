@@ -43,9 +43,10 @@ def nearest_repeatable(
 ) -> Design:
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
 
-    Ω is the region, and V are the gradients of the r potentials that the inverse keeps constant.
-    Linear least squares give a start, which damped Gauss–Newton steps improve. A line search keeps
-    the sign of det(Nᵀ V) at the nodes. Large fits begin with a smaller set of nodes.
+    Ω is the region, V are the gradients of the r potentials that the inverse keeps constant, and N
+    spans the null space of J. Linear least squares give a start, which damped Gauss–Newton steps
+    improve. A line search keeps the sign of det(Nᵀ V) at the nodes, since it changes at an
+    algorithmic singularity. Large fits begin with a smaller set of nodes.
 
     Parameters
     ----------
@@ -155,11 +156,11 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
 
 
 def _shrinking(problem: FitProblem, shrink: bool) -> Design:
-    """Design in Ω; with ``shrink``, in the largest region that is found free of singularities.
+    """Design in the requested region Ω; with ``shrink``, in a smaller one if Ω has singularities.
 
-    Without ``shrink``, a singularity in Ω, the requested region, raises an error. If a shrunk
-    region fails too, the next one is at most 0.9 times as large. ``shrunk`` of the design is the
-    factor that was needed.
+    The smaller region is the largest that is found free of singularities; if the design fails
+    there, too, the next one is at most 0.9 times as large. Without ``shrink``, a singularity raises
+    an error. ``shrunk`` of the design is the scale of its region relative to Ω.
     """
     asked = problem.region.bounds.half_width
     attempt = 0
@@ -209,26 +210,28 @@ def _polynomial(region: Region, degree: Any) -> Polynomial:
 def _check(
     desired: Inverse, potentials: PotentialBasis | None, region: Region, degree: int | str | None
 ) -> None:
-    """Check the arguments of :func:`nearest_repeatable`; raise InputError if they do not match.
+    """Check the arguments of :func:`nearest_repeatable` before the long fit; else InputError.
 
     The task must be redundant, the region must be in the task's joints and overlap their limits,
-    and either potentials or a degree must be given. So a mistake is found before a long fit starts.
+    and either potentials or a degree must be given.
     """
     task = desired.task
     if task.r < 1:
         raise InputError(
             f"the task is not redundant (r = {task.r}): {task.n} joints move {task.frame!r}, and "
             f"a {task.kind} task has {task.m} coordinates",
-            remedy="use another kind of task",
+            remedy="use a kind of task with fewer coordinates",
         )
-    if (potentials is None) == (degree is None):
-        raise InputError("potentials and degree= are mutually exclusive; give one of them")
+    if potentials is None and degree is None:
+        raise InputError("the potentials are missing", remedy="give potentials, or degree=2")
+    if potentials is not None and degree is not None:
+        raise InputError("potentials and degree= are mutually exclusive", remedy="omit one of them")
     if isinstance(degree, str) and degree != "auto":
         raise InputError(f"degree must be a whole number from 1 up, or 'auto', not {shown(degree)}")
     if len(region.center) != task.n:
         raise InputError(
             f"the region has {len(region.center)} joints, but the task has {task.n}",
-            remedy="use a region in the joints of the task",
+            remedy="use a region in the joints of the task, such as rp.Box(task.reference, 0.4)",
         )
     box = region.bounds
     low, high = box.center - box.half_width, box.center + box.half_width

@@ -2,8 +2,9 @@
 
 At a singularity of the arm J loses rank. At an algorithmic one the repeatable inverse fails though
 J has full rank, because J_V = [J; Vᵀ] loses rank, with V the gradients of the potentials. A design
-is valid only in a region without either. A measure is a function of q that is 0 at a singularity;
-the search minimises it.
+is valid only in a region without either. A measure is a function of configurations (K, n) → (K,)
+that is 0 at a singularity, positive around the centre of Ω, and negative only beyond an algorithmic
+singularity; the search minimises it.
 """
 
 from __future__ import annotations
@@ -53,8 +54,6 @@ class SingularRegionError(SingularityError):
 
     Attributes
     ----------
-    finding : str
-        First part of the message, which states the fact; the message adds a remedy.
     at : (n,) array
         Configuration of the singularity, rad (m for prismatic joints).
     free : Region or None
@@ -83,8 +82,7 @@ class SingularRegionError(SingularityError):
 class Lowest:
     """Smallest value of a measure that a search of a region found, and its configuration.
 
-    The measure is a distance from a singularity; a value of 0 or less means that a singularity was
-    found.
+    A value of 0 or less means that a singularity was found.
 
     Attributes
     ----------
@@ -93,7 +91,7 @@ class Lowest:
     at : (n,) array
         Configuration of the smallest value.
     ends, values : (S, n), (S,) arrays
-        Final configurations of all local searches, and the values there.
+        Final configurations of all S local searches, and the values there.
     """
 
     value: float
@@ -119,11 +117,12 @@ class Dexterity:
     def newton(self, Q: Array, scale: Array) -> Array:
         """Compute the Newton steps (K, n) to the nearest configurations at which J loses rank.
 
-        The steps are in units of ``scale`` (n,), and are the shortest ones to first order. With the
-        singular value decomposition J = U Σ Vᵀ, J loses rank where the n − m + 1 equations ``V₂ᵀ Jᵀ
-        u = 0`` hold; u is the last column of U, V₂ the columns m, …, n of V. Where the arm is
+        A step is divided by ``scale`` (n,), and is the shortest one to first order. With the
+        singular value decomposition J = X Σ Yᵀ, J loses rank where the n − m + 1 equations ``Y₂ᵀ Jᵀ
+        x = 0`` hold; x is the last column of X, Y₂ the columns m, …, n of Y. Where the arm is
         stretched out, σ_min has the shape of a cone, to whose tip gradient descent does not
-        converge."""
+        converge.
+        """
         m = self.task.m
         U, sigma, Vt = np.linalg.svd(self.task.jacobians(Q))
         turned = np.einsum("Kaik,Ka->Kik", self.task.hessians(Q), U[:, :, -1])
@@ -136,13 +135,13 @@ class LeafMargin:
     """Signed leaf margin: a measure of the distance from an algorithmic singularity.
 
     Its absolute value is ``σ_min(Nᵀ V̂)``, with N the null space of J, and V̂ the gradients V of
-    the potentials, orthonormalised. The margin is negative where ``det [J; Vᵀ]`` has the opposite
-    sign of the determinant at ``center`` (n,), so that it changes sign at an algorithmic
-    singularity. Where J has full rank, the margin is smooth, also at its zeros, except where
-    singular values cross.
+    the potentials, orthonormalised. It is negative where ``det [J; Vᵀ]`` has the opposite sign of
+    the determinant at ``center`` (n,), so that it changes sign at an algorithmic singularity. Where
+    J has full rank, the margin is smooth, also at its zeros, except where singular values cross.
 
-    With ``V = V̂ R`` and ``J_V X = [0; I]``, it is computed as ``σ_min(Nᵀ V̂) = 1 / σ_max(X Rᵀ)``,
-    because ``X Rᵀ = N (V̂ᵀ N)⁻¹``. It is 0 where J_V is exactly singular.
+    With the QR factorisation ``V = V̂ R`` and the solution X of ``J_V X = [0; I]``, it is computed
+    as ``σ_min(Nᵀ V̂) = 1 / σ_max(X Rᵀ)``, because ``X Rᵀ = N (V̂ᵀ N)⁻¹``. It is 0 where J_V is
+    exactly singular.
     """
 
     def __init__(self, task: Task, potentials: Potentials, center: Array) -> None:
@@ -180,19 +179,16 @@ class LeafMargin:
 def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
     """Minimise a measure over Ω by local searches from several starting points at once.
 
-    A measure is a function of q that is 0 at a singularity. The searches end when one of them
-    reaches a value of 0 or below, or when no search can lower its value. A step goes down the
-    slope, at most to where the measure would be 0 to first order. The bound on the step length is
-    doubled after a step that lowered the measure, and quartered after one that did not. If the
-    measure is a :class:`Dexterity` and no search has reached 0, up to 12 Newton steps follow, each
-    at most half the half-widths of Ω long.
+    The searches end when one of them reaches a value of 0 or below, or when no search can lower its
+    value. A step goes down the gradient, at most to where the measure would be 0 to first order.
+    The bound on the step length is doubled after a step that lowered the measure, and quartered
+    after one that did not. If the measure is a :class:`Dexterity` and no search has reached 0, up
+    to 12 Newton steps follow, each at most half the half-widths of Ω long.
 
     Parameters
     ----------
-    measure
-        The measure; it is negative only beyond a singularity.
-    region
-        Region Ω.
+    measure, region
+        The measure, and Ω.
     starts : (S, n) array
         Starting configurations in Ω.
     """
@@ -242,11 +238,11 @@ def _newton(measure: Dexterity, region: Region, Q: Array, value: Array) -> None:
 def search(measure: _Measure, region: Region, Q: Array, values: Array | None = None) -> Lowest:
     """Search Ω for the smallest value of a measure, by local searches from up to 16 points.
 
-    A measure is a function of q that is 0 at a singularity; a value at or below 0 makes a design in
-    Ω impossible. Candidates are the configurations Q (K, n), with their values (K,) if known, and
-    configurations near the corners of Ω. The starting points are those with the smallest values,
-    and a few spread over all values. Corners are included because a polynomial fitted to few nodes
-    deviates most there, and random points in many dimensions rarely lie close to a corner.
+    Candidates for these points are the configurations Q (K, n), with ``values`` (K,) of the measure
+    if known, and configurations near the corners of Ω. The points are those with the smallest
+    values, and a few spread over all values. Corners are included because a polynomial fitted to
+    few nodes deviates most there, and random points in many dimensions rarely lie close to a
+    corner.
     """
     values = measure(Q) if values is None else values
     corners = _corners(region, Q)
@@ -277,12 +273,12 @@ def _corners(region: Region, Q: Array) -> Array:
 
 
 def largest_free(measure: _Measure, region: Region, bad: Array) -> Region | None:
-    """Find the largest region similar to Ω in which a measure exceeds a threshold.
+    """Find the largest region with centre and shape of Ω in which a measure exceeds a threshold.
 
-    Errors propose this region, and ``shrink=True`` designs over it. It has the centre and the shape
-    of Ω. The threshold is 0 for singularities of the arm, and 0.1 for a leaf margin. On the lines
-    from the centre to known singularities, the points below the threshold give an upper bound of
-    the size. Then the size is bisected, with a new search of each region.
+    The threshold is 0 for singularities of the arm, and 0.1 for a leaf margin. On the lines from
+    the centre to known singularities, the points below the threshold give an upper bound of the
+    size. Then the size is bisected, with a new search of each region. Errors propose the result,
+    and ``shrink=True`` designs over it.
 
     Parameters
     ----------
@@ -327,9 +323,9 @@ def refuse_singular(
 ) -> SingularRegionError:
     """Make the error for a region with singularities at the configurations ``bad`` (B, n).
 
-    The message names the first of them, and the largest singularity-free region with the same
-    centre. ``what`` begins the message, such as "the Jacobian loses rank in Ω". ``measure`` is the
-    measure that is 0 at these singularities.
+    The message begins with ``what``, such as "the Jacobian loses rank in Ω", and names the first of
+    these configurations, and the largest singularity-free region with the same centre. ``measure``
+    is 0 or below, or for a leaf margin below 0.1, at ``bad``.
     """
     at = bad[0]
     largest = largest_free(measure, region, bad)

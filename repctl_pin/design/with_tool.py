@@ -35,9 +35,8 @@ _BELOW = 1 - 1e-12
 def for_task(design: Any, task: Task) -> Any:
     """Convert a :class:`Design` to the task of another frame on the same body.
 
-    The figures are evaluated again on the design's held-out nodes; the figures of the fit are kept,
-    and the cycle is dropped. A changed gripper then needs no new fit. Ω is the region of joint
-    space of the design.
+    So a changed gripper needs no new fit. Cost and margins are evaluated again on the design's
+    held-out nodes; the figures of the fit are kept, and the cycle is dropped.
 
     Raises
     ------
@@ -91,10 +90,10 @@ def _desired(desired: Inverse, task: Task) -> Inverse:
 
 
 def _proof(proof: Proof, tool: pin.SE3) -> Proof:
-    """Convert a certificate to a tool with an offset t from the frame that was proved.
+    """Convert a certificate to a tool with an offset t, m, from the frame that was proved.
 
-    The leaf margin and the limit margin do not depend on the tool. With ``‖A⁻¹‖₂ = (|t| + √(|t|² +
-    4)) / 2``, ``σ_min(A J) ≥ σ_min(J) / ‖A⁻¹‖₂``. A smaller bound is on the safe side.
+    The leaf margin and the limit margin do not depend on the tool. The bound on σ_min(J) is divided
+    by ``‖A⁻¹‖₂ = (|t| + √(|t|² + 4)) / 2``, since ``σ_min(A J) ≥ σ_min(J) / ‖A⁻¹‖₂``.
     """
     length = float(np.linalg.norm(tool.translation))
     norm = (length + np.sqrt(length**2 + 4)) / 2
@@ -105,11 +104,11 @@ def _proof(proof: Proof, tool: pin.SE3) -> Proof:
 
 
 def _closes(closes: ClosingRadius, tool: pin.SE3) -> ClosingRadius:
-    """Convert a closing radius ρ, α to a smaller one, λρ and λα, that the same proof covers.
+    """Convert a closing radius of a frame to a smaller one of the tool, under the same proof.
 
-    Within the closing radius, ρ metres and α radians from the start pose, each closed path is
-    proved to close. The frame's origin is ``p = p' − R t``, t the offset of the tool, so ``|p − p₀|
-    ≤ λρ + 2 sin(λα/2) |t| ≤ λ (ρ + α|t|)``, which is ρ for ``λ = ρ / (ρ + α|t|)``.
+    The radius is ρ metres and α radians for the pose p, R of the frame, and λρ and λα for the pose
+    p', R of the tool, with the offset t. From ``p = p' − R t`` follows ``|p − p₀| ≤ λρ + 2
+    sin(λα/2) |t| ≤ λ (ρ + α|t|)``, which is ρ for ``λ = ρ / (ρ + α|t|)``.
     """
     length = float(np.linalg.norm(tool.translation))
     angle = (closes.radians or 0.0) + _SAME_ANGLE

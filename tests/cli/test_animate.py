@@ -214,7 +214,8 @@ def test_the_command_from_a_csv_a_design_and_options(
 def test_the_command_refuses(folder: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     motion = str(folder / "motion.csv")
-    there = "no strategy 'mine'; choose from pseudoinverse, posture, posture_off, repeatable"
+    keys = "pseudoinverse, posture, posture_off, repeatable"
+    there = f"no motion of the strategy 'mine'; choose from {keys}"
     assert there in refused(capsys, "animate", "ppr", "--motion", motion, "--only", "mine")
     unknown = refused(capsys, "animate", "panda", "--motion", motion)
     assert "no joint 'd1'" in unknown and "panda_joint1" in unknown

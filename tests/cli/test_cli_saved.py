@@ -101,7 +101,10 @@ def test_what_contradicts_the_file_is_named_by_its_option(rail: Path, capsys) ->
     for command in ("follow", "check", "animate"):
         here = [command, "design.json", "--robot", "rail.urdf"]
         for arguments, words in (
-            ([command, "design.json"], "not in the catalogue; give its URDF: --robot rail.urdf"),
+            (
+                [command, "design.json"],
+                "not in the catalogue; give the path of its URDF: --robot rail.urdf",
+            ),
             (
                 [command, "design.json", "--robot", "planar.urdf"],
                 "for the robot 'spatial', not 'other'",

@@ -282,7 +282,7 @@ def test_the_node_at_which_a_strategy_is_no_inverse_is_named(factor: float, word
             return G
 
     for k in range(3):
-        says = f"differs from I by {words} at theta1 = {Q[k, 0]:.3f}, "
+        says = f"differs from the identity by {words} at theta1 = {Q[k, 0]:.3f}, "
         with pytest.raises(rp.InputError, match=says):
             evaluate(Off(task), potentials, Q)
 
@@ -1022,7 +1022,7 @@ def test_maps_hold_what_the_inverses_do(panda_design: rp.Design) -> None:
         potentials.leaf_margin[7, 2],
         redundancy.leaf_margin(N, panda_design.inverse.potentials.gradient(q)),
     )
-    with pytest.raises(rp.InputError, match="two different joints"):
+    with pytest.raises(rp.InputError, match="joints must be two different indices"):
         design_map(panda_design, (1, 1))
 
 

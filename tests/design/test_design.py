@@ -965,6 +965,12 @@ def nan_beyond(q: np.ndarray) -> float:
         ),
         (
             lambda t: rp.nearest_repeatable(rp.Pseudoinverse(t), None, rp.Box(Q0, 0.4)),
+            "the potentials are missing; give potentials, or degree=2",
+        ),
+        (
+            lambda t: rp.nearest_repeatable(
+                rp.Pseudoinverse(t), rp.Polynomial(Q0, 1, 0.4), rp.Box(Q0, 0.4), degree=1
+            ),
             "potentials and degree= are mutually exclusive",
         ),
         (
@@ -1030,7 +1036,7 @@ def test_gradients_that_are_none_are_refused_by_name(panda_pose: rp.Task) -> Non
         with pytest.raises(rp.InputError, match=says) as error:
             rp.nearest_repeatable(desired, potentials, region, options=few)
         assert float(re.search("joint1 = ([-.0-9]+)", str(error.value))[1]) > 0.2
-    with pytest.raises(rp.InputError, match=r"must be \(K, 7, 7\) numbers, not .* 6, 7"):
+    with pytest.raises(rp.InputError, match=r"must be \(512, 7, 7\) numbers, not .* 6, 7"):
         rp.nearest_repeatable(desired, Broken(0), region, options=few)
 
 
@@ -1047,7 +1053,7 @@ def test_the_fewest_nodes_that_the_refusal_names_are_enough(robot: str, degree: 
 
     least = int(np.ceil(potentials.size / task.m))
     for count in (1, least - 1):
-        says = f"{count} samples are too few for {potentials.size} .*at least {least}$"
+        says = f"{count} samples are too few for {potentials.size} .*at least {least} samples$"
         with pytest.raises(rp.InputError, match=says):
             fitted(count)
     assert fitted(least).samples >= least
@@ -1232,7 +1238,7 @@ class Violation:
 
 
 def test_an_inverse_that_is_none_is_refused_with_the_residual(panda_pose: rp.Task) -> None:
-    with pytest.raises(rp.InputError, match=r"differs from I by 0\.1"):
+    with pytest.raises(rp.InputError, match=r"differs from the identity by 0\.1"):
         rp.nearest_repeatable(Violation(panda_pose), None, rp.Box(Q0, 0.3), degree=1)
 
 

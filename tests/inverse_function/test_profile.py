@@ -110,7 +110,7 @@ def test_a_scaled_sector_does_not_cross_its_sides() -> None:
     sector = sector_of("one orientation", radius=([0.3, 0, 0.1], [0.5, 0, -0.05]))
     half = sector.scaled(0.5)
     assert np.allclose(half.radii(0.35)[0], 0.35) and half.widths[2] == 0.5 * sector.widths[2]
-    with pytest.raises(rp.InputError, match="scale it by at most 1"):
+    with pytest.raises(rp.InputError, match="choose a smaller scale or height"):
         sector.scaled(2.0)
 
 

@@ -1,7 +1,8 @@
 """``repctl cell``: design one inverse kinematic function for a cell of poses, and evaluate it.
 
 A cell is a box of poses, or a sector around an axis. The function q = F(x) gives one configuration
-for each of its poses.
+for each of its poses. The largest sector on which one function works well is called the whole
+table.
 """
 
 from __future__ import annotations
@@ -180,7 +181,8 @@ def _add_sector(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Run ``repctl cell``: find the function, print its table, and write its files.
 
-    The files are cell.json, cell.html and cell.png. Return the exit code.
+    The files are cell.json, cell.html and, unless the cell has a single coordinate, cell.png.
+    Return the exit code.
     """
     folder = options.output_folder(Path(options.robot).stem)
     needed("matplotlib", "meshcat", by="repctl cell")
@@ -249,9 +251,9 @@ _MEANING = (
 
 
 def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
-    """Write the remedy for a cell that no function covers, in terms of command-line options.
+    """Write the remedy for a cell ``asked`` for that no function covers, with command-line options.
 
-    The error itself names arguments of the Python function, which users of the command do not know.
+    The error itself names arguments of the Python function.
     """
     if error.fits <= 0:
         remedy = "no smaller cell around this middle works either, so move it with --at, or choose "
@@ -295,10 +297,11 @@ class _Asked(NamedTuple):
 
 
 def _asked(options: Options, report: Report) -> _Asked:
-    """Make the cell that the options describe, at the first default start at which it fits.
+    """Make the cell that the options describe, with the configuration in its middle.
 
-    The cell is a sector, or a box around the path, the start's pose or ``--at``. With ``--size``,
-    or with an orientation such as ``--down`` alone, its place is searched for. ``report`` is the
+    The cell is a sector, or a box around the path, around the start's pose, or at ``--at``. Without
+    ``--start``, it is the cell at the first default start at which it fits. With ``--size``, or
+    with an orientation such as ``--down`` alone, its place is searched for. ``report`` is the
     progress callback. Options that cannot be used raise an InputError.
     """
     import numpy as np
@@ -312,7 +315,7 @@ def _asked(options: Options, report: Report) -> _Asked:
         return _placed(options, at, report)
 
     def cell_of(problem: rp.Problem) -> rp.Cell:
-        """Make a cell around a problem's path (a box) or its start's pose (a box or a sector)."""
+        """Make the box around a problem's path, or the box or sector around its start's pose."""
         task = problem.task
         if around:
             return rp.Cell.around(task, problem.cycle, *_sizes(options))
@@ -335,7 +338,7 @@ def _asked(options: Options, report: Report) -> _Asked:
 def _with_choices(
     notes: list[str], options: Options, asked: _Asked, design: rp.CellDesign
 ) -> list[str]:
-    """Add notes on the choices of the command: the size, the place and the start of the cell."""
+    """Return ``notes`` with notes on the size, the place and the start that the command chose."""
     cell = asked.cell
     kept = cell.widths > 0
     kept[list(cell.free)] = False
@@ -351,10 +354,9 @@ def _with_choices(
 def _placed(options: Options, at: Any, report: Report) -> _Asked:
     """Find the best place for the box of ``--size``; without ``--size``, the largest sector.
 
-    The arm covers the result within its limits and without collisions.
-
-    ``at`` is a position (3,), m, which the box should be near, or None. With ``--half-angle`` the
-    cell also has rotations, and the configuration in its middle is searched for later.
+    The arm covers the result within its limits and without collisions. The box is placed near
+    ``at`` (3,), m, if it is not None. With ``--half-angle`` the box also has rotations, and the
+    configuration in its middle is left to the design (None).
     """
     import numpy as np
     import pinocchio as pin
@@ -563,9 +565,10 @@ def _sector(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
 
 
 def _numbers(text: str, option: str, size: int | None = None) -> Any:
-    """Parse a number, or a list of ``size`` numbers separated by commas; None accepts any length.
+    """Parse a number, or numbers separated by commas: a float, or a list of floats.
 
-    Return a float or a list of floats. Any other text raises an InputError that names ``option``.
+    The list must have ``size`` numbers, unless this is None. Any other text raises an InputError
+    that names ``option``.
     """
     wrong = f"must be {size or 'one or more'} numbers separated by commas"
     numbers = numbers_of(text, option, wrong)
@@ -597,12 +600,11 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
 
 
 def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
-    """Follow a sample path through the cell with G_d and with the function; return the motions.
+    """Follow a sample path through the cell with J⁺ or another G_d, and with the function.
 
-    The motions are a dictionary by label. G_d is the desired inverse, such as J⁺, with which the
-    function is compared. The period is increased if the joint speed limits require it. Return also
-    a note on an increased period or a failed motion. The dictionary is empty if the motion of the
-    function failed.
+    G_d is the desired inverse, with which the function is compared. Return the motions by label,
+    and a list of notes: on a period that was increased because the joint speed limits require it,
+    or on a motion that failed. Without a motion of the function, there are no motions.
     """
     from ...base.defaults import PERIOD
     from ...studies.period import choose_period
@@ -612,7 +614,7 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     path, failed = tour(design.cell), {}
 
     def followed(label: str, control: Any, period: float, **how: Any) -> dict[str, rp.Motion]:
-        """Follow the path; return the motion by its label, or an empty dict if that fails."""
+        """Follow the path with a controller; return {label: motion}, or {} if this fails."""
         try:
             q0 = design.function(path.placement(0.0))
             motion = rp.follow(control, path, q0, steps=_STEPS, period=period, **how)

@@ -1,9 +1,10 @@
 """Result of designing an inverse function over a cell, a box of poses.
 
 The result has the function q = F(x), its evaluation, maps over slices of the cell, and a problem
-with a closed path through the cell. A sector is a cell in cylindrical coordinates. A chart consists
-of polynomials in the coordinates u of a pose: q_ref approximates a configuration, n_ref the null
-space. s is the position along the self-motion of the pose, measured from q_ref.
+with a closed path through the cell. A sector is a cell in cylindrical coordinates. u are the
+coordinates of a pose in the cell, from −1 to 1. A chart consists of polynomials in u: q_ref
+approximates a configuration at the pose, n_ref the null space of J there. s is the position along
+the self-motion of the pose, measured from q_ref.
 """
 
 from __future__ import annotations
@@ -103,9 +104,8 @@ class CellDesign:
     def of(cls, desired: Inverse, chart: Chart, evaluation: Evaluation, **how: Any) -> CellDesign:
         """Make a design from a chart, in which the function is s = 0, and from its evaluation.
 
-        A chart is a pair of polynomials that approximate a configuration and the null space for
-        each pose; s is the position along the self-motion. ``desired`` is the inverse G_d that
-        ∂F/∂x approximates. ``how`` has the other attributes of the design.
+        ``desired`` is the inverse G_d that ∂F/∂x approximates. ``how`` has the other attributes of
+        the design, by name.
         """
         u, shift = chart.cell._split(np.zeros((1, chart.cell.whole.k)))
         middle = chart.solve(u)
@@ -139,10 +139,7 @@ class CellDesign:
 
     @property
     def cost(self) -> float:
-        """Mean of ``‖∂F/∂x − G_d(F)‖_F²`` over the held-out poses that the function F covers.
-
-        G_d is the desired inverse; the design minimises this mean.
-        """
+        """Mean of ``‖∂F/∂x − G_d(F)‖_F²`` over the held-out poses that the function F covers."""
         return self.evaluation.cost
 
     @property
@@ -155,15 +152,18 @@ class CellDesign:
 
     @property
     def extra_speed_worst(self) -> float:
-        """Extra joint speed, relative to the desired inverse, at the worst pose of a search."""
+        """Extra joint speed, rms over all directions of ẋ, at the worst pose found by a search.
+
+        It is relative to the desired inverse.
+        """
         return self.evaluation.extra_speed_worst
 
     @property
     def extra_speed_direction(self) -> float:
-        """Extra joint speed in the worst task direction, at the worst pose found by a search.
+        """Extra joint speed in the worst direction of ẋ, at the worst pose found by a search.
 
-        The speed is relative to the desired inverse. ``extra_speed_worst``, in contrast, is an rms
-        value over all directions.
+        It is relative to the desired inverse. :attr:`extra_speed_worst`, in contrast, is an rms
+        value over all directions of ẋ.
         """
         return self.evaluation.extra_speed_direction
 
@@ -188,7 +188,7 @@ class CellDesign:
 
     @property
     def coverage(self) -> float:
-        """Fraction of the held-out poses at which F has a configuration inside the limits."""
+        """Fraction of the held-out poses that F covers, with a configuration inside the limits."""
         return self.evaluation.coverage
 
     @property
@@ -279,7 +279,7 @@ class CellDesign:
     def _symmetry(self) -> dict[str, str]:
         """Return texts by display name: the symmetries in use, and the ranges of their coordinates.
 
-        In a sector, one joint may turn the whole arm about the axis, or the tool about its z axis.
+        In a sector, one joint can turn the whole arm about the axis, or the tool about its z axis.
         For other cells the dictionary is empty.
         """
         sector = self.function.chart.cell
@@ -313,19 +313,18 @@ class CellDesign:
 def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
     """Make the function q = F(x) of a chart; it checks joint limits if the evaluation requires it.
 
-    F is s = 0 in the chart, where s is the position along the self-motion. On the leaf c = 0, which
-    is F itself, the limits are checked only where needed, because checks cost time at every call.
-    They are needed if some evaluated pose violates a limit, or if the range of a coordinate of the
-    sector ends only at the joint limits. On other leaves the limits are always checked.
+    Checks cost time at every call. On F itself, s = 0, limits are checked only if some evaluated
+    pose violates one, or if the range of a coordinate of the sector ends only at the joint limits.
+    At other positions s along the self-motion, limits are always checked.
     """
     ends_at_limits = bool(chart.cell.free) or not evaluation.everywhere
     return InverseFunction(chart, keep_limits=ends_at_limits)
 
 
 def _cell_parts(cell: Cell) -> tuple[Any, ...]:
-    """Convert the poses of a cell and the symmetries that it uses to plain data.
+    """Convert a cell, with the symmetries of the arm that its design uses, to plain data.
 
-    The fingerprint of these data shows whether a certificate is for this cell.
+    A fingerprint hashes them, to show whether a certificate is for this cell.
     """
     box = rounded(cell.placement.homogeneous), cell.widths
     if not isinstance(cell, Sector):
@@ -336,7 +335,7 @@ def _cell_parts(cell: Cell) -> tuple[Any, ...]:
 
 
 def _unmet(found: float, asked: float) -> str:
-    """Write a note if a requested margin is not met; else an empty text."""
+    """Write ``; the requested … is not met`` if found < asked; else an empty text."""
     return f"; the requested {asked:g} is not met" if found < asked and asked else ""
 
 
@@ -348,9 +347,9 @@ class Slice:
     Attributes
     ----------
     axes : (int, int)
-        Indices of the first and the second coordinate, counted from 0.
+        Indices of the first and the second coordinate among those of the cell, from 0.
     u : (C,) array
-        Grid values of either coordinate, from −1 to 1.
+        Grid values of both coordinates, from −1 to 1.
     limit_margin, extra_speed : (C, C) arrays
         Smallest joint-limit margin, rad or m, and extra joint speed relative to the desired inverse
         G_d; NaN where the function has no value. Rows are values of the second coordinate, columns
@@ -431,9 +430,9 @@ PROBLEM = (CellDesign, _problem_of_cell)
 def tour(cell: Cell) -> TaskPath:
     r"""Make a smooth closed sample path through a cell, to show its function in motion.
 
-    Its coordinates in the cell are ``u_i(s) = Σ_k a_ik cos 2πks + b_ik sin 2πks`` for s from 0 to
-    1, with a and b drawn from a fixed random seed, scaled so that the maximum of every |u_i| is
-    0.9.
+    Its coordinates in the cell are ``u_i(s) = Σ_j a_ij cos 2πjs + b_ij sin 2πjs``, where s is the
+    path parameter from 0 to 1. a and b are drawn from a fixed random seed, and scaled so that the
+    maximum of every |u_i| is 0.9.
     """
     rng = np.random.default_rng(0)
     k = 2 * np.pi * np.arange(1, _WAVES + 1)
@@ -448,11 +447,11 @@ def tour(cell: Cell) -> TaskPath:
         return np.asarray(a @ np.cos(k * s) + b @ np.sin(k * s), float)[None]
 
     def twists(U: Array) -> Array:
-        """Evaluate the twists (v, ω), base axes, per m or rad of each coordinate: (6, k)."""
+        """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each coordinate."""
         return cell._frame_twists(cell.spread(U))[0][:, moved]
 
     def twist(s: float) -> Array:
-        """Evaluate the twist (v, ω), base axes, per unit of the path parameter s: (6,)."""
+        """Evaluate the frame's velocity (v, ω), base axes, per unit of the path parameter s."""
         du = b @ (k * np.cos(k * s)) - a @ (k * np.sin(k * s))
         return np.asarray(twists(at(s)) @ (cell.widths[moved] * du), float)
 

@@ -1,7 +1,9 @@
 """File content of a cell's design: conversion to plain data, and back.
 
-A cell is a box of poses; its design is a function q = F(x) with one configuration for each pose.
-The classes describe the objects of the JSON file, with attributes named like the keys.
+A cell is a box of poses; its design is a function q = F(x) with one configuration for each pose. A
+sector is a cell in cylindrical coordinates; a coordinate of it is symmetric if a single joint moves
+the frame along it. The classes describe the objects of the JSON file, with attributes named like
+the keys.
 """
 
 from __future__ import annotations
@@ -73,9 +75,8 @@ class _FailureFile(Part):
 class _TurnFile(Part):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
-    See :class:`repctl_pin.extensions.cells.evaluate.turning.Turn`. ``joint_range`` is null for a
-    joint without limits. ``nearly``, ``unasked``, ``covered`` and ``as_covered`` are null if they
-    were not computed.
+    See :class:`repctl_pin.extensions.cells.evaluate.turning.Turn`. Null stands for infinity in
+    ``joint_range``, and for NaN in ``nearly``, ``unasked``, ``covered`` and ``as_covered``.
     """
 
     coordinate: str
@@ -112,11 +113,11 @@ class _SectorFile(Part):
 
 
 class _BodiesFile(Part):
-    """Fingerprint of the collision bodies: of their shapes, and of their places.
+    """Fingerprints of the collision bodies: ``shapes`` of their shapes, ``places`` of their places.
 
-    The body distance of a file is dropped if the bodies have changed since the file was written.
-    ``places`` has one number for each of a few fixed configurations of the task. These numbers
-    change if any body is placed elsewhere.
+    ``places`` has one number for each of four fixed configurations; they change if any body is
+    placed elsewhere. If the bodies have changed since the file was written, its body distance is
+    dropped.
     """
 
     shapes: str
@@ -215,9 +216,9 @@ def cell_file(design: CellDesign) -> _CellFile:
 
 
 def _bodies_file(design: CellDesign) -> _BodiesFile | msgspec.UnsetType:
-    """Convert the fingerprint of the collision bodies to plain data; UNSET if no distance is known.
+    """Compute the fingerprints of the bodies of a design; UNSET if its body distance is not known.
 
-    An UNSET value is left out of the file.
+    UNSET is left out of the file.
     """
     if np.isnan(design.body_distance):
         return msgspec.UNSET
@@ -276,8 +277,7 @@ def _shapes_fingerprint(task: Task) -> str:
 def _bodies_at(task: Task, Q: ArrayLike) -> Array:
     """Compute one number per row of Q (K, n) that changes if any body is placed elsewhere: (K,).
 
-    These numbers show whether the body distance of a file is still valid. Each is a weighted sum of
-    all entries of the placements of the links with bodies.
+    It is a weighted sum of all entries of the placements of the links with bodies.
     """
     robot = task.robot
     model, drive = task.bodies_model()
@@ -301,7 +301,7 @@ def _bodies_at(task: Task, Q: ArrayLike) -> Array:
 def _solid(
     solid: Shape, description: Description, package_dirs: tuple[str, ...]
 ) -> tuple[object, ...]:
-    """Return a collision shape as plain data, for a fingerprint, with the hash of its mesh file."""
+    """Return a collision shape as plain data for a fingerprint, with the hash of its mesh file."""
     mesh = None
     if solid.filename:
         file = find_mesh(solid.filename, description.path, package_dirs)
@@ -312,9 +312,9 @@ def _solid(
 
 @lru_cache(maxsize=256)
 def _content(file: Path, changed: int) -> str:
-    """Hash the content of a file as a hexadecimal text.
+    """Hash the content of a file as a hexadecimal text; cached.
 
-    ``changed`` is the file's modification time; a new time makes the cached hash invalid.
+    ``changed`` is the file's modification time, so that a changed file is hashed again.
     """
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
@@ -336,14 +336,13 @@ def _sector_file(cell: Cell) -> _SectorFile | msgspec.UnsetType:
 def _cell(content: _CellFile, task: Task) -> Cell:
     """Create the cell of a file: a box of poses, or a sector without its symmetric coordinates.
 
-    A single joint moves the frame along a symmetric coordinate, so the chart does not contain that
-    coordinate. An InputError is raised if the numbers do not describe a cell of this task.
+    InputError is raised if the numbers do not describe a cell of this task.
     """
     widths, at, positions = (np.array(content.widths), np.array(content.placement), min(3, task.m))
     if widths.shape != (task.m,) or at.shape != (4, 4):
         raise InputError(
-            f"the cell of the file must have {task.m} widths and a placement of 4 × 4 numbers; "
-            "design the cell again"
+            f"the cell of the file must have {task.m} widths, one per task coordinate, and a "
+            "placement of 4 × 4 numbers; design the cell again"
         )
     if not np.array_equal(at[3], [0.0, 0.0, 0.0, 1.0]):
         raise InputError(

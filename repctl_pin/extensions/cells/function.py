@@ -1,4 +1,10 @@
-"""Inverse kinematic function over a cell: the same pose always gives the same configuration."""
+"""Inverse kinematic function over a cell: the same pose always gives the same configuration.
+
+A cell is a box of poses; u (k,) are the coordinates of a pose in it, from −1 to 1. The function q =
+F(x; c) of a pose x has a level c (r,), the position along the self-motion; a leaf is the set of
+configurations F(x; c) with one level c. The chart of the function consists of two polynomials in u:
+q_ref approximates a configuration, and n_ref the null space of J.
+"""
 
 from __future__ import annotations
 
@@ -53,8 +59,8 @@ class InverseFunction:
     Baker and Wampler introduced such functions. F needs no initial configuration and no history:
     the same pose gives the same configuration, which changes smoothly with the pose. F solves
     ``f(F(x)) = x`` and ``n_ref(x)ᵀ (F(x) − q_ref(x)) = c``, where q_ref and n_ref are polynomials
-    that approximate a configuration and the null space. c, by default 0, selects the leaf: the
-    position along the self-motion.
+    that approximate a configuration and the null space. The level c, by default 0, is the position
+    along the self-motion.
 
     Several threads may use one object at the same time.
 
@@ -63,8 +69,8 @@ class InverseFunction:
     chart
         The chart, with q_ref and n_ref.
     keep_limits : bool
-        Check the joint limits on the leaf c = 0, too; not needed if that leaf violates no limit in
-        the cell. On other leaves, limits are always checked.
+        Check the joint limits also for c = 0; not needed if F violates no limit in the cell there.
+        For other levels, limits are always checked.
 
     Raises
     ------
@@ -180,9 +186,10 @@ class InverseFunction:
         leaf: ArrayLike | None,
         missing: Literal["raise", "nan"],
     ) -> Array:
-        """Evaluate F at targets as :meth:`batch` does, in NumPy.
+        """Evaluate F at targets as :meth:`batch` does, (K, n), in NumPy instead of C.
 
-        It is used without the native library, and to find out why a target has no configuration.
+        This is for installations without the native library, and finds out why a target has no
+        configuration.
         """
         cell = self.cell
         U, off = self._coordinates(targets)
@@ -199,9 +206,8 @@ class InverseFunction:
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Compute the pose x of each configuration, and its level c, so that ``F(x; c) = q``.
 
-        The leaf ``c = n_ref(x)ᵀ (q − q_ref(x))`` is the position along the self-motion; on the
-        function itself, c = 0. Far from the function, several configurations can have the same pose
-        and leaf; F returns only one of them.
+        The level is ``c = n_ref(x)ᵀ (q − q_ref(x))``; it is 0 at the values of F(x). Far from them,
+        several configurations can have the same pose and level; F returns only one of them.
 
         Parameters
         ----------
@@ -229,9 +235,8 @@ class InverseFunction:
     def _law(self, U: Array, C: Array) -> tuple[Array, tuple[int, InputError] | None]:
         """Evaluate F (K, n) in NumPy at coordinates U (K, k) in the cell, with the levels C (K, r).
 
-        A level c is a position along the self-motion. Rows without a configuration are NaN. Return
-        also the number of the first such row with an InputError that gives the reason; None if
-        there is no such row.
+        Rows without a configuration are NaN. Return also (number, InputError) of the first such
+        row, with the reason; None if there is no such row.
         """
         reduced, shift = self.chart.cell._split(U)
         points = self.chart.solve(reduced, C)
@@ -261,7 +266,10 @@ class InverseFunction:
         return homogeneous(p, R)
 
     def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
-        """Evaluate ∂F/∂x (n, m), the joint velocity per task velocity, at a target."""
+        """Evaluate ∂F/∂x (n, m), the joint velocity per task velocity, at a target pose.
+
+        The level is ``leaf`` (r,), by default 0.
+        """
         return self.inverse(self(target, leaf=leaf))
 
     @cached_property
@@ -294,9 +302,8 @@ class InverseFunction:
     def leaves(self, target: Placement) -> Array:
         """Find the range (r, 2) of each component c_j of the level at a pose, with the others at 0.
 
-        The level c of the leaf is the position along the self-motion, such as that of the elbow. A
-        range ends at a joint limit, at ±π, or where the leaf margin, the distance from an
-        algorithmic singularity, falls to 0.1.
+        A range (low, high) ends at a joint limit, at ±π, or where the leaf margin, the distance
+        from an algorithmic singularity, falls to 0.1.
         """
         task, r = self.task, self.task.r
         u, shift = self.chart.cell._split(self.cell.coordinates_of(target)[None])
@@ -339,8 +346,8 @@ class InverseFunction:
     def _coordinates(self, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
         """Convert targets to coordinates U (K, k), and their deviations (K,) from the cell.
 
-        Targets have any of the forms of :meth:`batch`. Deviations are along coordinates of width 0,
-        m or rad.
+        Targets have any of the forms of :meth:`batch`. The deviation, m or rad, is the largest
+        along a coordinate of width 0, which the cell holds constant.
         """
         if isinstance(targets, np.ndarray) and targets.ndim != 3 and targets.shape[-1:] != (7,):
             (U,) = as_matrices(
@@ -352,7 +359,7 @@ class InverseFunction:
     def _leaves(self, leaf: ArrayLike | None, count: int) -> Array:
         """Convert the argument ``leaf``, (r,), (K, r) or None, to one level per target (K, r).
 
-        A level c is the position along the self-motion; None is 0. Other shapes raise InputError.
+        None is 0. Other shapes raise an InputError.
         """
         array = None if leaf is None else as_numbers(leaf)
         if array is not None and array.ndim == 2:
@@ -363,12 +370,12 @@ class InverseFunction:
         return np.tile(c, (count, 1))
 
     def _leaf(self, leaf: ArrayLike) -> Array:
-        """Check one level c, the position along the self-motion, and return it as an array (r,)."""
+        """Check one level c, and return it as an array (r,)."""
         array = as_numbers(leaf)
         return vector(leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c")
 
     def _refused(self, q: Array, u: Array, *, found: bool) -> InputError:
-        """Create the error at coordinates u (k,): no configuration, or q beyond a joint limit."""
+        """Create the error at u (k,): no configuration or, if ``found``, q beyond a limit."""
         where = self.cell.where(u)
         if not found:
             return InputError(f"no configuration exists on this leaf at {where}")
@@ -387,7 +394,7 @@ class InverseFunction:
 
 
 class _NativeFunction:
-    """Cell function in C, from the tables of its chart, for speed.
+    """Inverse function of a chart in C, for speed.
 
     Parameters
     ----------
@@ -398,7 +405,7 @@ class _NativeFunction:
     chart
         The chart.
     keep_limits
-        True to check the joint limits on the leaf c = 0, too.
+        True to check the joint limits also at the level 0.
     """
 
     def __init__(self, native: ctypes.CDLL, arm: Any, chart: Chart, keep_limits: bool) -> None:
@@ -408,10 +415,10 @@ class _NativeFunction:
         self._n, self._r = chart.cell.task.n, chart.cell.task.r
 
     def of_one(self) -> Callable[[pin.SE3, Array | None], Array | None]:
-        """Create a function (target, leaf or None) → q (n,), to be used by one thread at a time.
+        """Create a function (target, level or None) → q (n,), for one thread at a time.
 
-        The target is a pinocchio.SE3, the leaf (r,) the position along the self-motion. The
-        function returns None where C finds no configuration.
+        The target is a pinocchio.SE3, the level an array (r,); None is 0. The function returns None
+        where C finds no configuration.
         """
         target, leaf, result = np.zeros((4, 4)), np.zeros(self._r), np.zeros(self._n)
         parts = {"target": target, "leaf": leaf, "result": result}

@@ -1,9 +1,11 @@
 r"""Chart of the configurations over a cell: their coordinates (u, s).
 
-The cell is a box of poses, u are the coordinates of a pose in it, and s is the position along the
-self-motion at that pose. The polynomials q_ref(u) and n_ref(u) of a chart approximate a
-configuration at the pose, where s = 0, and the null space there. A function q = F(u) over the cell
-is described by s(u); the function of the chart itself is s = 0.
+The cell is a box of poses, u (k,) are the coordinates of a pose in it, from −1 to 1, and the label
+s (r,) is the position along the self-motion at that pose. The polynomials q_ref(u) and n_ref(u) of
+a chart approximate a configuration at the pose, where s = 0, and the null space of J there. A
+function q = F(u) over the cell is described by s(u); the function of the chart itself is s = 0.
+x(u) is the pose. Symmetries of an arm can remove coordinates from u, see :attr:`Cell.along`; l is
+their number.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ _EXACT = 1e-11
 
 
 class _Goals(NamedTuple):
-    """Pose-dependent terms of a chart's equations at K poses, from :meth:`Chart.goals`.
+    """Terms of a chart's equations at K poses that do not depend on q, from :meth:`Chart.goals`.
 
     They are computed once if the equations are solved repeatedly at the same poses.
 
@@ -47,7 +49,7 @@ class _Goals(NamedTuple):
     q_ref, n_ref : (K, n) and (K, n, r) arrays
         Reference configurations, and reference null-space bases.
     p, R : (K, 3) and (K, 3, 3) arrays
-        Positions, m, and rotation matrices.
+        Positions, m, and rotation matrices of the poses.
     """
 
     q_ref: Array
@@ -61,17 +63,16 @@ class _Goals(NamedTuple):
 class Chart:
     r"""Coordinates (u, s) of configurations: ``f(q) = x(u)``, ``n_ref(u)ᵀ (q − q_ref(u)) = s``.
 
-    u are the coordinates of a pose in the cell. The label s (r,) selects one configuration on the
-    self-motion manifold of that pose. The polynomials q_ref and n_ref in u approximate a
-    configuration at the pose, and the null space there. Their error does not affect the pose of q,
-    because Newton's method solves both equations exactly.
+    The label s (r,) selects one configuration on the self-motion manifold of the pose x(u). The
+    errors of q_ref and n_ref do not affect the pose of q, because Newton's method solves both
+    equations exactly.
 
     Attributes
     ----------
     cell : Cell
         The cell.
     monomials : Monomials
-        Monomials of u in which q_ref and n_ref are written.
+        The N monomials of u in which q_ref and n_ref are written.
     coefficients : (N, n, 1 + r) array
         Coefficients of q_ref, ``[..., 0]``, and of the columns of n_ref, ``[..., 1:]``.
     """
@@ -105,18 +106,12 @@ class Chart:
         return Chart.fitted(self.cell._part(low, high), U, q_ref, n_ref, self.monomials.degree)
 
     def reference(self, U: Array) -> tuple[Array, Array]:
-        """Evaluate the polynomials q_ref (K, n) and n_ref (K, n, r) at the coordinates U (K, k).
-
-        They approximate a configuration at each pose, and the null space of J there.
-        """
+        """Evaluate the polynomials q_ref (K, n) and n_ref (K, n, r) at the coordinates U (K, k)."""
         both = np.tensordot(self.monomials.values(U), self.coefficients, axes=1)
         return both[:, :, 0], both[:, :, 1:]
 
     def slopes(self, U: Array) -> tuple[Array, Array]:
-        """Evaluate ∂q_ref/∂u (K, n, k) and ∂n_ref/∂u (K, n, r, k) at the coordinates U (K, k).
-
-        q_ref and n_ref are the polynomials of the chart.
-        """
+        """Evaluate ∂q_ref/∂u (K, n, k) and ∂n_ref/∂u (K, n, r, k) at the coordinates U (K, k)."""
         monomials, coefficients = self._differentiated
         values = monomials.values(U)
         both = (values @ coefficients.reshape(len(coefficients), -1)).reshape(
@@ -132,13 +127,13 @@ class Chart:
         .. math:: V^T = n_{ref}^T - \left[ n_{ref}^T \partial q_{ref}
                   - (\partial n_{ref}^T)(q - q_{ref}) \right] \frac{\partial u}{\partial x} J
 
-        ∂ is the derivative with respect to u, the coordinates of the pose. If symmetries remove
-        coordinates from u, their columns of ∂q_ref are :attr:`Cell.along`.
+        ∂ is the derivative with respect to u and the l coordinates that symmetries remove from u;
+        the latter columns of ∂q_ref are :attr:`Cell.along`, those of ∂n_ref are 0.
 
         Parameters
         ----------
-        U, dU : (K, k) and (K, k, m) arrays
-            Coordinates u of the poses, and ∂u/∂x.
+        U, dU : (K, k) and (K, k + l, m) arrays
+            Coordinates u of the poses, and derivatives of all coordinates with respect to x.
         J, n_ref, away : (K, m, n), (K, n, r) and (K, n) arrays
             Jacobian, null-space basis of the chart, and q − q_ref.
         """
@@ -152,16 +147,13 @@ class Chart:
     def _differentiated(self) -> tuple[Monomials, Array]:
         """Derivatives of q_ref and n_ref with respect to u, as monomials and coefficients.
 
-        The degree of the N' monomials is lower by one. The coefficients (N', n, 1 + r, k) are those
-        of q_ref, then those of the r columns of n_ref.
+        The N' monomials have a degree lower by one. The coefficients (N', n, 1 + r, k) are those of
+        q_ref, ``[:, :, 0]``, and of the r columns of n_ref.
         """
         return self.monomials.differentiated(self.coefficients)
 
     def goals(self, U: Array) -> _Goals:
-        """Evaluate the pose-dependent terms of the chart's equations at poses U (K, k).
-
-        These terms are q_ref, n_ref and the placements of the poses.
-        """
+        """Evaluate q_ref, n_ref and the placements at coordinates U (K, k), for :meth:`solve`."""
         return _Goals(*self.reference(U), *self.cell.placements(U))
 
     def solve(
@@ -263,7 +255,7 @@ class Chart:
         Q: Array,
         iterations: int,
     ) -> tuple[Array, Array, Array, Array, Array]:
-        """Solve the equations of the chart as :meth:`_newton` does, but faster, in C.
+        """Solve the equations of the chart as :meth:`_newton` does, with the same results, in C.
 
         ``arm`` is the C struct of the task's joint chain.
         """
@@ -393,12 +385,11 @@ class Points(NamedTuple):
 
 
 class CellPotentials:
-    r"""The r potentials of a chart; their leaf {h(q) = c} is the function with s = c.
+    r"""The r potentials of a chart, ``h = n_refᵀ (q − q_ref)``; their leaf {h(q) = c} is s = c.
 
-    A controller that holds the potentials h constant follows the function: s is the position along
-    the self-motion of each pose. :meth:`Chart.gradients` evaluates their gradients.
-    :class:`RepeatableInverse` accepts these potentials like polynomials of q. Outside the cell, the
-    polynomials in u extrapolate and are not meaningful.
+    A controller that holds h constant follows the function with s = c. :meth:`Chart.gradients`
+    evaluates the gradients of h. :class:`RepeatableInverse` accepts these potentials like
+    polynomials of q. Outside the cell, the polynomials in u extrapolate and are not meaningful.
 
     Parameters
     ----------
@@ -415,14 +406,11 @@ class CellPotentials:
         return self.chart.cell.whole
 
     def value(self, q: Array) -> Array:
-        """Evaluate the potentials h (r,), which a controller holds constant, at q (n,)."""
+        """Evaluate the potentials h (r,) at the configuration q (n,)."""
         return self.values(np.asarray(q, float)[None])[0]
 
     def values(self, Q: Array) -> Array:
-        """Evaluate the potentials h (K, r) at every row of Q (K, n).
-
-        A controller that holds them constant follows a function q = F(x).
-        """
+        """Evaluate the potentials h (K, r) at every row of Q (K, n)."""
         p, R, _ = placed(self.chart.cell.task, Q)
         cell = self.chart.cell
         q_ref, n_ref = self.chart.reference(cell.coordinates(p, R)[0])
@@ -468,12 +456,12 @@ def native_chart(chart: Chart) -> Any:
 
 
 def _weights(chart: Chart) -> tuple[int, int, Array]:
-    """Arrange the coefficients of q_ref and n_ref, the polynomials of a chart, for chart.c.
+    """Arrange the coefficients of q_ref and n_ref in the order in which chart.c reads them.
 
     Return the number of monomials, padded to a multiple of 4 because C adds four at a time; the
-    number of monomials that n_ref uses; and the coefficients. Each row of the coefficients belongs
-    to one monomial: first its coefficients in q_ref, then, if n_ref uses it, those in n_refᵀ. Both
-    parts of a row are padded with zeros to an even length.
+    number of monomials that n_ref uses; and the coefficients, one after the other (p,). For each
+    monomial they are those of q_ref (n,) and then, if n_ref uses it, those of n_refᵀ (r n,). Both
+    parts are padded with zeros to an even length.
     """
     C = np.moveaxis(chart.coefficients, 2, 1)  # (N, 1 + r, n)
     C = np.pad(C, ((0, -len(C) % _FOURS), (0, 0), (0, 0)))

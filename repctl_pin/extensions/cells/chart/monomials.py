@@ -1,6 +1,7 @@
-"""Monomials of k variables: values, derivatives, least-squares fit of polynomials.
+"""Monomials of k variables u: values, derivatives, least-squares fit of polynomials.
 
-They make up the polynomials over a cell, which is a box of poses with coordinates u from −1 to 1.
+They make up the polynomials over a cell, a box of poses with coordinates u from −1 to 1. A
+polynomial's coefficients C (N, …) have one row per monomial.
 """
 
 from __future__ import annotations
@@ -59,14 +60,14 @@ class Monomials:
         return T
 
     def slopes(self, T: Array) -> Array:
-        """Evaluate the derivatives (K, N, k) of the monomials with respect to u.
+        """Evaluate the derivatives (K, N, k) of the monomials with respect to u at K points.
 
-        T (K, N) are the values of the monomials at the same u, from :meth:`values`.
+        T (K, N) are the values of the monomials at the same points, from :meth:`values`.
         """
         return np.swapaxes(T[:, self.lower] * self.exponents.T, 1, 2)
 
     def derivative(self, C: Array, j: int) -> Array:
-        """Differentiate polynomials with coefficients C (N, …) by u_j; return (N, …)."""
+        """Differentiate polynomials with respect to u_j; return the coefficients (N, …)."""
         some = np.flatnonzero(self.exponents[:, j])  # each leads to another monomial
         weight = self.exponents[some, j].reshape(-1, *[1] * (C.ndim - 1))
         D = np.zeros_like(C)

@@ -1,12 +1,14 @@
 """Evaluation of an inverse function over its cell, on poses that the fit did not use.
 
 The function q = F(x) gives one configuration for each pose of the cell, a box of poses with
-coordinates u. Formulas use ∂F = ∂F/∂u, E = ∂x/∂u, and C = (EᵀE)^(−1/2), so that ∂F C and G_d E C
-are joint speeds per unit of task speed. G_d is the desired inverse, such as J⁺.
+coordinates u from −1 to 1. Formulas use ∂F = ∂F/∂u, E = ∂x/∂u, and C = (EᵀE)^(−1/2), so that ∂F C
+and G_d E C are joint speeds per unit of task speed. G_d is the desired inverse, such as J⁺.
+Held-out poses are Sobol points of the cell that the fit did not use.
 
 A candidate function is written in a chart: s is its position along the self-motion at each pose,
-and n_ref the approximate null space. At a fold, the leaf turns back along the self-motion, and is
-no longer a function of the pose.
+and n_ref the approximate null space of J. At a fold, the leaf turns back along the self-motion, and
+is no longer a function of the pose. A function covers a pose if it has a configuration there inside
+the joint limits, and no fold separates the pose from the middle of the cell.
 """
 
 from __future__ import annotations
@@ -192,27 +194,19 @@ class Sample(NamedTuple):
 
     @property
     def ratio(self) -> Array:
-        """Squared joint speed relative to G_d, the desired inverse: (K,).
-
-        It is ``‖∂F C‖_F² / ‖G_d E C‖_F²``.
-        """
+        """Squared joint speed of F relative to that of G_d: ``‖∂F C‖_F² / ‖G_d E C‖_F²`` (K,)."""
         return np.asarray(self.own / self.desired_square, float)
 
     @property
     def covered(self) -> NDArray[np.bool_]:
-        """True where the function exists inside the joint limits, on this side of any fold: (K,).
-
-        At a fold the leaf turns back along the self-motion. "This side" is that of the middle of
-        the cell.
-        """
+        """True where the function covers the pose: (K,)."""
         return np.asarray(self.sheet & (self.limit_margin >= 0))
 
 
 def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> Sample:
-    """Evaluate a candidate function with s = 0 at poses U (K, k), in coordinates of the cell.
+    """Evaluate a candidate function at the poses U (K, k), in coordinates of the cell.
 
-    ``desired`` is G_d, with which joint speeds are compared. The sample also marks the poses that a
-    fold separates from the middle of the cell.
+    ``desired`` is G_d, with which joint speeds are compared.
     """
     middle = candidate.at(np.zeros((1, U.shape[1])))
     parts = [U[start : start + _BLOCK] for start in range(0, len(U), _BLOCK)]
@@ -221,20 +215,16 @@ def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> Sample:
 
 
 def _sides(at: Points) -> Array:
-    """Evaluate the sign (K,) of det [J; n_refᵀ], which changes where a function folds.
-
-    n_ref approximates the null space of J. At a fold, the leaf turns back along the self-motion,
-    and is no longer a function of the pose.
-    """
+    """Evaluate the sign (K,) of det [J; n_refᵀ], which changes at a fold of the function."""
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
     return np.asarray(np.sign(np.linalg.det(J_V)))
 
 
 def _block(desired: Inverse, candidate: CandidateFunction, U: Array, side: Array) -> Sample:
-    """Evaluate a sample of a candidate function at some of the poses, U (K, k).
+    """Evaluate a candidate function at some poses U (K, k) of a sample.
 
-    ``side`` (1,) is the sign of det [J; n_refᵀ] in the middle of the cell. A pose with the other
-    sign is beyond a fold and does not count as covered.
+    ``side`` (1,) is the sign of det [J; n_refᵀ] in the middle of the cell; poses with the other
+    sign are beyond a fold.
     """
     chart, at = candidate.chart, candidate.at(U)
     N, s = null_bases(at.J, at.n_ref)
@@ -255,11 +245,11 @@ def _block(desired: Inverse, candidate: CandidateFunction, U: Array, side: Array
 
 
 def _largest_ratio(A: Array, B: Array) -> Array:
-    """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` (K,) of pairs of matrices (K, n, k).
+    """Evaluate ``max_v ‖A v‖² / ‖B v‖²`` (K,) of pairs of matrices A and B (K, n, k).
 
     If A belongs to a function and B to the desired inverse, this is the squared ratio of their
-    joint speeds in the worst direction of the task velocity. With ``BᵀB = L Lᵀ`` it is the largest
-    eigenvalue of ``L⁻¹ AᵀA L⁻ᵀ``.
+    joint speeds in the worst direction. With ``BᵀB = L Lᵀ`` it is the largest eigenvalue of ``L⁻¹
+    AᵀA L⁻ᵀ``.
     """
     L = np.asarray(np.linalg.cholesky(np.swapaxes(B, 1, 2) @ B), float)
     Lt_over_A = solved(L, np.swapaxes(A, 1, 2))
@@ -268,10 +258,9 @@ def _largest_ratio(A: Array, B: Array) -> Array:
 
 @dataclass(frozen=True)
 class _SpeedRatio(Quantity):
-    """Joint speed of G_d divided by that of the function s = 0, squared; a search minimises it.
+    """Squared ratio of the joint speed of G_d to that of the function s = 0, for :func:`searched`.
 
-    G_d is the desired inverse, such as J⁺. The ratio is smallest at the pose at which the function
-    has the largest extra joint speed.
+    Where it is smallest, the function has the largest extra joint speed.
 
     Attributes
     ----------
@@ -288,10 +277,7 @@ class _SpeedRatio(Quantity):
     direction: bool
 
     def least(self, at: Points) -> Array:
-        """Evaluate the squared ratio (K,) at points; infinite where the function does not exist.
-
-        The points ``at`` are configurations of the function at K poses.
-        """
+        """Evaluate the squared ratio at K points of the function: (K,), infinite without one."""
         ratio = np.full(len(at.U), np.inf)
         squares = np.linalg.eigvalsh(at.J @ np.swapaxes(at.J, 1, 2))
         found = np.flatnonzero(at.found & (squares[:, 0] > _REGULAR * squares[:, -1]))
@@ -312,10 +298,11 @@ def evaluate_cell(
 ) -> Evaluation:
     """Measure a cell's function F on held-out poses: coverage, cost, joint speeds and margins.
 
-    ``desired`` is the inverse G_d with which F is compared; in ``chart``, F is s = 0. The held-out
-    poses are ``count`` Sobol points; corners of the cell and poses found by searches are added. A
-    quick evaluation searches neither for the largest joint speeds nor for the smallest body
-    distances. A body distance below the ``required`` one, m, is a failure by collision.
+    ``desired`` is the inverse G_d with which F is compared; in ``chart``, F is s = 0. The poses are
+    ``count`` held-out poses, drawn with ``seed``, corners of the cell, and poses found by searches
+    for the smallest margins, the largest joint speeds and collisions. With ``quick``, only the
+    limit margin and σ_min(J) are searched for. A body distance below ``required``, m, is a failure
+    by collision.
     """
     cell, candidate = chart.cell, CandidateFunction.zero(chart)
     U = np.concatenate([cell.sample(count, seed), cell.corners()])
@@ -355,7 +342,7 @@ def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
     """Evaluate cost and extra joint speed: means over ``inside``, maxima over ``tested``.
 
     ``inside`` are the covered held-out poses. ``tested`` are all covered poses, including corners
-    and poses found by searches.
+    and poses found by searches. Return the attributes of :class:`Evaluation` by name.
     """
     root = np.sqrt(len(inside.U))
     desired_square = inside.desired_square.mean()
@@ -375,7 +362,8 @@ def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
 def _limit_figures(candidate: CandidateFunction, held_out: Sample, low: Sample) -> dict[str, Any]:
     """Evaluate the smallest limit margins, at held-out poses and at the poses ``low`` of a search.
 
-    Return also the largest limit margin that any leaf attains at each of these two poses.
+    At both poses, evaluate also the largest limit margin on any leaf. Return the attributes of
+    :class:`Evaluation` by name.
     """
     chart = candidate.chart
     worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))
@@ -395,8 +383,8 @@ def _searched(desired: Inverse, candidate: CandidateFunction, at: Sample, quick:
     """Search for the poses of a cell at which a function's margins or joint speeds are worst.
 
     The margins are the limit margin, σ_min(J) and the leaf margin. Searches start from the worst of
-    the sampled poses ``at``. Return all poses visited (L, k). A quick evaluation searches neither
-    for leaf margins nor for joint speeds.
+    the sampled poses ``at``. Return the coordinates (L, k) of all poses that the searches
+    evaluated. With ``quick``, neither leaf margins nor joint speeds are searched.
     """
     chart, at = candidate.chart, rows_of(at, at.sheet)
     limits, singular = limits_of(chart.cell), singular_values_of(chart.cell.task)
@@ -434,8 +422,8 @@ def _failures(cell: Cell, at: Sample, low: Sample, near: Array) -> tuple[Failure
     """Return the reasons why the function fails, at sampled poses and at poses found by search.
 
     ``at`` are the sampled poses, ``low`` those found by search. ``near`` (L, n) are configurations
-    from which a reachability test starts. The ``share`` of each reason is the fraction of the
-    sampled poses.
+    from which Newton's method tries to reach poses at which F has none. The ``share`` of each
+    reason is the fraction of the sampled poses.
     """
     both = joined([at, low])
     on, folds = rows_of(both, both.sheet), rows_of(both, both.ok & ~both.sheet)
@@ -453,11 +441,11 @@ def _bodies(
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
     """Compute the minimum body distance over covered poses of the cell.
 
-    Return the distance, m, the two links, and the failure by collision, which is None if the
-    distance is at least the ``required`` one. Body distances are slow to compute, so they are
-    evaluated only at the corners and at the first 1024 of the ``count`` held-out poses; the first
-    64 if ``quick``. If nothing collides there, the nearest pose of each pair of bodies is searched
-    for; a quick evaluation omits the search.
+    Return the distance, m, the two links, and the failure by collision; None if the distance is at
+    least ``required``, m. Body distances are slow to compute: they are evaluated at the corners and
+    at the first 1024 of the ``count`` held-out poses in ``at``, or the first 64 if ``quick``. If
+    nothing collides there, and not with ``quick``, the nearest pose of each pair of bodies is
+    searched for.
     """
     cell = candidate.chart.cell.whole
     bodies = bodies_of(cell.task)
@@ -477,12 +465,12 @@ def _bodies(
 def _all_round(
     candidate: CandidateFunction, U: Array, Q: Array
 ) -> tuple[Array, Array, CandidateFunction]:
-    """Move poses by random amounts along the symmetric coordinates of a sector.
+    """Move covered poses by random amounts along the symmetric coordinates of a sector.
 
-    A single joint moves the frame along such a coordinate, so the function is designed without the
-    coordinate. Body distances, unlike other figures, depend on it. Return all coordinates of the
-    poses in the sector, the configurations (K, n), and the candidate function over the whole
-    sector. Other cells are returned unchanged.
+    A single joint moves the frame along such a coordinate, so U (K, k) and the function do without
+    it; but body distances depend on it. Return all coordinates of the poses in the sector, the
+    moved configurations (K, n), and the candidate function over all coordinates. In other cells,
+    nothing changes.
     """
     cell, chart = candidate.chart.cell, expanded(candidate.chart)
     U = cell._lifted(U)

@@ -1,6 +1,7 @@
 """Reasons why an inverse function fails at poses of a cell, each with its worst pose.
 
-The causes are: out of reach, singularity, joint limit, fold, collision.
+The causes are: out of reach, singularity, joint limit, fold, collision. U (K, k) are coordinates of
+poses in the cell, from −1 to 1. A share is a fraction of the poses that were sampled, 0 to 1.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ class FailureReason:
     cause : str
         Kind of the reason: ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``.
     share : float
-        Fraction of the sampled poses that fail for this reason.
+        Fraction of the sampled poses that fail for this reason, 0 to 1.
     u : (k,) array
-        Worst pose, in all coordinates u of the cell (those of :attr:`Cell.whole`).
+        Worst pose, in all coordinates u of the cell, from −1 to 1 (those of :attr:`Cell.whole`).
     what : str
         Message that describes the failure and its worst pose.
     """
@@ -50,11 +51,9 @@ class FailureReason:
 
 
 def _reason(cause: str, share: float, cell: Cell, u: Array, what: str) -> FailureReason:
-    """Make the reason why a function fails at coordinates u (k,) of a cell.
+    """Make the :class:`FailureReason` for coordinates u (k,) of a cell.
 
-    Coordinates that symmetries remove are added as 0.
-
-    ``cause``, ``share`` and ``what`` are attributes of :class:`FailureReason`.
+    Coordinates that symmetries remove from u are added as 0.
     """
     return FailureReason(cause, share, cell._lifted(u[None])[0], what)
 
@@ -62,9 +61,8 @@ def _reason(cause: str, share: float, cell: Cell, u: Array, what: str) -> Failur
 def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
     """Describe the failure by a joint limit: the joint and the pose of the largest violation.
 
-    Q (K, n) are the configurations at the poses U (K, k), in coordinates of the cell. ``share`` is
-    the fraction of the sampled poses that violate a limit. Return None if no configuration violates
-    one.
+    Q (K, n) are the configurations at the poses U (K, k), and ``share`` the share of poses that
+    violate a limit. Return None if no configuration violates one.
     """
     task = cell.task
     margin = cell.limit_margin(Q)
@@ -127,13 +125,12 @@ def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureRe
 
 
 def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None:
-    """Describe the failure of a function that folds before it reaches poses U (K, k), or None.
+    """Describe the failure of a function that folds between the middle and poses U (K, k).
 
     At a fold, the leaf turns back along the self-motion, and the leaf margin, the distance from an
-    algorithmic singularity, is 0. Around a singularity of J the null space takes all directions, so
-    every leaf folds near it. A search for such a singularity begins at the configurations Q (K, n);
-    if one is found, the message names it. ``share`` is the fraction of the sampled poses beyond a
-    fold. None is returned if U is empty.
+    algorithmic singularity, is 0. Near a singularity of J every leaf folds, because the null space
+    takes all directions around it; so one is searched for, from the configurations Q (K, n), and
+    named in the message. ``share`` is the share of poses beyond a fold. Return None if U is empty.
     """
     if not len(U):
         return None
@@ -151,8 +148,8 @@ def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None
 def most_singular(cell: Cell, U: Array, Q: Array) -> tuple[Array, float]:
     """Search a cell for a singularity of J near poses U (K, k), from configurations Q (K, n).
 
-    The search moves one coordinate at a time, by ever smaller steps, such that σ_min / σ_max falls.
-    Return the pose (k,) and the ratio there.
+    The search moves one coordinate at a time, by ever smaller steps, such that the ratio σ_min /
+    σ_max of J falls. Return the pose (k,) with the smallest ratio, and this ratio.
     """
     ratios = inverse_condition_number(placed(cell.task, Q)[2])
     first = int(np.argmin(ratios))
@@ -192,10 +189,9 @@ def touching(
 def round_the_base(cell: Cell) -> str:
     """Write that no function exists because the cell contains the axis of the arm's first joint.
 
-    On a closed path around that axis the first joint makes a full turn, so the arm does not end in
-    the configuration it began in. The text is part of an error message. It is empty if the cell
-    does not contain the axis, if the first joint is prismatic, or if the cell is a sector, whose
-    coordinates go around an axis.
+    On a closed path around that axis the first joint makes a full turn, so no function is possible.
+    The text ends an error message; it is empty if the cell does not contain the axis, if the first
+    joint is prismatic, or if the cell is a sector, which has an angle around an axis.
     """
     task = cell.task
     turning = np.flatnonzero(task.revolute)

@@ -2,8 +2,10 @@
 
 Margins are distances from joint limits, between bodies, and from singularities (σ_min of J), and
 the leaf margin, the distance from an algorithmic singularity. The candidate q = F(x) gives one
-configuration for each pose of the cell. A coordinate of the cell is symmetric if a single joint
-moves the frame along it.
+configuration for each pose of the cell, with coordinates u (k,) from −1 to 1. It is written in a
+chart, polynomials in u that approximate a configuration and the null space of J: the label s is the
+position of F along the self-motion. Points are configurations with their kinematics at K poses. A
+coordinate of the cell is symmetric if a single joint moves the frame along it.
 """
 
 from __future__ import annotations
@@ -80,17 +82,14 @@ class Quantity(ABC):
 
     @abstractmethod
     def least(self, at: Points) -> Array:
-        """Evaluate the quantity (K,) at points; infinite where the function does not exist.
-
-        The points ``at`` are configurations of the function at K poses.
-        """
+        """Evaluate the quantity at K points of a function: (K,), infinite without a point."""
 
     def slope(self, candidate: CandidateFunction, at: Points, value: Array) -> Array:
         """Evaluate the gradient (K, k) of the quantity with respect to u, along a function.
 
-        ``at`` are points of the function at K poses with the coordinates u, and ``value`` (K,) is
-        the quantity there. One-sided differences are used, with steps into the cell. The gradient
-        is 0 where the function does not exist.
+        ``at`` are points of the function, and ``value`` (K,) is the quantity there. One-sided
+        differences are used, with steps into the cell. The gradient is 0 where the function does
+        not exist.
         """
         K, k = at.U.shape
         step = np.where(at.U > 0, -_STEP, _STEP)
@@ -138,17 +137,13 @@ class Margin(Quantity):
     violators: int
 
     def least(self, at: Points) -> Array:
-        """Return the smallest margin (K,) at points; infinite where the function does not exist.
-
-        The points ``at`` are configurations of the function at K poses.
-        """
+        """Return the smallest of the P margins at K points: (K,), infinite without a point."""
         return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
 
     def slope(self, candidate: CandidateFunction, at: Points, value: Array) -> Array:
         """Evaluate the gradient (K, k) of the smallest margin with respect to u, along a function.
 
-        ``at`` are points of the candidate function at K poses u, where the margin is ``value``
-        (K,). A search for small margins descends along it.
+        ``at`` are points of the function; ``value``, the margin there, is not needed.
         """
         lowest = self.measure(at.Q).argmin(axis=1)
         return self.slopes(at.Q, candidate.derivative(at))[np.arange(len(lowest)), lowest]
@@ -170,13 +165,12 @@ class Margin(Quantity):
     def attainable(
         self, chart: Chart, at: Points, *, far: bool = False, enough: float = np.inf
     ) -> Array:
-        """Find the largest margin (K,) that self-motion attains at the poses of the given points.
+        """Find the largest margin (K,) that self-motion attains at the poses of the points ``at``.
 
         No penalty requires a larger margin. At each pose, the search varies each component of the
-        label s, the position along the self-motion, by up to 0.7 rad in steps of 0.06 rad, and
-        refines the best label. With ``far``, it varies them by up to 2.4 rad, which for r = 1
-        covers the self-motion inside the limits. Poses with a margin of at least ``enough`` are not
-        searched.
+        label s by up to 0.7 rad in steps of 0.06 rad, and refines the best label. With ``far``, it
+        varies them by up to 2.4 rad, which for r = 1 covers the self-motion inside the limits.
+        Points with a margin of at least ``enough`` are not searched.
         """
         r, most, best = at.n_ref.shape[2], self.least(at), at.Q.copy()
         here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
@@ -185,8 +179,8 @@ class Margin(Quantity):
         def look(label: Array, Q: Array) -> None:
             """Evaluate the margin at the labels (K, r), and keep the largest margin of each pose.
 
-            A label is the position along the self-motion. Newton's method starts from the
-            configurations Q (K, n), which are overwritten by the solutions.
+            Newton's method starts from the configurations Q (K, n), which are overwritten by the
+            solutions.
             """
             on = np.flatnonzero(most < enough)
             there = rows_of(goals, on)
@@ -246,22 +240,21 @@ def singular_values_of(task: Task, required: float = 0.0) -> Margin:
 
 
 def potential_gradients(chart: Chart, at: Points) -> Array:
-    """Evaluate the gradients V (K, n, r) of a chart's potentials at configurations on its leaf.
+    """Evaluate the gradients V (K, n, r) of a chart's potentials at points ``at`` of its leaf.
 
-    A controller that follows the function holds these potentials constant; the leaf margin depends
-    on V.
+    A controller that follows the function holds these potentials constant.
     """
     _, dU = chart.cell.slopes(chart.cell.placements(at.U)[0], at.R)
     return chart.gradients(at.U, dU, at.J, at.n_ref, at.Q - at.q_ref)
 
 
 def leaf_margins(chart: Chart, at: Points) -> Array:
-    """Evaluate the leaf margin ``σ_min(Nᵀ V̂) = 1 / ‖I − G J‖₂`` (K,) on the leaf of a chart.
+    """Evaluate the leaf margin ``σ_min(Nᵀ V̂) = 1 / ‖I − G J‖₂`` (K,) at points of a chart's leaf.
 
-    The leaf margin is the distance from an algorithmic singularity. N spans the null space of J, V̂
-    the gradients of the potentials, and G is the inverse that holds these constant. The reciprocal
-    of the margin, minus 1, is the extra joint speed of G relative to J⁺ in the worst direction of
-    ẋ. The margin is 0 where the chart has no configuration, or J loses rank.
+    N spans the null space of J, V̂ the gradients of the chart's potentials, and G is the inverse
+    that holds these constant. The reciprocal of the margin, minus 1, is the extra joint speed of G
+    relative to J⁺ in the worst direction of ẋ. The margin is 0 where there is no point, or J loses
+    rank.
     """
     margin = np.zeros(len(at.U))
     rows = np.flatnonzero(at.found)
@@ -286,18 +279,18 @@ class LeafMargin(Quantity):
     chart: Chart
 
     def least(self, at: Points) -> Array:
-        """Evaluate the leaf margin (K,) at points; infinite where the function does not exist."""
+        """Evaluate the leaf margin at K points: (K,), infinite where there is no point."""
         return np.where(at.found, leaf_margins(self.chart, at), np.inf)
 
 
 def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[Array, float]:
     """Compute body distances (K,), m, at Q (K, n), and the fraction of rows in collision.
 
-    The smallest of the K distances equals that of :meth:`Bodies.distances`, but is found sooner.
-    Where the convex hulls of bodies overlap, a collision test of the bodies takes forty times as
-    long as the distance of the hulls. So only two sets of overlaps are tested: the deepest, until
-    no other can be a deeper collision; and a sample, which gives the fraction. At untested overlaps
-    the distance is set to 0. A quick evaluation tests only the deepest overlaps.
+    Only the smallest of the distances is exact, as in :meth:`Bodies.distances`; it is found sooner
+    here. Where the convex hulls of bodies overlap, a collision test of the bodies takes forty times
+    as long as the distance of the hulls. So of these rows only the deepest are tested, until no
+    other can be a deeper collision, and a sample, which gives the fraction; the distance of the
+    others is set to 0. With ``quick``, only the deepest are tested.
     """
     hulls = bodies.hull_distances(Q)
     overlap = np.flatnonzero(hulls < 0)
@@ -320,12 +313,12 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
 
 
 def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) -> Array:
-    """Search for the poses at which each pair of bodies is nearest: (L, k).
+    """Search for the poses at which each pair of bodies is nearest: coordinates (L, k).
 
-    Each pair that may come nearer than ``distance``, m, has a search of its own. In a common
-    search, a pair whose distance does not change, such as two links of a wrist, would hide all
-    others. Poses are tried at random, closer and closer to the best ones. At all poses that are
-    returned, the function exists inside the joint limits.
+    Each pair that can come nearer than ``distance``, m, has a search of its own, since a pair whose
+    distance does not change, such as two links of a wrist, would hide all others. Poses are tried
+    at random, closer and closer to the best ones. At all returned poses, the function exists inside
+    the joint limits.
     """
     cell = candidate.chart.cell
     bodies, rng = bodies_of(cell.task), np.random.default_rng(seed)
@@ -361,8 +354,8 @@ def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) ->
 def with_edges(cell: Cell, count: int, seed: int, rng: np.random.Generator) -> Array:
     """Sample poses of a cell, many of them at its edges, where bodies are nearest: (K, k).
 
-    The first ``count`` are Sobol points; a third of their coordinates are moved to the nearer end
-    of the range. The others are the corners.
+    The first ``count`` are Sobol points drawn with ``seed``, with a third of their coordinates
+    moved to the nearer end of the range by ``rng``. The others are the corners.
     """
     U = cell.sample(count, seed)
     U = np.where(rng.random(U.shape) < _EDGES, np.sign(U), U)
@@ -381,16 +374,14 @@ def _inside(candidate: CandidateFunction, U: Array) -> tuple[Points, NDArray[np.
 class CandidateFunction:
     """Candidate for the function F: the configurations of a chart with ``s(u) = Σ_t a_t T_t(u)``.
 
-    The chart consists of polynomials that approximate a configuration and the null space for each
-    pose u of the cell; s is the position along the self-motion. The fit chooses the coefficients a
-    that minimise the cost.
+    The fit chooses the coefficients a that minimise the cost.
 
     Attributes
     ----------
     chart : Chart
         The chart.
     terms : Monomials
-        Monomials T of the cell's coordinates u.
+        The N monomials T_t of the cell's coordinates u.
     a : (N, r) array
         Coefficients of the label s.
     """
@@ -401,21 +392,18 @@ class CandidateFunction:
 
     @classmethod
     def zero(cls, chart: Chart) -> CandidateFunction:
-        """Make the candidate with s = 0, the function of the chart itself.
-
-        s is the position along the self-motion, measured from the chart's reference.
-        """
+        """Make the candidate with s = 0, the function of the chart itself."""
         return cls(chart, Monomials(chart.cell.k, 0), np.zeros((1, chart.cell.task.r)))
 
     def at(self, U: Array, Q: Array | None = None) -> Points:
-        """Evaluate the function at poses U (K, k), by Newton's method from Q (K, n) if given.
+        """Find the points of the function at poses U (K, k), by Newton's method.
 
-        Return its configurations at these coordinates in the cell, with their kinematics.
+        It starts from the configurations Q (K, n), by default those of the chart.
         """
         return self.chart.solve(U, self.terms.values(U) @ self.a, Q)
 
     def derivative(self, at: Points) -> Array:
-        """Evaluate ∂F/∂u (K, n, k) at points of the function, from :meth:`at`; u is the pose."""
+        """Evaluate ∂F/∂u (K, n, k) at points of the function, from :meth:`at`."""
         slopes = self.terms.slopes(self.terms.values(at.U))
         ds = np.einsum("KNk,Nr->Krk", slopes, self.a)
         return self.chart.derivative(at, ds)[0][:, :, : self.chart.cell.k]
@@ -424,16 +412,16 @@ class CandidateFunction:
 def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> Array:
     """Search the cell for poses with smaller margins, by projected gradient descent.
 
-    The search tests a candidate function between the sampled poses, too. At the boundary of the
-    cell, steps outward are suppressed. Return all poses visited (L, k), also poses at which the
-    function does not exist. The final poses of the descents are last.
+    At the boundary of the cell, steps outward are suppressed. Return the coordinates (L, k) of all
+    poses that the descents evaluated, also those at which the function does not exist; the final
+    poses are last.
 
     Parameters
     ----------
     candidate
         The candidate function.
     *starts : (quantity, (K, k) array) pairs
-        Quantities to minimise, each with the poses from which its searches start. All searches
+        Quantities to minimise, each with the poses from which its descents start. All descents
         step together, because Newton's method takes hardly longer for many poses than for a few.
     """
     quantities = [quantity for quantity, _ in starts]
@@ -443,7 +431,7 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
     tried, visited = here, [here.U]
 
     def least(which: NDArray[np.intp], at: Points) -> Array:
-        """Evaluate at each point (K,) the quantity with the index which (K,)."""
+        """Evaluate at each of K points the quantity with the number ``which`` (K,): (K,)."""
         values = np.empty(len(which))
         for i, quantity in enumerate(quantities):
             own = which == i

@@ -1,7 +1,8 @@
 """Reach of an arm in a cell: single poses, straight rays from the middle, and growing boxes.
 
 Poses are solved by Newton's method. A ray is the motion along a straight line from the middle of
-the cell. Boxes grow around many middles at once.
+the cell to a pose in it, with coordinates u (k,) from −1 to 1. Boxes grow around many middles at
+once. Limit margins are the smallest distance of a joint from its limits, rad or m.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ def reached(
     p, R, Q : (K, 3), (K, 3, 3) and (K, n) arrays
         Positions, m, and rotations of the poses, and the initial configurations.
     inward
-        Move joints away from their limits in the null space.
+        Move joints away from their limits in the null space, too.
     iterations
         Maximum number of steps.
 
@@ -65,7 +66,7 @@ def reached(
     Q : (K, n) array
         Final configurations.
     left : (K,) array
-        Norm of the remaining task error, in m and rad.
+        Norm of the remaining task error, in m and rad; 0 where the pose is reached.
     """
     task = cell.task
     inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
@@ -88,10 +89,10 @@ def reached(
 
 
 def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) -> list[int]:
-    """Select rows (K, ·) that differ from each other by more than a distance; return their indices.
+    """Select rows (K, ·) farther than a distance from each other; return their indices.
 
-    They leave one of several similar results. Earlier rows are preferred, and at most ``count`` are
-    selected. ``norm`` is the order of the norm of differences.
+    Among similar rows only the first one is selected, and at most ``count`` rows in all. ``norm``
+    is the order of the norm by which their difference is measured.
     """
     kept: list[int] = []
     for k, row in enumerate(rows):
@@ -170,7 +171,7 @@ def rays(desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int 
 
 
 class Grown(NamedTuple):
-    """K places where a box of poses was tried, and how far the box grows around each.
+    """K middles around which a box of poses was grown, and how far it grows around each.
 
     A box that the arm reaches as a whole grows to its full size.
 
@@ -181,9 +182,9 @@ class Grown(NamedTuple):
     steps : (K,) array
         Number of steps by which the box grew; :data:`STEPS` is its full size.
     margin : (K,) array
-        Smallest limit margin on the motions to the points of ``ends``, rad or m.
+        Smallest limit margin at the points of the box at all its sizes, rad or m.
     ends : (K, C, n) array
-        Configurations at the corners, edge middles and face centres of the box that grew.
+        Configurations at the C corners, edge middles and face centres of the box that grew.
     """
 
     p: NDArray[Any]
@@ -194,9 +195,9 @@ class Grown(NamedTuple):
 
 
 def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Draw random configurations Q (K, n), and return positions p and Q.
+    """Draw ``count`` random configurations; return positions (K, 3), m, and configurations.
 
-    p (K, 3), m, are the frame's positions, around which a box of poses is then tried. Coordinates
+    The positions are those of the frame, around which a box of poses is then grown. Coordinates
     that the task does not command are those of the box's middle.
     """
     task = box.task
@@ -248,8 +249,8 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
 def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Evaluate how well configurations Q (K, n) reach poses p (K, 3), m, and R (K, 3, 3).
 
-    Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and a mask (K,) that is True where
-    J has full rank and all joints are within their limits.
+    Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and whether J has full rank and all
+    joints are within their limits: (K,), True or False.
     """
     p_now, R_now, J = placed(box.task, Q)
     G, s = inverses(J)

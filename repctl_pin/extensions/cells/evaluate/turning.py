@@ -1,8 +1,9 @@
 """Range of a function along the symmetric coordinates (angle, spin) of its sector.
 
-A single joint moves the frame along such a coordinate, so the function is designed without the
-coordinate. The function's chart is then rewritten in all coordinates of the sector. The range
-``"all"`` of such a coordinate ends only at the limits of that joint.
+A single joint moves the frame along such a coordinate, so the function is designed without it; the
+coordinate is then removed from the coordinates u of a pose, which go from −1 to 1. The range of the
+coordinate ends at the limits of that joint. If its range is given as ``"all"``, it ends nowhere
+else. A pose is covered if the function has a configuration there inside the joint limits.
 """
 
 from __future__ import annotations
@@ -34,9 +35,6 @@ _CONFIGURATIONS, _STEP = 6, 0.7
 class Turn:
     """Range of a function along one symmetric coordinate of a sector.
 
-    A single joint moves the frame along the coordinate, so the range ends at the limits of that
-    joint.
-
     Attributes
     ----------
     coordinate, joint : str
@@ -51,14 +49,13 @@ class Turn:
         poses. It is ``joint_range − spread``, at most a full turn; 0 or less if there is no such
         range.
     nearly, most : float
-        Ranges around the same middle in which the joint stays within its limits at 99.9 % and at 99
-        % of the covered poses, rad.
+        Ranges of the coordinate, rad, in which the joint stays within its limits at 99.9 % and at
+        99 % of the covered poses.
     price : float
-        Extra joint speed of the function, minus that of a function designed for the range
-        ``"all"``; 0 without this comparison.
+        Extra joint speed that the requested range costs: that of the function, minus that of a
+        function designed for the range ``"all"``. 0 if the latter was not designed.
     unasked : float
-        ``reach`` of the function designed for the range ``"all"``, rad; NaN without this
-        comparison.
+        ``reach`` of the function designed for the range ``"all"``, rad; NaN if it was not designed.
     covered : float
         Fraction of 4096 sampled poses that the function covers, without regard to the limits of the
         joints of symmetric coordinates; NaN in older files.
@@ -66,7 +63,7 @@ class Turn:
         Range in which the joint stays within its limits at the fraction ``covered`` of the covered
         poses, rad; NaN in older files.
     bodies : str
-        Links that end the range before the joint does; empty if the joint ends it.
+        Links that collide beyond the range; empty if the joint's limits end it.
     """
 
     coordinate: str
@@ -122,10 +119,10 @@ _INSIDE = 1e-9
 def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
     """Compute the smallest and the largest value of a joint, rad, over the covered poses of a cell.
 
-    The joint alone moves the frame along a symmetric coordinate; the rest of the joint's range is
-    the range of that coordinate. Return also the fraction of poses that are covered, and widths
-    (3,) of intervals around the mean of both values. The intervals contain 99.9 %, 99 % and the
-    covered fraction of the values. All results are NaN if no pose is covered.
+    ``joint`` is the index of the joint that moves the frame along a symmetric coordinate. Return
+    also the fraction of sampled poses that are covered, and widths (3,), rad, of intervals around
+    the mean of both values that contain 99.9 %, 99 % and this fraction of the values. All results
+    are NaN if no pose is covered.
     """
     candidate, cell = CandidateFunction.zero(chart), chart.cell
     U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
@@ -150,7 +147,7 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
 
 
 def _inside(cell: Cell, points: Points) -> NDArray[np.bool_]:
-    """Test at which points the function of a chart exists inside the joint limits: (K,)."""
+    """Test at which of K points of a function it covers the pose: (K,)."""
     margin = cell.limit_margin(points.Q).min(axis=1)
     return np.asarray(points.found & (margin >= 0))
 
@@ -161,12 +158,11 @@ def _limits(task: Task, joint: int) -> tuple[float, float]:
 
 
 def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
-    """Compute the range of a chart's function along the symmetric coordinates of its sector.
+    """Compute the range of a chart's function along each symmetric coordinate of its sector.
 
-    A single joint moves the frame along such a coordinate, and the limits of the joint end the
-    range. Coordinates with the range ``"all"`` get this range: the middle of the sector is moved,
-    and their half-widths are set. Return the chart over the changed sector, and the ranges. A chart
-    without removed symmetries is returned unchanged, with no ranges.
+    A coordinate with the range ``"all"`` gets the computed range: the middle of the sector is moved
+    along it, and its half-width is set. Return the chart over the changed sector, and the ranges. A
+    chart without removed symmetries is returned unchanged, with no ranges.
     """
     sector = chart.cell
     if not sector.removed:
@@ -195,10 +191,10 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
 
 
 def narrowed(chart: Chart, ranges: dict[int, tuple[float, float]]) -> Chart:
-    """Return the chart over a part of its sector, cut along symmetric coordinates.
+    """Return the chart of the same function over a part of its sector.
 
-    ``ranges`` has the lowest and the highest offset from the middle, rad, by index of the
-    coordinate. The function stays the same; cut coordinates no longer have the range ``"all"``.
+    ``ranges`` has the ends (low, high), rad from the middle, by index of each symmetric coordinate
+    that is cut. Cut coordinates no longer have the range ``"all"``.
     """
     sector = chart.cell
     assert isinstance(sector, Sector), "no other cell has symmetries"
@@ -214,10 +210,10 @@ def narrowed(chart: Chart, ranges: dict[int, tuple[float, float]]) -> Chart:
 
 
 def expanded(chart: Chart) -> Chart:
-    """Rewrite the chart of a sector, designed without symmetric coordinates, in all coordinates.
+    """Rewrite the chart of a sector in all its coordinates, those that symmetries removed included.
 
-    Body distances depend on the symmetric coordinates, so they are evaluated with the new chart.
-    Its polynomial q_ref is linear in these coordinates. Other charts are returned unchanged.
+    Body distances depend on these, so they are evaluated with the new chart. Its polynomial q_ref
+    is linear in them. Other charts are returned unchanged.
     """
     sector = chart.cell
     if not sector.removed:
@@ -240,10 +236,9 @@ def expanded(chart: Chart) -> Chart:
 def turn_at(chart: Chart, U: Array) -> Array | None:
     """Compute the range (K,) of a sector's angle, rad, at the radius and height of each row of U.
 
-    A figure shows the range as a map. Within this range, the joint that turns the arm stays within
-    its limits at every tilt. Rows of U (K, k) are coordinates in the sector; tilts and spin are
-    ignored. The range is NaN where no pose is covered. Return None if the symmetry of the angle is
-    not used.
+    Within the range, the joint that turns the arm stays within its limits at every tilt. Rows of U
+    (K, k) are coordinates in the sector; their tilts and spin are ignored. The range is NaN where
+    no pose is covered. Return None if the symmetry of the angle is not used.
     """
     sector = chart.cell
     if ANGLE not in sector._removed:
@@ -268,9 +263,9 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
 def reduced(cell: Cell, desired: Inverse) -> Cell:
     """Remove from the coordinates of a cell those along which arm and G_d are symmetric.
 
-    A single joint moves the frame along such a coordinate; without the coordinate, a design is
-    faster. The desired inverse G_d has the symmetry if ``G_d E``, with E = ∂x/∂u, does not change
-    with that joint.
+    A design without them is faster. The desired inverse G_d is symmetric if its joint velocity per
+    unit of each task coordinate does not change with the joint that moves the frame along the
+    coordinate.
     """
     if not isinstance(cell, Sector):
         return cell
@@ -286,9 +281,6 @@ def reduced(cell: Cell, desired: Inverse) -> Cell:
 
 
 def _rates(cell: Cell, desired: Inverse, Q: Array) -> Array:
-    """Evaluate the joint velocities of G_d per m or rad of each task coordinate: (K, n, m).
-
-    G_d is the desired inverse, evaluated at the configurations Q (K, n).
-    """
+    """Evaluate the joint velocity of G_d per m or rad of each task coordinate: (K, n, m)."""
     p, R, J = placed(cell.task, Q)
     return desired.batch(Q, J) @ cell._all_twists(cell._measured(p, R), R)

@@ -1,10 +1,15 @@
 """Fit of an inverse function over a cell: from the configuration in its middle to the function.
 
-The function q = F(x) gives one configuration for each pose of the cell, a box of poses.
-Configurations in the middle are compared. Rays, which are motions along straight lines, are
-followed from there, and a chart is fitted to them: the polynomial q_ref approximates
-configurations, n_ref null spaces. Then the cost is minimised with rising degree, and with penalties
-on small margins.
+The function q = F(x) gives one configuration for each pose of the cell, a box of poses with
+coordinates u (k,) from −1 to 1. Configurations in the middle are compared. Rays, which are motions
+along straight lines from the middle to poses, are followed from there, and a chart is fitted to
+their ends: the polynomial q_ref(u) approximates configurations, n_ref(u) null spaces. The label
+s(u), a polynomial, is the position of F along the self-motion, measured from q_ref. Then the cost
+is minimised with rising degree of s, and with penalties on small margins.
+
+A quick design has a lower degree, fewer nodes and a quick evaluation, without searches for the
+worst joint speeds, leaf margins and body distances. A coordinate of a sector, angle or spin, is
+symmetric if a single joint moves the frame along it; its range can be given as ``"all"``.
 """
 
 from __future__ import annotations
@@ -108,15 +113,14 @@ class CellFit:
     def best(self, cell: Cell, postures: list[Candidate]) -> tuple[Array, _Found]:
         """Compute the best design over a cell, given configurations in its middle, the best first.
 
-        The design from the first configuration is returned if it is good. If its margins are too
-        small or its joint speed is high, quick designs from all configurations are compared, and
-        the best configuration is used. If collisions are its only fault, only configurations whose
-        rays are free of collisions are compared. If its coverage is below 90 %, no other
-        configuration is tried. If rays from the first configuration violate limits, its quick
-        design takes the place of the full one in these decisions.
+        A first design is made from the first configuration: a quick one if rays from there violate
+        limits, else a full one. If it is good, or its coverage is below 90 %, no other
+        configuration is tried. Otherwise quick designs from all configurations are compared, and
+        the best configuration is used; if collisions are the only fault of the first design, only
+        configurations whose rays are free of collisions are compared.
 
-        A ray is the motion along a straight line from the middle of the cell. Return the
-        configuration used (n,), and the design or the reasons for failure.
+        Return the configuration used (n,), and the best full design from it, or the reasons for
+        failure.
         """
         first = postures[0]
         doubtful = len(postures) > 1 and first.margin < 0
@@ -142,8 +146,8 @@ class CellFit:
     def good(self, found: _Found, *, bodies: bool = True) -> bool:
         """Test whether a design covers the cell with good margins and low extra joint speed.
 
-        If so, no other configuration in the middle is tried. Reasons for failure, in place of a
-        design, give False. With ``bodies=False``, collisions are allowed.
+        ``found`` can also be reasons for failure, which give False. With ``bodies=False``,
+        collisions are allowed.
         """
         coverage, everywhere, separate, margin, *_ = _rank(found, self.limit_margin)
         kept = (coverage, everywhere, separate or not bodies, margin)
@@ -159,9 +163,9 @@ class CellFit:
         """Design a function over one cell from the configuration q (n,) in its middle.
 
         Return the design, or the reasons for failure if too few poses are reached from the middle.
-        A quick design has a lower degree, fewer nodes, and a quick evaluation; a ``rough`` one only
-        the latter. ``guess`` is a quick design from the same configuration, at which the fit with
-        penalties begins.
+        With ``quick``, the design is quick; with ``rough``, only its evaluation. ``guess`` is a
+        quick design from the same configuration, at which the fit with penalties begins; by default
+        none.
         """
         self.report("the reference", 0.1)
         count = self.samples or (
@@ -200,7 +204,11 @@ class CellFit:
         samples: int,
         quick: bool,
     ) -> CellDesign:
-        """Evaluate the function s = 0 of the last chart, and make its design."""
+        """Evaluate the function s = 0 of the final ``chart``, and make its design.
+
+        ``turns`` are its ranges along symmetric coordinates, ``descent`` is the minimisation,
+        ``degrees`` are pairs (degree, cost), and ``samples`` is the number of nodes.
+        """
         self.report("the evaluation", 0.8)
         held_out = min(512, self.held_out) if quick else self.held_out
         evaluation = evaluate_cell(self.desired, chart, held_out, self.seed + 2, quick=quick)
@@ -222,10 +230,10 @@ class CellFit:
         """Fit the first chart to the ends of rays; its degree is such that n_ref follows N.
 
         Where the null space N turns by more than 90° over a short distance, a polynomial n_ref of
-        low degree can be perpendicular to N. There the equations of the chart are singular, though
-        the function is not. For a cell with two coordinates, more rays are then followed from the
-        configuration q (n,) in the middle, and the degree is raised until n_ref follows N at all
-        their ends.
+        low degree can be perpendicular to N, and the equations of the chart are singular though the
+        function is not. So for a cell with two coordinates, more rays are followed from the
+        configuration q (n,) in the middle, and the degree is raised until n_ref is not near
+        perpendicular to N at any of their ends.
         """
         chart = Chart.fitted(cell, ends.U, ends.Q, ends.N, 2 if cell.k > 4 else 4)
         if cell.k != 2:
@@ -245,10 +253,10 @@ class CellFit:
     def priced(self, found: CellDesign, q: Array) -> CellDesign:
         """Add to a design over a sector the extra joint speed that its requested angle costs.
 
-        So the user sees what a smaller angle would save. This extra joint speed is the difference
-        from a second design with the angle ``"all"``, whose range is set by the joint limits. ``q``
-        (n,) is the configuration in the middle. The design is returned unchanged if its angle is
-        not requested in rad, or if the joint stays far from its limits at both ends of the angle.
+        So the user sees what a smaller angle would save: it is the difference from a second design,
+        from the configuration q (n,) in the middle, with the angle ``"all"``. The design is
+        returned unchanged if its angle is not requested in rad, or if the joint stays far from its
+        limits at both ends of the angle.
         """
         sector = found.function.chart.cell
         names = found.cell.coordinate_names
@@ -310,7 +318,7 @@ class CellFit:
         rounds
             Maximum number of rounds with penalties.
         guess
-            Quick design whose function is the start of the rounds.
+            Quick design at whose function the rounds with penalties begin, or ``()``.
 
         Returns
         -------
@@ -343,7 +351,7 @@ class CellFit:
         return kept, terms, tuple(tried)
 
     def _constraints(self, cell: Cell, edge: Array, quick: bool) -> list[ActiveConstraint]:
-        """Make the constraints on margins, at sampled poses and at corners ``edge`` (L, k)."""
+        """Make the constraints on margins at sampled poses and at corners ``edge`` (L, k)."""
         watched = cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3)
         return [
             ActiveConstraint(m, np.concatenate([watched[: m.watched], edge]))
@@ -371,11 +379,10 @@ def _nodes(U: Array, terms: Monomials) -> Array:
 
 
 def _labels(guess: _Found, chart: Chart, U: Array) -> Array | None:
-    """Fit coefficients (N, r) of degree 2 to the labels of a design's function in another chart.
+    """Fit a polynomial of degree 2 to the labels s of a design's function in another chart.
 
-    A chart approximates a configuration at each pose; the label s is the position along the
-    self-motion from there. The next fit begins at these coefficients instead of at 0. ``U`` (K, k)
-    are poses. Return None if there is no design, or if it is over another cell.
+    The next fit begins at its coefficients (N, r). ``U`` (K, k) are the poses of the fit. Return
+    None if there is no design, or if it is over another cell.
     """
     if not isinstance(guess, CellDesign) or guess.function.chart.cell is not chart.cell:
         return None
@@ -388,26 +395,27 @@ def _labels(guess: _Found, chart: Chart, U: Array) -> Array | None:
 def _fit(cost: Cost, a: Array) -> Descent:
     """Minimise the cost from coefficients a (N, r) of the label s.
 
-    The function is at the position s along the self-motion at each pose. If the function with the
-    coefficients a does not exist at some node, the minimisation starts from zero, the reference
-    function.
+    If the function with these coefficients does not exist at some node, the minimisation starts
+    from a = 0.
     """
     found = descend(cost, a)
     return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
 
 
 def _follows(chart: Chart, U: Array, N: Array) -> bool:
-    """Test whether n_ref of a chart follows the null spaces N (K, n, r) at the poses U (K, k)."""
+    """Test whether n_ref of a chart is near the null spaces N (K, n, r) at all poses U (K, k).
+
+    σ_min(Nᵀ n̂_ref) must exceed 0.4, which is 0 where n_ref is perpendicular to N, and 1 in N.
+    """
     return bool(leaf_margin(N, chart.reference(U)[1]).min() > _UPRIGHT)
 
 
 def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, quick: bool) -> Chart:
     """Fit the final chart, in which the optimised function is s = 0 and fast to evaluate.
 
-    s is the position along the self-motion. The polynomial q_ref of the chart approximates the
-    configurations of the function, n_ref the null spaces there. The degree is raised until n_ref
-    follows the null spaces and, except in a quick design, q_ref is accurate enough for two Newton
-    steps.
+    q_ref approximates the configurations of the function with the label of ``descent`` in
+    ``terms``, and n_ref the null spaces there. The degree is raised until n_ref follows the null
+    spaces and, except in a quick design, q_ref is accurate enough for two Newton steps.
     """
     degree = max(terms.degree, chart.monomials.degree, 3)
     while not quick and degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
@@ -436,8 +444,7 @@ def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
     """Reduce the degree of n_ref, the null-space directions of a chart, if it stays accurate.
 
     ``N`` (K, n, r) are the null spaces at the poses U (K, k), which n_ref approximates. A lower
-    degree of n_ref makes the C code faster. For any n_ref near the null space, the function s = 0
-    stays close to the chart's q_ref.
+    degree makes the C code faster; it changes the function s = 0 by little, since q_ref stays.
     """
     for degree in range(1, chart.monomials.degree):
         low = Monomials(chart.cell.k, degree)
@@ -453,8 +460,7 @@ def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
 def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
     """Return the reasons why a cell fails, from rays that could not be followed to their ends.
 
-    A ray is the motion along a straight line from the middle of the cell to one of its poses.
-    ``count`` is the number of poses to which the ``share`` of each reason refers.
+    The ``share`` of each reason is the fraction of ``count`` poses.
     """
     bad = ends.reached < 1
     near = ends.Q[np.argsort(-ends.reached)[:8]]
@@ -467,8 +473,7 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
 def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
     """Describe the failure that the joint of a symmetric coordinate would have to leave its range.
 
-    A single joint moves the frame along such a coordinate of a sector. Over the cell, the values of
-    this joint differ by more than the joint's range.
+    Over the cell, the values of this joint differ by more than the joint's range.
     """
     what = f"{turn.joint} turns {turn.joint_range:.3g} rad, and differs by {turn.spread:.3g} rad"
     return FailureReason("limit", 1.0, np.zeros(cell.whole.k), f"{what} over the cell")
@@ -495,10 +500,11 @@ def _rank(found: _Found, limit_margin: float) -> tuple[float, bool, bool, float,
 
 
 def _share(found: CellDesign) -> float:
-    """Compute the share of a joint's range that a design uses for a sector's ``"all"`` coordinates.
+    """Compute the fraction of a joint's range that is left for an ``"all"`` coordinate.
 
-    Such a coordinate, angle or spin, gets the range of its joint minus the joint's motion over the
-    cell. The result is the minimum over these coordinates, rounded to 5 %; 1 if there are none.
+    A coordinate with this range, angle or spin, gets the range of its joint minus the joint's
+    motion over the cell. The result is the minimum over these coordinates, rounded to 5 %; 1 if
+    there are none.
     """
     cell = found.cell
     names = [cell.coordinate_names[i] for i in cell.free]
@@ -518,6 +524,6 @@ def _power_of_two(count: int) -> int:
 
 
 def _where_found(chart: Chart, U: Array, edge: Array) -> tuple[Array, Array]:
-    """Select the rows of U (K, k) and of ``edge`` (L, k) at which the chart has a solution."""
+    """Select the rows of U (K, k) and of ``edge`` (L, k) at which the chart's function exists."""
     found = chart.solve(np.concatenate([U, edge])).found
     return U[found[: len(U)]], edge[found[len(U) :]]

@@ -2,7 +2,10 @@ r"""Cost of a candidate for the inverse function over a cell, and its minimisati
 
 The function q = F(x) gives one configuration for each pose of the cell. The cost is the mean
 squared distance of ∂F/∂x from G_d, the desired inverse, plus penalties on small margins. The label
-s of a pose, a polynomial of its coordinates u, is the position of F along the self-motion there.
+s (r,) of a pose, a polynomial of its coordinates u (k,), is the position of F along the self-motion
+there; its coefficients a are the unknowns. ∂F = ∂F/∂u, E = ∂x/∂u, and C = (EᵀE)^(−1/2) scales u to
+unit task speed. These three have also columns for the l coordinates that symmetries of the arm
+remove from u.
 """
 
 from __future__ import annotations
@@ -43,22 +46,19 @@ damping."""
 class _Value:
     """The cost of a candidate F, with the configurations at which it was evaluated.
 
-    G_d is the desired inverse, s(u) the position of F along the self-motion. ∂F = ∂F/∂u, E = ∂x/∂u
-    and C = (EᵀE)^(−1/2), with u the coordinates of the cell.
-
     Attributes
     ----------
     cost : float
         ``nearness + weight · Σ mean Σ_i max(0, asked − margin_i)²``. The outer sum is over the
-        kinds of margins, and each mean over the poses at which that kind is penalised. Infinite if
-        the function does not exist at some pose.
+        penalties, one for each kind of margin, each mean over the poses of the penalty, and the
+        inner sum over the margins of that kind. Infinite if F does not exist at some pose.
     nearness : float
-        ``mean ‖(∂F − G_d E) C‖_F²``, the distance from G_d.
+        ``mean ‖(∂F − G_d E) C‖_F²`` over the nodes: the squared distance from G_d.
     desired_square : float
         ``mean ‖G_d E C‖_F²``. If G_d is J⁺, the extra joint speed is about
         ½ nearness / desired_square.
     points : Points
-        Configurations of the function at the nodes and penalised poses.
+        Configurations of F at the nodes and penalised poses.
     ds : (K, r, k) array
         ∂s/∂u at the points.
     """
@@ -74,8 +74,6 @@ class _Value:
 @read_only
 class Penalty:
     """A kind of margin that the cost penalises, and the poses at which it does.
-
-    The penalty moves a function whose margins are too small away from the limits.
 
     Attributes
     ----------
@@ -95,21 +93,18 @@ class Penalty:
 class Cost:
     r"""Cost of a candidate F: mean distance from the desired inverse, plus penalties on margins.
 
-    It is ``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with
-    ``s = Σ_t a_t T_t(u)``. F gives one configuration for each pose of the cell; G_d is the desired
-    inverse. The unknowns are the coefficients a of s(u), the position of F along the self-motion at
-    each pose, in the monomials T_t of the cell's coordinates u. A cell may have fewer coordinates
-    than the task, so ∂F/∂u C takes the place of ∂F/∂x, and G_d E C that of G_d. E is ∂x/∂u, and
-    ``C = (EᵀE)^(−1/2)`` scales u to unit task speed.
+    It is ``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with ``s = Σ_t a_t
+    T_t(u)``. A cell may have fewer coordinates than the task, so ∂F C takes the place of ∂F/∂x, and
+    G_d E C that of G_d.
 
     Parameters
     ----------
     desired
         G_d.
     chart
-        The chart in which the function is written.
+        The chart in which F is written.
     terms
-        The monomials T.
+        The N monomials T_t.
     U : (K, k) array
         Nodes over which the mean is taken.
     kept
@@ -142,9 +137,9 @@ class Cost:
         self._last: Array | None = None
 
     def value(self, a: Array) -> _Value:
-        """Evaluate the cost at coefficients a (N, r), with the function's configurations.
+        """Evaluate the cost at coefficients a (N, r), with the configurations of F.
 
-        It is infinite if the function does not exist at some node.
+        It is infinite if F does not exist at some node or penalised pose.
         """
         s, ds = self.T @ a, np.einsum("KNk,Nr->Krk", self.dT, a)
         points = self.chart.solve(self.U, s, self._last, goals=self.goals)
@@ -166,11 +161,10 @@ class Cost:
     def model(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
 
-        ``at`` is the result of :meth:`value` at the coefficients a. The residual at a node is the
-        difference between ∂F and the desired inverse. It depends on a only through s, the position
-        along the self-motion, and ∂s/∂u at that node. It is linear in ∂s/∂u, with the matrix
-        B = ∂F/∂s. The derivative with respect to s is taken by central differences. A margin
-        depends on s only.
+        ``at`` is the result of :meth:`value` at the coefficients a. The residual (∂F − G_d E) C at
+        a node depends on a only through s and ∂s/∂u there. It is linear in ∂s/∂u, with the matrix
+        ∂F/∂s; its derivative with respect to s is taken by central differences. A margin depends on
+        s only.
         """
         r = self.r
         k = self.C.shape[2]  # the coordinates removed by a symmetry count, too
@@ -191,7 +185,7 @@ class Cost:
         return gradient.ravel(), 2 * _products(features, L, r)
 
     def _features(self) -> Array:
-        """Stack the monomials and their slopes (K, 1 + k, N), which map a to s and ∂s/∂u C."""
+        """Stack the monomials and their slopes (K, 1 + k + l, N), which map a to s and ∂s/∂u C."""
         features = np.zeros((len(self.U), 1 + self.C.shape[2], self.T.shape[1]))
         features[:, 0] = self.T
         onto = self.C[:, : self.chart.cell.k]
@@ -199,10 +193,10 @@ class Cost:
         return features
 
     def _nearness_terms(self, at: _Value) -> tuple[Array, Array]:
-        """Evaluate MᵀM (K, p, p) and Mᵀ residual (K, p) at the nodes, each divided by K.
+        """Evaluate MᵀM (K, p, p) and Mᵀ residual (K, p) at the K nodes, each divided by K.
 
-        M is the derivative of the residual with respect to the p = r (1 + k) numbers s_j and (∂s_j
-        C)_c of a node.
+        M is the derivative of the residual with respect to the p = r (1 + k + l) numbers of a node:
+        for each label s_j, s_j itself and the entries of ∂s_j/∂u C.
         """
         points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
         own, desired, B = self._joint_speeds(points, ds)
@@ -217,7 +211,10 @@ class Cost:
         return gram, np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / K
 
     def _slopes_along_s(self, points: Points, ds: Array, B: Array) -> Array:
-        """Evaluate ∂(residual)/∂s_j (K, n, k, r) by central differences along the self-motion."""
+        """Evaluate ∂(residual)/∂s_j (K, n, k + l, r) by central differences along the self-motion.
+
+        B (K, n, r) is ∂F/∂s at the ``points``, and ``ds`` is ∂s/∂u there.
+        """
         s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
         goals = rows_of(self.goals, self.inner)
         slopes = []
@@ -235,7 +232,8 @@ class Cost:
     def _penalty_terms(self, at: _Value, part: Penalty, where: slice) -> tuple[Array, Array]:
         """Evaluate DᵀD (L, r, r) and Dᵀ hinge (L, r) of one penalty, weighted as in the cost.
 
-        A hinge is ``max(0, asked − margin)``; D are the derivatives of the hinges by s.
+        The hinges (L, P) are ``max(0, asked − margin)``, and D (L, P, r) are their derivatives with
+        respect to s. ``where`` are the rows of the penalty's poses among those of ``at``.
         """
         there = rows_of(at.points, where)
         hinge = _hinge(part, there.Q)
@@ -262,9 +260,9 @@ def _products(features: Array, L: Array, r: int) -> Array:
     """Evaluate ``Σ (Lᵀ f)ᵀ (Lᵀ f)`` over all poses, with f = blockdiag(features): (N r, N r).
 
     The result is half of the Hessian of the cost. ``features`` (K, 1 + k, N) are the monomials and
-    their slopes, the same for each of the r labels. The factors L (K, r (1 + k), r (1 + k)) are
-    lower triangular, so rows of label j have entries only in the first j + 1 of r blocks; the
-    products leave out the other blocks.
+    their slopes, the same for each of the r labels; k counts the removed coordinates, too. L (K, r
+    (1 + k), r (1 + k)) are the lower Cholesky factors of the matrices of the poses. Rows of label j
+    have entries only in the first j + 1 of r blocks; the products leave out the others.
     """
     p, N = features.shape[1:]
     rows = []
@@ -282,9 +280,9 @@ def _products(features: Array, L: Array, r: int) -> Array:
 
 
 def _hinge(part: Penalty, Q: Array) -> Array:
-    """Evaluate how far each of P margins falls short of the value asked for at Q (L, n): (L, P).
+    """Evaluate how far each of P margins falls short of the asked value at Q (L, n): (L, P).
 
-    The result is ``max(0, asked − margin)``; the cost contains its square.
+    It is ``max(0, asked − margin)``; the cost contains its square.
     """
     return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
 
@@ -298,8 +296,8 @@ class Descent:
     ----------
     a : (N, r) array
         Final coefficients.
-    value : Value
-        The cost at a.
+    value : _Value
+        The cost at a, with the configurations of F.
     start : float
         The cost at the initial coefficients.
     steps : int
@@ -313,16 +311,14 @@ class Descent:
 
 
 def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
-    """Minimise the cost from coefficients a (N, r) by the Levenberg–Marquardt method.
-
-    They are the coefficients of s(u), the position of the function along the self-motion.
+    """Minimise the cost from coefficients a (N, r) of s(u), by the Levenberg–Marquardt method.
 
     Parameters
     ----------
     cost
         The cost.
     a
-        Initial coefficients; the function must exist there at every node.
+        Initial coefficients; if F does not exist there at some node, the result has infinite cost.
     enough
         Relative decrease of the cost in one step below which the iteration ends.
     """
@@ -352,10 +348,10 @@ class _Problem:
         return self.cost.value(x).cost
 
     def model(self, at: Point[_Value]) -> tuple[Array, Array, Array]:
-        """Evaluate the gradient (N r,), Gauss–Newton Hessian (N r, N r) and scaling (N r,).
+        """Evaluate gradient (N r,), Gauss–Newton Hessian (N r, N r), and its diagonal (N r,).
 
         ``at`` is the result of :meth:`evaluate`. Labels that hardly change the cost are held, see
-        :func:`_held`.
+        :func:`_held`; the diagonal is that of :func:`_scaling`.
         """
         gradient, H = self.cost.model(at.data)
         return gradient, _held(H, at.data), _scaling(H)
@@ -386,7 +382,7 @@ def _held(H: Array, at: _Value) -> Array:
 
     In an axis task, a joint that turns the tool about its axis changes the task coordinates only
     because the URDF is rounded, for example 1.5708 in place of π/2. Newton's step along such a
-    joint would be a ratio of rounding errors.
+    joint would be a ratio of rounding errors. ``at`` is the evaluated cost.
     """
     return H + _IDLE * at.desired_square * np.eye(len(H))
 

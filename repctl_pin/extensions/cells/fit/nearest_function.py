@@ -1,6 +1,8 @@
 """Design of the inverse kinematic function over a cell that is nearest to a desired inverse.
 
-A cell is a box of poses; the function q = F(x) gives one configuration for each of them.
+A cell is a box of poses; the function q = F(x) gives one configuration for each of them. It covers
+a pose if this configuration is inside the joint limits. A coordinate of a sector is symmetric if a
+single joint moves the frame along it.
 """
 
 from __future__ import annotations
@@ -193,8 +195,8 @@ def nearest_inverse_function(
 def _found(fit: CellFit, cell: Cell, posture: Any, incomplete: str) -> CellDesign:
     """Find the function over the cell, or over the part that ``incomplete`` allows.
 
-    ``posture`` is the configuration in the middle; None to search for it. NoFunctionError is raised
-    if there is no such function.
+    ``fit`` has the arguments of the design, and ``posture`` is the configuration in the middle;
+    None to search for it. NoFunctionError is raised if there is no such function.
     """
     fit.report("the middle posture", 0.0)
     postures = (
@@ -235,33 +237,31 @@ def _require_one_task(desired: Inverse, cell: Cell) -> None:
         raise InputError(
             f"{cell.task!r} is not redundant: with r = {cell.task.r} "
             "the pose determines the configuration",
-            remedy="use another kind of task",
+            remedy="use a kind of task with fewer coordinates, or an arm with more joints",
         )
 
 
 def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
-    """Return the degree of the polynomial s(u), after a check that it makes few enough unknowns.
+    """Check the degree of the polynomial s(u), ``"auto"`` or from 1 to 12, and return it.
 
-    The degree is ``"auto"`` or from 1 to 12; other values raise an InputError. s is the position of
-    the function along the self-motion.
+    InputError is raised for other values, and for a degree with too many unknowns. s is the
+    position of the function along the self-motion.
     """
     if isinstance(degree, str) and degree == "auto":
         return degree
     degree, k = as_int(degree, "degree", 1, _MOST_DEGREE), cell.whole.k
     if comb(k + degree, degree) * cell.task.r > 4 * MOST_UNKNOWNS:
         raise InputError(
-            f"degree {degree} in {k} coordinates makes more than "
+            f"degree {degree} in {k} coordinates of the cell makes more than "
             f"{4 * MOST_UNKNOWNS} unknowns; lower the degree"
         )
     return degree
 
 
 def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
-    """Return a cell without its symmetric coordinates, as far as the symmetry holds.
+    """Return a cell without the symmetric coordinates that the design does not need.
 
-    A single joint moves the frame along such a coordinate of a sector, so the function need not be
-    designed along the coordinate. A requested body distance, or a desired inverse without the
-    symmetry, requires all coordinates.
+    A requested body distance, or a desired inverse without the symmetry, requires all coordinates.
 
     Raises
     ------
@@ -294,10 +294,10 @@ def _margin(value: float, name: str, unit: str = "") -> float:
 def _largest(fit: CellFit, cell: Cell, q: Array, *, quick: bool) -> tuple[float, CellDesign | None]:
     """Find the largest scale below 1, within 20 %, at which one function covers the cell.
 
-    An error names the scaled cell in its remedy, and ``incomplete="shrink"`` applies it. The cell
-    is scaled about its middle, where the configuration is q (n,). Rays, which are motions along
-    straight lines to corners and other poses, give a first guess. Designs, which ``quick`` makes
-    faster and less accurate, confirm or lower the guess.
+    The cell is scaled about its middle, where the configuration is q (n,). Rays, which are motions
+    along straight lines from there to corners and other poses, give a first guess; designs confirm
+    or lower it. With ``quick``, the designs are faster and less accurate. The remedy of an error
+    names the scaled cell, and ``incomplete="shrink"`` applies it.
 
     Returns
     -------
@@ -330,9 +330,9 @@ def _refusal(
 ) -> NoFunctionError:
     """Make the error that no function covers a cell, with the reasons and the remedy.
 
-    The message gives the most frequent reasons first, without collisions, which do not make a cell
-    incomplete. ``fits`` is the factor of a smaller cell that is covered; 0 if there is none.
-    ``keep`` is True if ``incomplete="keep"`` would return a function.
+    The message gives the most frequent of the ``failures`` first, and omits collisions, which do
+    not prevent coverage. ``fits`` is the scale of a smaller cell that is covered; 0 if there is
+    none. ``keep`` is True if ``incomplete="keep"`` would return a function.
     """
     causes = (stop for stop in failures if stop.cause != "collision")
     failures = tuple(sorted(causes, key=lambda stop: -stop.share))

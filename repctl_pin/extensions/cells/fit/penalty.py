@@ -1,8 +1,9 @@
 """Penalty method for margins: the weight of the penalties is raised until the margins are met.
 
 A margin is a distance from joint limits, between bodies, or σ_min of J, at the configurations of a
-candidate function. The required margin must be met at every pose of the cell at which the arm can
-meet it.
+candidate function, which gives one configuration for each pose of the cell. The required margin
+must be met at every pose at which the arm can meet it. Coefficients a (N, r) are those of s(u), the
+position of the function along the self-motion, in N monomials of the coordinates u (k,) of a pose.
 """
 
 from __future__ import annotations
@@ -38,20 +39,19 @@ _GRID = 0.05
 
 
 def padded(a: Array, terms: Monomials) -> Array:
-    """Extend polynomial coefficients a (M, …) with zeros to the monomials of a higher degree.
-
-    A fit then begins at the result of a fit of lower degree.
-    """
+    """Extend polynomial coefficients a (M, …) with zeros to the monomials of a higher degree."""
     return np.pad(a, ((0, terms.size - len(a)), *[(0, 0)] * (a.ndim - 1)))
 
 
 class ActiveConstraint:
     """One kind of margin, the poses at which it is checked, and those at which it is penalised.
 
-    Worse poses that a search finds are added to the checked poses U (K, k).
-
     Attributes
     ----------
+    margin : Margin
+        The kind of margin, with its required value.
+    U : (K, k) array
+        Poses at which the margin is checked; a search adds worse ones.
     edge : (L, k) array
         Poses at which the margin is penalised.
     asked : (L,) array
@@ -64,12 +64,11 @@ class ActiveConstraint:
         self.edge, self.asked = U[:0], np.zeros(0)
 
     def short(self, candidate: CandidateFunction) -> bool:
-        """Test whether the margin of a candidate function is too small at some pose.
+        """Test whether the margin of a candidate function is too small; add poses where it is.
 
-        A candidate gives one configuration for each pose of the cell. A search for smaller margins
-        starts at the poses with the smallest margins; poses that it finds are added to the checked
-        poses. If the margin is too small somewhere, the worst poses are added to the penalised
-        poses.
+        A search for smaller margins starts at the checked poses with the smallest margins; poses
+        that it finds are added to the checked ones. If the margin is too small somewhere, the worst
+        poses are added to the penalised ones.
         """
         margin = self.margin
         near = margin.least(candidate.at(self.U))
@@ -98,10 +97,7 @@ class ActiveConstraint:
         return True
 
     def penalty(self, candidate: CandidateFunction) -> Penalty:
-        """Make the penalty on this margin, at the poses where a candidate function exists.
-
-        The next minimisation of the cost contains it.
-        """
+        """Make the penalty at the penalised poses where a candidate function exists."""
         there = candidate.at(self.edge).found
         return Penalty(self.margin, self.edge[there], self.asked[there])
 
@@ -150,17 +146,15 @@ class PenaltyMethod:
     ) -> Descent:
         """Minimise the cost with penalties, from the results of minimisations without penalties.
 
-        A penalty is on a margin, such as the distance from joint limits. If no margin is too small
-        in the last result, it is returned. Otherwise the cost is minimised with the monomials
-        ``terms``; a degree above 2 is preceded by a fit of degree 2. All poses at which the
-        functions without penalties have too small a margin are penalised. Each penalty is a mean
-        over its poses, so if some were omitted, the others would weigh more.
+        If no margin is too small in the last result, it is returned. Otherwise the cost is
+        minimised with the monomials ``terms``; a degree above 2 is preceded by a fit of degree 2.
+        All poses at which the functions without penalties have too small a margin are penalised.
 
         Parameters
         ----------
         descents
-            Results of rising degree, the last with ``terms``. A result of degree 2 is used if it
-            exists at all nodes.
+            Results without penalties, of rising degree, the last with ``terms``. A result of degree
+            2 is used if its function exists at all nodes.
         terms
             The monomials.
         report
@@ -222,8 +216,8 @@ class PenaltyMethod:
     def _short(self, terms: Monomials, a: Array) -> bool:
         """Test whether any margin is too small at some pose, for the coefficients a (N, r).
 
-        All margins are tested, even after one is too small, because each test adds its worst poses
-        to the penalised poses.
+        All margins are tested, even after one is too small, because each test also adds the worst
+        poses to the penalised ones.
         """
         candidate = CandidateFunction(self.chart, terms, a)
         short = [watch.short(candidate) for watch in self.constraints]  # without short-circuit
@@ -231,9 +225,6 @@ class PenaltyMethod:
 
 
 def _without(U: Array, known: Array) -> Array:
-    """Return the distinct rows of U (L, k) that are not rows of ``known`` (K, k).
-
-    The check of further poses then repeats none.
-    """
+    """Return the distinct rows of U (L, k) that are not rows of ``known`` (K, k)."""
     once, first = np.unique(np.concatenate([known, U]), axis=0, return_index=True)
     return once[first >= len(known)]

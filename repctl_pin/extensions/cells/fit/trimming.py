@@ -1,8 +1,11 @@
 """Trimming of a cell: sides are moved inward until one function covers what is left.
 
-A box or sector in which the function fails at one corner thus becomes smaller on one side only. The
-range ``"all"`` of a sector's angle or spin ends only at the limits of the joint that alone moves
-the frame along it. A ray is a motion along a straight line from the middle of the cell.
+A box or sector in which the function fails at one corner thus becomes smaller on one side only.
+Coordinates u of a pose go from −1 to 1 between the sides. A coordinate of a sector, angle or spin,
+is symmetric if a single joint moves the frame along it; it is then removed from u, and "all
+coordinates" include it. Its range ``"all"`` ends only at the limits of that joint. A ray is a
+motion along a straight line from the middle of the cell. A quick design is faster and less
+accurate.
 """
 
 from __future__ import annotations
@@ -67,12 +70,13 @@ class Window(NamedTuple):
 
 
 class Required(NamedTuple):
-    """Limits that a function must meet on the part of a cell that it covers.
+    """Limits that a function must meet on the part of a cell that is left.
 
     Attributes
     ----------
     mean, worst : float
-        Maximum extra joint speed, on average and at any pose.
+        Maximum extra joint speed relative to the desired inverse, on average and at any pose;
+        0.05 is 5 %. Infinite without a limit.
     distance : float
         Minimum body distance, m; −inf without a test.
     window : Window, optional
@@ -88,12 +92,12 @@ class Required(NamedTuple):
 def trimmed(
     fit: CellFit, cell: Cell, q: Array, limits: Required, guess: CellDesign | None = None
 ) -> CellDesign | None:
-    """Move sides of a cell inward until one function covers the rest, and design that function.
+    """Move sides of a cell inward until one function meets the limits on the rest; design it.
 
-    Quick designs show how far to move most sides. ``q`` (n,) is the configuration in the middle,
-    ``guess`` a quick design from there. The function of full accuracy is designed only once; where
-    it fails, sides are moved until the same function covers the rest. Return None if less than 5 %
-    of the cell would be left.
+    ``fit`` has the arguments of the design. Quick designs show how far to move most sides. ``q``
+    (n,) is the configuration in the middle, ``guess`` a quick design from there, if there is one.
+    The function of full accuracy is designed only once; where it fails, sides are moved until the
+    same function covers the rest. Return None if less than 5 % of the cell would be left.
     """
     volume = 1.0
     for _ in range(_ROUNDS):
@@ -118,10 +122,10 @@ def trimmed(
 def _between(
     fit: CellFit, cell: Cell, q: Array, found: object, low: Array, high: Array
 ) -> tuple[Cell, Array] | None:
-    """Return the cell between two corners (k,), and the configuration (n,) in its middle.
+    """Return the part of a cell between two corners (k,), and the configuration in its middle.
 
-    The configuration is that of the design ``found``, or the end of a ray from q (n,). Return None
-    if it does not lead to the middle, is singular or violates a limit.
+    The configuration (n,) is that of the design ``found`` or, if this is no design, the end of a
+    ray from q (n,). Return None if it does not reach the middle, is singular or violates a limit.
     """
     part = cell._part(low, high)
     with suppress(InputError):
@@ -134,8 +138,9 @@ def covered_share(
 ) -> tuple[float, CellDesign | None]:
     """Estimate by a quick design the fraction of a cell's volume that one function covers.
 
-    Sides are cut where the design fails. ``known`` is a quick design, if there is one already.
-    Return the fraction and the design, which is None if it failed.
+    It is the fraction that is left when sides are cut where the design fails or exceeds ``limits``.
+    ``known`` is a quick design, if there is one already. Return the fraction and the design, which
+    is None if it failed.
     """
     found = known or fit.design(cell, q, quick=True)
     low, high = cut_sides(*_failing(fit, cell, q, found, limits))
@@ -146,10 +151,10 @@ def covered_share(
 def _failing(
     fit: CellFit, cell: Cell, q: Array, found: object, limits: Required
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Find where a function fails: sampled coordinates U (K, k), and a mask (K,) of failures.
+    """Find where a function fails or exceeds limits: coordinates U (K, k), and True there (K,).
 
-    Without a design, a pose counts as failing if the ray to it from the configuration q (n,) in the
-    middle stops before the pose, or violates a limit.
+    ``found`` is a design or, if it failed, anything else: a pose then counts as failing if the ray
+    to it from the configuration q (n,) in the middle stops before the pose, or violates a limit.
     """
     U = np.concatenate([cell.sample(_POSES, 17), cell.corners()])
     if not isinstance(found, CellDesign):
@@ -171,9 +176,10 @@ def _failing(
 
 
 def _too_dear(at: Sample, limits: Required, *, dear: bool) -> NDArray[np.bool_]:
-    """Test at which sampled poses a function needs too much joint speed: (K,).
+    """Test at which sampled poses the extra joint speed exceeds the limit ``worst``: (K,).
 
-    With ``dear``, the 3 % of the poses with the highest joint speed count as failing as well.
+    With ``dear``, for a function that exceeds the limit ``mean``, the 3 % of the poses with the
+    highest joint speed count as well.
     """
     ratio = np.nan_to_num(at.ratio, nan=np.inf)
     most = np.quantile(ratio[np.isfinite(ratio)], _DEAREST) if dear else np.inf
@@ -187,13 +193,12 @@ def near_all_round(
     around: Symmetry | None,
     angles: tuple[float, float] = (-np.pi, np.pi),
 ) -> NDArray[np.bool_]:
-    """Test at which configurations Q (K, n) bodies are too near at all of a range of angles.
+    """Test at which configurations Q (K, n) bodies are too near, however the arm is turned: (K,).
 
-    They are too near if their distance is below ``distance``, m. If surroundings are near at one
-    angle alone, a sector is cut along its angle, not along its radius. So each configuration is
-    tested at several angles within the limits of the joint ``around``, which turns the whole arm.
-    ``angles`` is the range from the first to the last angle, rad. Without such a joint, each
-    configuration is tested as it is.
+    They are too near below ``distance``, m. Where they are so at some angles only, a sector is cut
+    along its angle instead of its radius. So each configuration is tested at several of the
+    ``angles``, rad, from the first to the last, as far as the limits of the joint ``around``, which
+    turns the whole arm, allow. Without such a joint, each configuration is tested as it is.
     """
     bodies = bodies_of(task)
     if around is None:
@@ -214,7 +219,8 @@ def near_all_round(
 def turned(task: Task, Q: Array, around: Symmetry, angle: float) -> Array:
     """Turn the arm at configurations Q (K, n) by an angle, rad, about the axis of a joint.
 
-    The joint is less than a full turn above its lower limit; it may be beyond its upper one.
+    In the result (K, n), this joint is less than a full turn above its lower limit, and can be
+    beyond its upper one.
     """
     Q, low = Q.copy(), task.lower[around.joint]
     low = low if np.isfinite(low) else 0.0
@@ -223,7 +229,10 @@ def turned(task: Task, Q: Array, around: Symmetry, angle: float) -> Array:
 
 
 def _range(cell: Cell, window: Window | None) -> tuple[float, float]:
-    """Return the first and the last angle of a window, rad, from the middle of a sector."""
+    """Return the first and the last angle of a window, rad, measured from the middle of a sector.
+
+    Without a window, or for a box, they are −π and π.
+    """
     if window is None or not isinstance(cell, Sector):
         return -np.pi, np.pi
     x, y, _ = cell.directions @ window.outward
@@ -232,9 +241,10 @@ def _range(cell: Cell, window: Window | None) -> tuple[float, float]:
 
 
 def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) -> Array:
-    """Return the configuration (n,) at u (k,): of the design, or at the end of a ray to u.
+    """Return the configuration (n,) at the pose u (k,): of the design, or at the end of a ray.
 
-    If the design moved the sector along symmetric coordinates, the result is moved back.
+    The ray begins at q (n,), and is used if ``found`` is no design. If the design moved the sector
+    along symmetric coordinates, the result is moved back.
     """
     if not isinstance(found, CellDesign):
         return rays(fit.desired, cell, q, u[None]).Q[0]
@@ -244,11 +254,10 @@ def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) 
 
 
 def ended_at_bodies(fit: CellFit, found: CellDesign) -> CellDesign:
-    """Cut the ranges ``"all"`` of a sector, such as the angle, where bodies collide.
+    """Cut the coordinates with the range ``"all"`` of a design's sector where bodies collide.
 
-    The function stays the same, over a smaller sector, which is cut until neither samples nor a
-    search find a collision. The design is returned unchanged if less than 5 % of the sector would
-    be left.
+    The function stays the same. The sector is cut until neither samples nor a search find a
+    collision. The design is returned unchanged if less than 5 % of the sector would be left.
     """
     free = found.function.chart.cell.free
     if not found.body_distance < 0 or not free:
@@ -312,10 +321,10 @@ def _cut_until_good(
 
 
 def _weights(cell: Cell, coordinates: Sequence[int]) -> Array:
-    """Weigh the loss of a coordinate's range against that of radius and height: (K,).
+    """Weigh the loss of each coordinate's range against that of radius and height: one number each.
 
-    A sector over a share s of a full turn counts as (1 + s) / 2 of a whole one, so a loss of angle
-    or spin weighs s / (1 + s).
+    A sector over a fraction s of a full turn counts as (1 + s) / 2 of a whole one, so a loss of
+    angle or spin weighs s / (1 + s).
     """
     s = cell.widths[list(coordinates)] / np.pi
     turns = np.isin(coordinates, [one.coordinate for one in cell.removed])
@@ -323,10 +332,10 @@ def _weights(cell: Cell, coordinates: Sequence[int]) -> Array:
 
 
 def _stops(design: CellDesign, limits: Required, bodies_only: bool) -> Array:
-    """Return the poses, in all coordinates of the cell (K, k), at which a design's function fails.
+    """Return the poses at which the evaluation of a design found a failure, in all coordinates.
 
-    Collisions count only if a body distance is required. They are those of the design's evaluation,
-    which decides whether bodies keep the distance.
+    The shape is (K, k). Collisions are among them only if ``limits`` require a body distance; with
+    ``bodies_only``, nothing else is.
     """
     collide = bool(np.isfinite(limits.distance))
     return np.array(
@@ -341,20 +350,20 @@ def _stops(design: CellDesign, limits: Required, bodies_only: bool) -> Array:
 def _uncovered(
     fit: CellFit, chart: Chart, U: Array, limits: Required, *, dear: bool
 ) -> NDArray[np.bool_]:
-    """Test at which poses U (K, k), in all coordinates, a function fails or is too fast.
+    """Test at which poses U (K, k), in all coordinates, a function fails or is too fast: (K,).
 
-    Too fast means too much extra joint speed; see :func:`_too_dear` for ``dear``.
+    For too much joint speed and ``dear``, see :func:`_too_dear`.
     """
     at = sampled(fit.desired, CandidateFunction.zero(chart), chart.cell._split(U)[0])
     return np.asarray(~at.covered | _too_dear(at, limits, dear=dear))
 
 
 def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Find poses of a chart's function where bodies are nearer than a distance, m.
+    """Sample poses of a chart's function, and test where bodies are nearer than a distance, m.
 
-    Body distances also depend on coordinates that symmetries remove, such as the angle. Return
-    poses U (K, k) in all coordinates of the cell, and where bodies are too near (K,). If bodies are
-    too near at no sampled pose, the nearest pose of each pair of bodies is searched for.
+    Return the poses U (K, k) in all coordinates, on which body distances depend, and where bodies
+    are too near (K,). If they are so at no sampled pose, the nearest pose of each pair of bodies is
+    searched for and added.
     """
     whole = expanded(chart)
     candidate = CandidateFunction.zero(whole)
@@ -384,7 +393,7 @@ def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> C
     """Return the chart of the same function over a part of its cell.
 
     ``ends`` has the new ends, from −1 to 1, by index of the coordinate. If a range ended at the
-    limits of a joint, its uncut end moves inward by the limit ``margin``, rad.
+    limits of a joint, an end that is not cut moves inward by the limit ``margin``, rad.
     """
     cell, ranges = chart.cell, {}
     for i, (low, high) in ends.items():
@@ -398,7 +407,7 @@ def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> C
 
 
 def _evaluated(fit: CellFit, found: CellDesign, chart: Chart, limits: Required) -> CellDesign:
-    """Return the design of a function over the part of its sector that is left after the cuts.
+    """Evaluate the function of the design ``found`` over the cut ``chart``; return its new design.
 
     Its requested body distance is that of the limits.
     """
@@ -428,7 +437,7 @@ def _evaluated(fit: CellFit, found: CellDesign, chart: Chart, limits: Required) 
 
 
 def _how(found: CellDesign) -> dict[str, object]:
-    """Return those attributes of a design that do not depend on the cell, by name."""
+    """Return the attributes of a design that do not depend on the cell, by name."""
     names = ["degrees", "samples", "held_out", "seed", "steps"]
     names += [f"requested_{name}" for name in ("limit_margin", "body_distance", "sigma_min")]
     return {name: getattr(found, name) for name in names}

@@ -1,7 +1,11 @@
 """Cell of the workspace: a box of positions, and a box of rotations around one orientation.
 
-The coordinates u of a pose in the cell go from −1 to 1. A function q = F(x) over the cell gives one
-configuration for each of its poses.
+The m task coordinates of a pose are its positions, m, and rotations, rad; an offset is their
+difference from the middle of the cell. The coordinates u (k,) of a pose are the offsets divided by
+the half-widths, from −1 to 1 in the cell. A task coordinate does not belong to u if its half-width
+is 0, or if a symmetry of the arm removes it: then a single joint moves the frame along it, and a
+function q = F(x) over the cell, which gives one configuration for each pose, is designed without
+it. l is the number of removed coordinates.
 """
 
 from __future__ import annotations
@@ -154,7 +158,7 @@ class Cell:
         margin
             Addition to the half-widths, m: one number, or one per position that the task commands.
         half_angle
-            Addition to the half-widths of the rotations, rad.
+            Addition to the half-widths of the rotations, rad: one number, or one per axis.
         """
         one_frame(require_task(task), "a cell")
         if hasattr(poses, "placement"):
@@ -182,7 +186,7 @@ class Cell:
 
     @property
     def k(self) -> int:
-        """Number of coordinates u, which vary in the cell and are not removed by symmetries."""
+        """Number of coordinates u."""
         return int(np.count_nonzero(self._active))
 
     @property
@@ -202,7 +206,7 @@ class Cell:
         return Cell(self.task, self.placement, self.half_width * factor, turn)
 
     def _part(self, low: Array, high: Array) -> Cell:
-        """Return the cell between two corners, low and high (k,), in coordinates u from −1 to 1.
+        """Return the part of the cell between two corners, low and high (k,), in coordinates u.
 
         The middle of the rotations stays, so their range becomes narrower on both sides.
         """
@@ -212,22 +216,20 @@ class Cell:
 
     @property
     def _movable(self) -> Sequence[int]:
-        """Indices of the task coordinates, 0 to m − 1, that may have another middle in a part.
-
-        A part is the cell between two corners, see :meth:`_part`.
-        """
+        """Indices of the task coordinates, 0 to m − 1, whose middle may move in :meth:`_part`."""
         return range(len(self.half_width))
 
     def _kept_middles(self, low: Array, high: Array) -> tuple[Array, Array]:
-        """Narrow the corners (k,) of a part, see :meth:`_part`, so that fixed middles stay."""
+        """Narrow the corners (k,) of a part such that the middles of immovable coordinates stay."""
         half = np.minimum(-low, high)
         fixed = ~np.isin(self.moved, self._movable)
         return np.where(fixed, -half, low), np.where(fixed, half, high)
 
     def _middles_and_widths(self, low: Array, high: Array) -> tuple[Array, Array]:
-        """Compute the offset of the middle (m,) and half-widths (m,) of a part, see :meth:`_part`.
+        """Compute the offset (m,) of the middle, and the half-widths (m,), of a part, m and rad.
 
-        Only the middles of the coordinates :attr:`_movable` change.
+        The arguments are the corners of :meth:`_part`. Only the middles of the coordinates
+        :attr:`_movable` change.
         """
         low, high = self._kept_middles(low, high)
         middles, widths = np.zeros(len(self.widths)), self.widths.copy()
@@ -247,17 +249,11 @@ class Cell:
     # -------------------------------------------------------
 
     def placements(self, U: ArrayLike) -> tuple[Array, Array]:
-        """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3).
-
-        A coordinate is 0 in the middle of the cell, and ±1 on its boundary.
-        """
+        """Convert coordinates U (K, k) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
         return self._placed(self.spread(U))
 
     def _placed(self, Y: Array) -> tuple[Array, Array]:
-        """Convert offsets Y (K, m) in all task coordinates to p (K, 3), m, and R (K, 3, 3).
-
-        An offset, m or rad, is the difference from the placement in the middle of the cell.
-        """
+        """Convert offsets Y (K, m) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
         positions = len(self.half_width)
         moved = np.eye(3)[self.task.rows[:positions]]
         p = self.placement.translation + Y[:, :positions] @ moved
@@ -273,10 +269,7 @@ class Cell:
         return pin.SE3(R[0].copy(), p[0])
 
     def coordinates(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
-        """Convert placements to coordinates u; return also their deviations from the cell.
-
-        A coordinate u is 0 in the middle of the cell, and ±1 on its boundary. Coordinates of width
-        0 are held constant.
+        """Convert placements to coordinates u, and to deviations from the cell.
 
         Parameters
         ----------
@@ -286,9 +279,10 @@ class Cell:
         Returns
         -------
         U : (K, k) array
-            Coordinates; outside [−1, 1] if a placement lies outside the cell.
+            Coordinates u: 0 in the middle, ±1 on the boundary, beyond it outside the cell.
         off : (K,) array
-            Largest deviation from the cell along a coordinate of width 0, m or rad; 0 in the cell.
+            Largest deviation along a coordinate of width 0, which the cell holds constant, m or
+            rad; 0 in the cell.
         """
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y = self._measured(p, R)
@@ -307,10 +301,9 @@ class Cell:
         return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
 
     def _contains(self, U: Array, off: Array) -> NDArray[np.bool_]:
-        """Test which placements lie in the cell, (K,), given their coordinates.
+        """Test which placements lie in the cell, (K,).
 
-        U (K, k) and off (K,) are the result of :meth:`coordinates`: u, which goes from −1 to 1
-        inside, and the deviation along the coordinates of width 0.
+        U (K, k) and off (K,) are the results of :meth:`coordinates` for them.
         """
         within: NDArray[np.bool_] = np.all(np.abs(U) <= self._bounds + EDGE, axis=1)
         return within & (off <= TURNED)
@@ -318,8 +311,7 @@ class Cell:
     def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
         """Return the coordinates U if all placements lie in the cell; else raise an InputError.
 
-        U (K, k) and off (K,) are the result of :meth:`coordinates`: u, which goes from −1 to 1
-        inside, and the deviation along the coordinates of width 0.
+        U (K, k) and off (K,) are the results of :meth:`coordinates` for the placements.
 
         Raises
         ------
@@ -338,8 +330,9 @@ class Cell:
             )
         if off[at] > TURNED and (np.abs(U[at]) <= self._bounds + EDGE).all():
             raise InputError(
-                f"{which} lies outside the cell, by {off[at]:.3g} m or rad along a coordinate of "
-                f"width 0; only {', '.join(self.names)} may change, so widen the cell"
+                f"{which} lies outside the cell: it deviates by {off[at]:.3g} m or rad along a "
+                f"coordinate that the cell holds constant, as all but {', '.join(self.names)}; "
+                "make a cell with a half-width there"
             )
         i = int(np.argmax(np.abs(U[at]) - self._bounds))
         name, unit, width = self.names[i], self.units[i], self._widths_at(U[at])[i]
@@ -349,10 +342,10 @@ class Cell:
         )
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Compute the factor by which to scale the cell so that given poses lie on its boundary.
+        """Compute the factor by which to scale the cell so that a pose lies on its boundary: (K,).
 
-        The poses are those of the configurations Q (K, n). The factors (K,) are above 1 for poses
-        outside, and infinite for poses that deviate along a coordinate of width 0. Every region Ω,
+        The poses are those of the configurations Q (K, n). The factor is above 1 for a pose
+        outside, and infinite for one that deviates along a coordinate of width 0. Every region Ω,
         in which a design is valid, has this method.
         """
         U, off = self.coordinates(
@@ -364,10 +357,9 @@ class Cell:
     # -------------------------------------------------------------------------------------------
 
     def _native_region(self) -> Any:
-        """Create the C struct :data:`REGION` of the cell, with which C tests whether q is in Ω.
+        """Create the C struct :data:`REGION` of Ω, the set of configurations with poses in it.
 
-        Ω, the region in which a design is valid, is the set of configurations whose pose is in the
-        cell.
+        With it, C tests whether a configuration is in the region of a design.
         """
         ints, reals, scalars = self._tables()
         region, _ = filled_struct(REGION, {}, {}, {})
@@ -394,10 +386,7 @@ class Cell:
         return {"moved": self.moved}, reals, {"k": self.k}
 
     def _range_of_offsets(self) -> tuple[Array, Array]:
-        """Return the smallest and the largest offset (m,) of each task coordinate in the cell.
-
-        An offset, m or rad, is the difference from the placement in the middle of the cell.
-        """
+        """Return the smallest and the largest offset of each task coordinate: (m,), (m,)."""
         whole = self.whole
         reach = np.zeros(len(self.widths))
         reach[whole.moved] = whole._active_widths * whole._bounds
@@ -410,26 +399,21 @@ class Cell:
     def whole(self: C) -> C:
         """The same cell, with u including the coordinates that symmetries remove.
 
-        For example, if one joint turns the whole arm about an axis, a function is designed without
-        the angle about that axis.
+        An example is the angle about the axis of a joint that turns the whole arm.
         """
         return self._changed(removed=()) if self.removed else self
 
     @property
     def _removed(self) -> list[int]:
-        """Indices, among the m task coordinates, of those that symmetries of the arm remove from u.
-
-        A single joint moves the frame along such a coordinate, so a function is designed without
-        it.
-        """
+        """Indices, among the m task coordinates, of the l that symmetries remove from u."""
         return [one.coordinate for one in self.removed]
 
     @property
     def along(self) -> Array:
-        """Derivative ∂F/∂y (n, l) of a function F; y are the l coordinates removed by symmetries.
+        """Derivative ∂F/∂y (n, l) of a function F, with y the l removed coordinates, rad.
 
-        A single joint j moves the frame along such a coordinate, rad, so the coordinate's column is
-        1 or −1 in row j, and 0 in all other rows.
+        A single joint j moves the frame along each, so its column is 1 or −1 in row j, and 0 in all
+        other rows.
         """
         along = np.zeros((self.task.n, len(self.removed)))
         for column, one in enumerate(self.removed):
@@ -437,28 +421,23 @@ class Cell:
         return along
 
     def _split(self, U: Array) -> tuple[Array, Array]:
-        """Convert coordinates U (K, ·) of :attr:`whole` to those of this cell (K, k).
+        """Split coordinates U (K, ·) of :attr:`whole` into those of this cell (K, k) and others.
 
-        Return also the term (K, n) that the removed coordinates add to a function F: the motion of
-        the joints that move the frame along these coordinates.
+        The others are returned as the joint motion (K, n) that they add to a function F.
         """
         kept = np.isin(self.whole.moved, self.moved)
         return U[:, kept], self.whole.spread(U)[:, self._removed] @ self.along.T
 
     def _lifted(self, U: Array) -> Array:
-        """Convert coordinates U (K, k) to those of :attr:`whole`; removed coordinates are 0.
-
-        Symmetries of the arm remove coordinates along which a single joint moves the frame.
-        """
+        """Convert coordinates U (K, k) to those of :attr:`whole`; removed coordinates are 0."""
         Y, whole = self.spread(U), self.whole
         return (Y - whole._offset)[:, whole.moved] / whole._active_widths
 
     def _away(self, Q: Array, q_ref: Array, p: Array, R: Array) -> Array:
         """Evaluate Q − q_ref (K, n), the difference of configurations from a chart's reference.
 
-        Joints that alone move the frame along coordinates removed by symmetries are treated
-        specially: this motion is subtracted, and full turns are removed. p (K, 3) and R (K, 3, 3)
-        are the placements of Q.
+        The joint motion along removed coordinates is subtracted, and full turns of these joints,
+        too. p (K, 3), m, and R (K, 3, 3) are the placements of Q.
         """
         away = Q - q_ref
         if self.removed:
@@ -471,10 +450,10 @@ class Cell:
     def limit_margin(self, q: ArrayLike) -> Array:
         """Compute the distance (…, n) of each joint from its nearer limit; negative beyond it.
 
-        Distances are in rad or m. ``q`` (…, n) are configurations at which the coordinates that
-        symmetries remove from u are 0. A single joint moves the frame along such a coordinate; the
-        distance of this joint is the minimum over the range of the coordinate. If the range is
-        ``"all"``, the joint limits determine the range, and the distance is infinite.
+        ``q`` (…, n) are configurations at which the removed coordinates are 0. Distances are in rad
+        or m. For the joint that moves the frame along such a coordinate, the distance is the
+        minimum over the range of the coordinate. If the range is ``"all"``, the joint limits
+        determine the range, and the distance is infinite.
         """
         margin = self.task.limit_margin(q)
         for one in self.removed:
@@ -507,8 +486,7 @@ class Cell:
     def twists(self, U: ArrayLike, R: ArrayLike) -> Array:
         """Evaluate E = ∂x/∂u (K, m, k + l), the task velocity per unit of each coordinate u.
 
-        The coordinates u of a pose go from −1 to 1 in the cell. The last l columns belong to the
-        coordinates that symmetries remove, see :attr:`along`.
+        The last l columns belong to the removed coordinates, per rad.
 
         Parameters
         ----------
@@ -527,8 +505,8 @@ class Cell:
     def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
         """Evaluate u (K, k) and ∂u/∂x (K, k + l, m) at placements p (K, 3), m, and R (K, 3, 3).
 
-        They enter the gradient of a potential that is a function of u. The rows of ∂u/∂x are in the
-        order of the columns of :meth:`twists`.
+        The last l rows of ∂u/∂x belong to the removed coordinates, as in :meth:`twists`. They enter
+        the gradient of a potential that is a function of u.
         """
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self._active
@@ -538,12 +516,11 @@ class Cell:
         return U, np.concatenate(slopes, axis=1)
 
     def speeds(self, U: ArrayLike) -> Array:
-        """Evaluate the matrices ``C = (EᵀE)^(−1/2)`` that turn rates of u into task speeds.
+        """Evaluate the matrices ``C = (EᵀE)^(−1/2)`` (K, k + l, k + l) at the coordinates U (K, k).
 
-        E = ∂x/∂u, from :meth:`twists`, is for the k coordinates u and the l coordinates that
-        symmetries remove. For a function q = F(u), ∂F/∂u C is the joint speed per unit of task
-        speed, 1 m/s or 1 rad/s, so that cells of different sizes can be compared. U is (K, k), and
-        C is (K, k + l, k + l).
+        E = ∂x/∂u is the result of :meth:`twists`. For a function q = F(u), ∂F/∂u C is the joint
+        speed per unit of task speed, 1 m/s or 1 rad/s, so that cells of different sizes can be
+        compared.
         """
         _, R = self.placements(U)
         return unit_speeds(self.twists(U, R))
@@ -578,12 +555,12 @@ class Cell:
         return 2 * scrambled_points(self.k, power, random)[:count] - 1
 
     def _dense_at_edges(self, count: int, seed: int) -> Array:
-        """Sample 2 ``count`` coordinates u of the cell, and its corners, densely at its edges.
+        """Sample 2 ``count`` poses of the cell, densely at its edges, and its corners: U (K, k).
 
         In two coordinates, u has the density of Chebyshev nodes, 1 / √(1 − u²), with which a
         polynomial that is fitted there is about as good at the edges as inside. In more
-        coordinates, too few of them would lie inside; half of them then have the density 2 |u|,
-        the others a constant one.
+        coordinates, too few of them would lie inside; half of them then have the density 2 |u|, the
+        others a constant one.
         """
         if self.k == 2:
             U = np.concatenate([self.sample(2 * count, seed), self.corners()])
@@ -592,15 +569,15 @@ class Cell:
         return np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])
 
     def corners(self) -> Array:
-        """Return the coordinates (K, k) of the corners of the box, and its face centres.
+        """Return the coordinates (K, k) of the corners of the cell, and of its face centres.
 
-        They complement sampled poses, which lie inside the boundary.
+        Sampled poses lie inside this boundary.
         """
         faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
         return np.concatenate([np.array(list(product((-1.0, 1.0), repeat=self.k))), faces])
 
     def rim(self) -> Array:
-        """Return the coordinates (K, k) of corners, face centres and, in a box, edge middles."""
+        """Return the coordinates (K, k) of corners, face centres and, for k = 3, edge middles."""
         if self.k != 3:
             return self.corners()
         U = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
@@ -640,10 +617,7 @@ class Cell:
         return ["m"] * len(self.half_width) + ["rad"] * len(self.rotation)
 
     def size(self) -> str:
-        """Format the half-widths: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``.
-
-        Messages, tables and figures use this text.
-        """
+        """Format the half-widths: ``±(0.1, 0.15, 0.1) m, turned by ±0.3 rad``."""
         text = f"±({', '.join(f'{w:.3g}' for w in self.half_width)}) m"
         if not self.rotation.any():
             return text + (", one orientation" if len(self.rotation) else "")
@@ -656,10 +630,7 @@ class Cell:
         return f"{text}, turned by {turn} rad"
 
     def where(self, u: ArrayLike) -> str:
-        """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``.
-
-        Messages use this text. u are the coordinates in the cell, from −1 to 1.
-        """
+        """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``."""
         x = self.at(u)
         text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
         if self.rotation.any():
@@ -679,27 +650,21 @@ class Cell:
 
     @property
     def moved(self) -> NDArray[np.intp]:
-        """Indices (k,), among the m task coordinates, of those that belong to u, in order.
-
-        Coordinates of width 0, and those that symmetries of the arm remove, are left out.
-        """
+        """Indices (k,), among the m task coordinates, of those that belong to u, in order."""
         return np.flatnonzero(self._active)
 
     @property
     def _active(self) -> NDArray[np.bool_]:
-        """Mask (m,) of the task coordinates that belong to u.
-
-        Coordinates of width 0, and those that symmetries of the arm remove, are left out.
-        """
+        """True for the task coordinates that belong to u: (m,)."""
         active = np.array(self.widths > 0, bool)
         active[self._removed] = False
         return active
 
     @property
     def _bounds(self) -> Array:
-        """Maximum |u_i| (k,) in the cell: 1, or more along a coordinate with the range ``"all"``.
+        """Maximum |u_i| (k,) in the cell: 1, or for a range ``"all"`` π divided by the half-width.
 
-        Such a range ends only at the joint limits.
+        The range ``"all"`` of a rotation ends only at the joint limits.
         """
         most = np.ones(len(self.widths))
         for i in self.free:
@@ -712,11 +677,11 @@ class Cell:
         return self.widths[self._active]
 
     def _widths_at(self, u: Array) -> Array:
-        """Return the half-widths (k,) at the coordinates u (k,), m and rad; alike in a box."""
+        """Return the half-widths (k,) at the coordinates u (k,), m and rad; constant in a box."""
         return self._active_widths
 
     def _middle_of(self, i: int) -> str:
-        """Write on what the middle of the coordinate u_i depends; nothing in a box."""
+        """Write what the middle of the coordinate u_i depends on; empty in a box."""
         return ""
 
     def _values(self, Y: Array) -> Array:
@@ -725,17 +690,16 @@ class Cell:
 
     @property
     def _offset(self) -> Array:
-        """Task coordinates (m,) of the middle relative to the placement, m and rad.
+        """Offset (m,) of the middle from :attr:`placement`, m and rad.
 
-        They are 0, except in some sectors, in which the middle of the spin is moved.
+        It is 0, except in some sectors, in which the middle of the spin is moved.
         """
         return np.zeros(len(self.widths))
 
     def spread(self, U: ArrayLike) -> Array:
-        """Convert coordinates U (K, k) to offsets (K, m) in all m task coordinates, m and rad.
+        """Convert coordinates U (K, k) to offsets (K, m) from the placement, m and rad.
 
-        The offsets are from the placement in the middle of the cell; coordinates that are held
-        constant are included.
+        Task coordinates that do not belong to u are included, with their values in the middle.
         """
         (U,) = as_matrices(("U", U, f"K {self.k}"), exact=True, finite=False)
         Y = np.tile(self._offset, (len(U), 1))
@@ -743,11 +707,7 @@ class Cell:
         return Y
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Convert placements to offsets (K, m) from the middle of the cell in all task coordinates.
-
-        p (K, 3), m, and R (K, 3, 3) are the placements. Offsets are in m and rad, coordinates of
-        width 0 included.
-        """
+        """Convert placements, p (K, 3), m, and R (K, 3, 3), to offsets (K, m), m and rad."""
         Y = np.empty((len(p), len(self.widths)))
         positions = len(self.half_width)
         Y[:, :positions] = (p - self.placement.translation)[:, self.task.rows[:positions]]
@@ -770,10 +730,10 @@ class Cell:
         return turns if turns.shape[1] == 3 else turns @ self.placement.rotation[:, :2].T
 
     def _all_twists(self, Y: Array, R: Array) -> Array:
-        """Evaluate the task velocity per unit (metre or rad) of each task coordinate: (K, m, m).
+        """Evaluate the task velocity per m or rad of each task coordinate: (K, m, m).
 
-        Y (K, m) are the offsets from the middle, R (K, 3, 3) the rotations of the frame. In an axis
-        task, the angular velocity is about the frame's own x and y axes.
+        Y (K, m) are the offsets, R (K, 3, 3) the rotations of the frame. In an axis task, the
+        angular velocity is about the frame's own x and y axes.
         """
         T = self._frame_twists(Y)
         if self.task.kind != "axis":
@@ -783,8 +743,7 @@ class Cell:
     def _frame_twists(self, Y: Array) -> Array:
         """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
 
-        Velocities are in base axes. Y (K, m) are the offsets from the middle of the cell, m and
-        rad.
+        Velocities are in base axes. Y (K, m) are the offsets, m and rad.
         """
         positions = len(self.half_width)
         T = np.zeros((len(Y), 6, self.task.m))

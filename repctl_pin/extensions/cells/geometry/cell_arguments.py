@@ -56,8 +56,8 @@ def as_middle(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
         middle = pin.SE3(array)
     else:
         raise InputError(
-            "a cell's placement is a pinocchio.SE3, a 4 × 4 matrix or a position; "
-            f"not {shown(value)}"
+            "a cell's placement must be a pinocchio.SE3, a 4 × 4 matrix or a position (3,), m; "
+            f"got {shown(value)}"
         )
     if not np.isfinite(middle.homogeneous).all():
         raise InputError("a cell's placement must be finite numbers")
@@ -68,8 +68,9 @@ def as_middle(task: Task, value: pin.SE3 | ArrayLike) -> pin.SE3:
 def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array:
     """Convert half-widths, given as one number or one per coordinate, to an array (size,).
 
-    An InputError is raised unless each is 0, which holds the coordinate constant, or from 1e-6 to
-    1000. ``name``, ``unit`` and ``each`` (such as "one per axis") are for error messages.
+    Each must be 0, which holds the coordinate constant, or from 1e-6 to 1000, in ``unit``; else an
+    InputError is raised. ``name``, ``unit`` and ``each`` (such as "one per axis") are for its
+    message.
     """
     try:
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
@@ -103,9 +104,9 @@ def of_positions(task: Task, value: ArrayLike, name: str) -> Array:
 def as_axis(task: Task, axis: ArrayLike | None) -> Array:
     """Convert the argument ``axis`` of a sector to a point, m, and a unit direction: (2, 3).
 
-    None is the vertical axis of the base. If the axis of the joint that turns the whole arm nearly
-    coincides with that axis, the joint's axis is used, so that the symmetry of the arm is exact. An
-    InputError is raised if the axis is not normal to the plane of a planar task.
+    None is the base's z axis or, if it nearly coincides with this one, the axis of the joint that
+    turns the whole arm, so that the symmetry of the arm is exact. An InputError is raised if the
+    axis is not normal to the plane of a planar task.
     """
     if axis is None and task.m > 2 and axis_symmetry(task, VERTICAL) is None:
         own = own_axis(task)
@@ -188,7 +189,7 @@ def as_tilts(task: Task, half_angle: ArrayLike) -> Array:
         raise InputError(
             "reaches half a turn",
             argument="half_angle",
-            remedy="keep the norm of x and y below 2.98 rad, and z at most π",
+            remedy="keep √(x² + y²) of its tilts below 2.98 rad, and its third number at most π",
         )
     return turns
 
@@ -210,10 +211,10 @@ def no_spin(task: Task) -> InputError:
 def no_joint(task: Task, name: str, line: Array) -> InputError:
     """Make the error that no joint of the arm allows the range "all" of ``angle`` or ``spin``.
 
-    This range requires a joint that alone moves the frame along the coordinate. The message states
-    how far the axis of the joint that comes nearest differs from the coordinate's axis. The axis of
-    the angle is ``line`` (2, 3): a point and a direction. If a joint turns the arm about another
-    axis, the remedy names that axis.
+    ``name`` is one of these. The range requires a joint that alone moves the frame along the
+    coordinate. The message states how far the axis of the nearest joint differs from the
+    coordinate's axis, which for the angle is ``line`` (2, 3), a point and a direction. If a joint
+    turns the arm about another axis, the remedy names that axis.
     """
     what = {
         "angle": "turns the whole arm about the axis",

@@ -11,11 +11,11 @@ from ....base.arguments import Array
 def cut_sides(
     U: Array, bad: NDArray[np.bool_], inside: float = 0.01, weights: Array | None = None
 ) -> tuple[Array, Array]:
-    """Find a large box of coordinates that has no bad pose: its low and high corner (k,).
+    """Find a large box of coordinates without bad poses: its low and high corner (k,) each.
 
+    U (K, k) are poses in coordinates from −1 to 1, and ``bad`` (K,) is True where a function fails.
     One side at a time is moved inward: the side that loses the smallest volume per excluded bad
-    pose. U (K, k) are coordinates from −1 to 1; ``bad`` (K,) is True where a function fails. Each
-    cut lies further inward than the last excluded pose by ``inside``. With ``weights`` (k,), a loss
+    pose. It stops ``inside`` beyond the innermost of these poses. With ``weights`` (k,), a loss
     along one coordinate counts more or less than along another.
     """
     k = U.shape[1]

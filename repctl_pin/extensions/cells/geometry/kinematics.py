@@ -63,20 +63,14 @@ def run(name: str, arm: Any, count: int, *given: Any) -> None:
 
 
 def rows_of(record: Record, which: NDArray[Any] | list[int] | slice) -> Record:
-    """Select some rows of all arrays of a named tuple.
-
-    Such a record holds results at K poses, with one row of each array per pose.
-    """
+    """Select the rows ``which`` of all arrays of a record."""
     make: Any = type(record)
     selected: Record = make(*(each[which] for each in record))
     return selected
 
 
 def joined(records: Sequence[Record]) -> Record:
-    """Join records of the same kind: all rows of the first one, then those of the next.
-
-    A record is a named tuple of arrays with one row per pose.
-    """
+    """Join records of the same kind: all rows of the first one, then those of the next."""
     make: Any = type(records[0])
     together: Record = make(*map(np.concatenate, zip(*records, strict=True)))
     return together
@@ -114,7 +108,7 @@ def solved(A: Array, b: Array) -> Array:
 
 
 def bases(J: Array, near: Array | None = None) -> tuple[Array, Array, Array]:
-    """Evaluate J⁺, null-space bases, and singular values, batched.
+    """Evaluate J⁺, null-space bases, and singular values of K Jacobians.
 
     Unlike :func:`redundancy.pseudoinverse`, the function raises no error where J loses rank; J⁺ is
     then large.
@@ -154,12 +148,11 @@ def inverses(J: Array) -> tuple[Array, Array]:
 
 
 def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
-    """Evaluate N and the singular values of J as :func:`bases` does, but faster.
+    """Evaluate null-space bases N (K, n, r), aligned to ``near``, and singular values (K, m).
 
-    N spans the null space of J, and is aligned to ``near``. For r = 1, N is the normalised
-    projection of ``near`` onto the null space, computed from the eigenvectors of J Jᵀ in half the
-    time of a singular value decomposition. That decomposition is used only for r > 1, near
-    singularities, and where the projection is short.
+    The results are those of :func:`bases`, but for r = 1 in half the time: N is then the normalised
+    projection of ``near`` onto the null space, computed from the eigenvectors of J Jᵀ. Near
+    singularities, and where the projection is short, a singular value decomposition is used.
     """
     if near.shape[2] > 1:
         return bases(J, near)[1:]

@@ -1,10 +1,10 @@
 r"""Profile of a sector: its smallest and largest radius as polynomials of the height.
 
 At a height η above the sector's middle, m, the radius is ``ρ = ρ_0 + b(η) + s(η) y``. ρ_0 is the
-radius of the middle and y the radial coordinate of the sector, from −w to w, m. The bend b and the
-stretch s are polynomials with b(0) = 0 and s(0) = 1. With b = 0 and s = 1, the sector has one range
-of radius at all heights. A straight line in the coordinates stays in the sector, whatever its
-profile.
+radius of the middle and y the radial coordinate of the sector, from −w to w, m; w is the half-width
+of the radius in the middle. The bend b and the stretch s are polynomials with b(0) = 0 and s(0) =
+1. With b = 0 and s = 1, the sector has one range of radius at all heights. A straight line in the
+coordinates stays in the sector, whatever its profile.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ class Profile(NamedTuple):
         return len(self.bend) - 1
 
     def at(self, eta: Array, half: float) -> tuple[Array, Array, Array, Array]:
-        """Evaluate b, s and their derivatives by η at heights η (K,): four arrays (K,).
+        """Evaluate b, s, ∂b/∂η and ∂s/∂η at heights η (K,): four arrays (K,).
 
-        Above and below the sector, whose half-width of the height is ``half``, m, both are
+        Above and below the sector, whose half-width of the height is ``half``, m, b and s are
         constant. So they are continuous, and the stretch is positive everywhere.
         """
         inside = np.clip(eta, -half, half)
@@ -57,7 +57,7 @@ class Profile(NamedTuple):
     def moved(self, y: float, eta: float) -> tuple[Profile, float]:
         """Return the profile relative to another middle, at the coordinates y and η of this one, m.
 
-        Return also the factor by which half-widths of the radius grow.
+        Return also the factor by which the half-width of the radius in the middle changes.
         """
         if not self.degree:
             return self, 1.0
@@ -78,9 +78,10 @@ class Profile(NamedTuple):
         return [rho + b - radius * s, rho + b + radius * s]
 
     def lowest(self, rho: float, radius: float, half: float) -> tuple[float, float]:
-        """Return the smallest radius, and the smallest difference of both radii, m.
+        """Return the smallest radius, and the smallest range of radius, largest minus smallest, m.
 
-        They are those at all heights of a sector whose half-width of the height is ``half``.
+        They are the minima over all heights of a sector with the half-width ``half`` of the height,
+        the radius ``rho`` of the middle, and the half-width ``radius`` there, m.
         """
         low, high = self.sides(rho, radius)
         return _minimum(low, half), _minimum(high - low, half)
@@ -98,12 +99,12 @@ STRAIGHT = Profile(np.zeros(1), np.ones(1))
 
 
 def as_profile(radius: Any, height: float) -> tuple[Profile, float, float] | None:
-    """Convert the two sides of a sector to a profile; None if ``radius`` is not made of lists.
+    """Convert the two sides of a sector to a profile; None if ``radius`` is one number.
 
-    ``radius`` are two lists of coefficients: the smallest and the largest radius, m, in powers of
-    the height above the middle divided by its half-width ``height``, m. Return also the radius of
-    the middle and the half-width there, m. An InputError is raised if the sides meet, or if the
-    smallest radius is not above 0.
+    ``radius`` are two lists of coefficients: the smallest and the largest radius, m, as polynomials
+    in the height above the middle divided by its half-width ``height``, m. Return the profile, the
+    radius of the middle and the half-width there, m. An InputError is raised if the sides meet, or
+    if the smallest radius is not above 0.
     """
     if not (np.iterable(radius) and any(np.iterable(side) for side in radius)):
         return None
@@ -183,7 +184,7 @@ def _moved(coefficients: ArrayLike, x: float) -> Array:
 
 
 def _minimum(p: Polynomial, half: float) -> float:
-    """Find the minimum of a polynomial from −half to half."""
+    """Find the minimum of a polynomial between −half and half."""
     roots = p.deriv().roots() if p.degree() > 1 else np.zeros(0)
     real = np.real(roots[np.abs(np.imag(roots)) < 1e-9])
     return float(p(np.concatenate([np.clip(real, -half, half), [-half, half]])).min())

@@ -1,7 +1,10 @@
 """Sector of the workspace: a cell of poses in cylindrical coordinates around an axis.
 
 The axis is by default the base's z axis. A sector suits an arm whose first joint turns the whole
-arm: then a function need not be designed along the angle.
+arm: then a function need not be designed along the angle. The task coordinates of a pose are
+radius, angle, height, two tilts and spin, or the first m of them; offsets are their differences
+from the middle, m and rad. A coordinate is symmetric if a single joint moves the frame along it; it
+can be removed from the coordinates u of :class:`Cell`.
 """
 
 from __future__ import annotations
@@ -51,15 +54,17 @@ class Sector(Cell):
     It consists of all placements ``p = o + R_a(φ) (ρ e + z a)`` with
     ``R = R_a(φ) R_0 exp(\hat t) R_z(ψ)``.
 
-    ρ, φ and z are the radius, angle and height of p around an axis a through o; e is the direction
-    from that axis to the middle. The vector t tilts about the tool's own x and y axes, and ψ turns
-    about the tool's z axis. The orientation turns with φ. A coordinate of half-width 0 is held
-    constant.
+    ρ, φ and z are the radius, angle and height of p around an axis with the unit direction a
+    through the point o. R_a(φ) is the rotation by φ about a, e the unit vector from the axis to the
+    middle, and R_0 the orientation of the middle. The vector t tilts about the tool's own x and y
+    axes, and ψ turns about the tool's z axis. The orientation turns with φ. A coordinate of
+    half-width 0 is held constant.
 
     An arm can have two symmetries, which are detected. If a joint j turns the whole arm about the
-    axis, ``F(R_a(φ) x) = F(x) ± φ e_j`` is exact. If the axis of a joint j is the tool's z axis
-    through the frame's origin, ``F(x R_z(ψ)) = F(x) ± ψ e_j`` is exact. A function is then designed
-    for φ = 0 or ψ = 0 only. A sector can also be used for an arm without symmetries.
+    axis, a function has ``F(R_a(φ) x) = F(x) ± φ e_j`` exactly, with e_j the unit vector of the
+    joint. If the axis of a joint j is the tool's z axis through the frame's origin, ``F(x R_z(ψ)) =
+    F(x) ± ψ e_j``. A function is then designed for φ = 0 or ψ = 0 only. A sector can also be used
+    for an arm without symmetries.
 
     The smallest and the largest radius may depend on the height: see the argument ``radius``. The
     coordinate u of the radius is −1 on the inner and 1 on the outer side at every height, so the
@@ -169,9 +174,8 @@ class Sector(Cell):
     def _require_apart(self) -> None:
         """Raise an InputError if the sector reaches its axis, where the angle is not defined.
 
-        The error is also raised if all half-widths but those of symmetric coordinates are 0. A
-        single joint moves the frame along symmetric coordinates, so nothing would be left to
-        design.
+        It is also raised if all half-widths but those of symmetric coordinates are 0, so that
+        nothing is left to design.
         """
         away, (radius, *_) = self.middle[0], self.widths
         if away < _NEAR:
@@ -250,11 +254,7 @@ class Sector(Cell):
         return np.stack([outward, np.cross(a, outward), a])
 
     def _placed(self, Y: Array) -> tuple[Array, Array]:
-        """Convert offsets Y (K, m) in all task coordinates to p (K, 3), m, and R (K, 3, 3).
-
-        An offset is the difference from the placement in the middle: radius, angle, height, two
-        tilts, spin.
-        """
+        """Convert offsets Y (K, m) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
         rho, z = self.middle
         y = _all_six(Y)
         outward, _, a = self.directions
@@ -269,11 +269,9 @@ class Sector(Cell):
         return self.axis[0] + p, R
 
     def _measured(self, p: Array, R: Array) -> Array:
-        """Convert placements to offsets (K, m) from the sector's middle in all task coordinates.
+        """Convert placements, p (K, 3), m, and R (K, 3, 3), to offsets (K, m), m and rad.
 
-        Offsets are in m and rad, in the order radius, angle, height, two tilts, spin. The spin is
-        at most half a turn from its middle. p (K, 3), m, and R (K, 3, 3) are positions and rotation
-        matrices.
+        The spin is at most half a turn from its middle.
         """
         rho, z = self.middle
         x, y, height = ((p - self.axis[0]) @ self.directions.T).T
@@ -294,8 +292,7 @@ class Sector(Cell):
     def _frame_twists(self, Y: Array) -> Array:
         """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
 
-        Velocities are in base axes. Y (K, m) are the offsets from the middle: radius, angle,
-        height, tilts, spin.
+        Velocities are in base axes. Y (K, m) are the offsets.
         """
         y = _all_six(Y)
         T = np.zeros((len(y), 6, 6))
@@ -322,14 +319,17 @@ class Sector(Cell):
         return offset
 
     def _profiled(self, eta: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate bend, stretch and their derivatives at heights η (K,) above the middle, m."""
+        """Evaluate bend, stretch, and their derivatives with respect to η, at heights η (K,), m.
+
+        η is the height above the middle; the result are four arrays (K,), see :class:`Profile`.
+        """
         half = self.widths[HEIGHT] * (1 + EDGE) if self.task.m > 2 else 0.0
         return self.profile.at(eta, half)
 
     def radii(self, z: ArrayLike) -> Array:
         """Return the smallest and the largest radius (…, 2), m, at heights z (…), m.
 
-        Heights are those along the sector's axis, from its point :attr:`axis`.
+        Heights are measured along the sector's axis from its point ``axis[0]``.
         """
         rho, middle = self.middle
         bend, stretch, *_ = self._profiled(np.asarray(z, float) - middle)
@@ -344,7 +344,7 @@ class Sector(Cell):
         return values
 
     def _widths_at(self, u: Array) -> Array:
-        """Return the half-widths (k,) of the coordinates at u (k,): the radius' is stretched."""
+        """Return the half-widths (k,) at u (k,), m and rad; the radius' depends on the height."""
         widths = super()._widths_at(u).copy()
         if RADIUS in self.moved:
             _, stretch, *_ = self._profiled(_all_six(self.spread(u[None]))[:, HEIGHT])
@@ -352,7 +352,7 @@ class Sector(Cell):
         return widths
 
     def _middle_of(self, i: int) -> str:
-        """Write that the middle of the radius depends on the height, if it does."""
+        """Write `` at its height`` if u_i is the radius, and its middle depends on the height."""
         return " at its height" if self.profile.degree and self.moved[i] == RADIUS else ""
 
     # ---- other sectors
@@ -361,9 +361,8 @@ class Sector(Cell):
     def without(self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None) -> Sector:
         """Return the sector with the coordinates of the given symmetries removed from u.
 
-        A single joint moves the frame along such a coordinate, so a function is designed without
-        it. ``free`` are the indices of coordinates with the range ``"all"``; by default those of
-        this sector.
+        ``free`` are the indices, among the task coordinates, of those with the range ``"all"``; by
+        default those of this sector.
         """
         free = self.free if free is None else tuple(free)
         return self._changed(removed=tuple(symmetries), free=free)
@@ -379,7 +378,7 @@ class Sector(Cell):
     def scaled(self, factor: float) -> Sector:
         """Return a sector with the same middle and scaled half-widths.
 
-        Symmetric coordinates, along which a single joint moves the frame, keep their half-widths.
+        Symmetric coordinates keep their half-widths.
         """
         factors = np.full(len(self.widths), positive(factor, "the factor"))
         factors[[one.coordinate for one in self.symmetries]] = 1.0
@@ -413,12 +412,12 @@ class Sector(Cell):
         least, gap = self.profile.lowest(self.middle[0], w[RADIUS], w[HEIGHT])
         if not (least >= _NEAR and gap > NARROWEST):
             raise InputError(
-                f"a range of radius that depends on the height ends within ±{w[HEIGHT]:.3g} m; "
-                "scale it by at most 1"
+                "the smallest and the largest radius of the sector meet, or reach the axis, within "
+                f"its heights of ±{w[HEIGHT]:.3g} m; choose a smaller scale or height"
             )
 
     def _part(self, low: Array, high: Array) -> Sector:
-        """Return the sector between two corners, low and high (k,), in coordinates u from −1 to 1.
+        """Return the sector between two corners, low and high (k,), in coordinates u.
 
         The middle of the tilts stays, so their range becomes narrower on both sides.
         """
@@ -432,19 +431,15 @@ class Sector(Cell):
 
     @property
     def _movable(self) -> Sequence[int]:
-        """Indices, among the m task coordinates, of those whose middle may move in a part.
-
-        A part is the sector between two corners, see :meth:`_part`.
-        """
+        """Indices of the task coordinates, 0 to m − 1, whose middle may move in :meth:`_part`."""
         return [RADIUS, ANGLE, HEIGHT] if self.tilted else [RADIUS, ANGLE, HEIGHT, SPIN]
 
     def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:
-        """Return a sector whose placement is moved along symmetric coordinates.
+        """Return a sector whose middle is moved along symmetric coordinates.
 
-        So a design centres a range between the limits of the joint that moves the frame along the
-        coordinate. ``middles`` and ``halves`` are offsets of the middle and new half-widths, rad,
-        by index of the coordinate. If the tool tilts, the spin moves :attr:`spin_middle` instead of
-        the placement.
+        So a design centres a range between the limits of the joint. ``middles`` and ``halves`` are
+        the offsets of the new middle and the new half-widths, rad, by index of the coordinate. If
+        the tool tilts, the spin moves :attr:`spin_middle`, else the placement.
         """
         y, widths = np.zeros(self.task.m), self.widths.copy()
         for i, middle in middles.items():
@@ -515,11 +510,7 @@ class Sector(Cell):
         return text
 
     def symmetry(self) -> str:
-        """Write which symmetries of the arm are used, and how many coordinates remain.
-
-        A symmetry is a joint that alone turns the whole arm about the axis, or the tool about its z
-        axis.
-        """
+        """Write which symmetries of the arm are used, and how many coordinates remain."""
         names = self.task.joint_names
         words = {
             ANGLE: "{} turns the whole arm about the axis",
