@@ -39,14 +39,12 @@ def bound_cell(
     report: Callable[[str, float], None],
     spent: float = 0.0,
 ) -> Proof:
-    """Prove that F exists on a whole cell, and that its margins are above two goals.
-
-    F gives one configuration for each pose of the cell.
+    """Prove that F exists on a whole cell, and that both margins exceed their goals.
 
     Parameters
     ----------
     problem
-        The margins of the function.
+        Bounds for F on boxes of poses.
     leaf, limit
         Leaf margin (distance from an algorithmic singularity, 0 to 1) and limit margin (distance
         from the joint limits, rad or m) to prove; −inf for none.
@@ -78,7 +76,7 @@ class _CellSearch:
     """State of branch and bound: undecided boxes, and the minimum margins over all proved boxes.
 
     ``low`` and ``high`` (K, k) are the corners of the undecided boxes of poses, in the cell's
-    coordinates u. ``margins`` are the smallest proved leaf margin, σ_min(J) and limit margin.
+    coordinates u. ``margins`` (3,) are the smallest proved leaf margin, σ_min(J) and limit margin.
     ``at`` is the box with the smallest leaf margin, or the box at which the search stopped: its
     centre and half-widths. ``reason`` says why the search stopped; it is empty while the search
     runs.
@@ -94,10 +92,9 @@ class _CellSearch:
     def _counts(self) -> Array:
         """Choose the number of initial boxes along each of the k coordinates of the cell: (k,).
 
-        Initial boxes of the right size avoid the halving of boxes that are too large. The edges of
-        a box are such that the joints move equally far along each. The boxes are made smaller until
-        half of a sample of them is proved. If that takes too many boxes, the search begins with a
-        single box.
+        The edges of a box are such that the joints move equally far along each. The counts grow
+        until half of a sample of boxes is proved at once. If that takes too many boxes, all counts
+        are 1.
         """
         k, chart = self.problem.cell.k, self.problem.chart
         S = np.random.default_rng(0).uniform(-1, 1, (_TRIALS, k))
@@ -120,10 +117,7 @@ class _CellSearch:
         return np.ones(k)
 
     def _proved(self, found: CellBounds) -> NDArray[np.bool_]:
-        """Test on which boxes the bounds of both margins exceed their goals: (K,) array of bool.
-
-        The margins are the leaf margin and the limit margin.
-        """
+        """Test on which boxes both margins are proved to exceed their goals: (K,)."""
         return np.asarray((found.leaf_margin > self.leaf) & (found.limit_margin > self.limit))
 
     def volume(self) -> float:
@@ -152,12 +146,11 @@ class _CellSearch:
         self.high = np.concatenate([self.high[: take.start], high])
 
     def _stop_if_hopeless(self, low: Array, high: Array) -> None:
-        """Stop the search at a box of poses that cannot be proved by halving it.
+        """Stop the search if a box of poses cannot be proved by halving it.
 
-        The corners of the boxes are low and high, (K, k) each. A box cannot be proved if, at its
-        centre, F does not exist, misses a margin, or is too far from q_ref, the polynomial that
-        approximates F; or if the box is already too small. Too far means beyond d*, the distance
-        within which F is proved to be the only solution.
+        The corners of the boxes are low and high, (K, k) each. At the centre of such a box, F does
+        not exist, misses a margin, or differs from q_ref by more than d*, the distance within which
+        F is proved to be the only solution. Or the box is already too small.
         """
         problem, chart = self.problem, self.problem.chart
         points = chart.solve((low + high) / 2)
@@ -170,7 +163,11 @@ class _CellSearch:
             ),
             (leaf_margins(chart, points) - self.leaf, "the leaf margin there is {leaf:.4g}"),
             (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
-            (-away.max(axis=1), "F is {away:.2g} rad or m too far from q_ref to be proved unique"),
+            (
+                -away.max(axis=1),
+                "F leaves the neighbourhood of q_ref in which it is proved unique, by {away:.2g} "
+                "(rad or m)",
+            ),
             ((high - low).max(axis=1) - 2 * _SMALLEST, UNDECIDED),
         ):
             where = int(np.argmin(short))
@@ -181,7 +178,7 @@ class _CellSearch:
                 return
 
     def stop(self, which: int, low: Array, high: Array, reason: str) -> None:
-        """Stop the search, and record the reason and the box with the index ``which``.
+        """Stop the search for a reason at the box with the index ``which``; record both.
 
         The corners of the boxes are low and high, (K, k) each, in the cell's coordinates.
         """
@@ -191,7 +188,7 @@ class _CellSearch:
     def proof(self) -> Proof:
         """Return the margins proved on the whole cell, or where and why the search stopped.
 
-        The description and the fingerprint of what is proved are added later.
+        The caller adds the description of the design.
         """
         leaf, sigma, limit = (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
         proved = not self.reason
