@@ -258,10 +258,10 @@ def _within(Y: Array, share: float) -> Array:
 
 
 def _widths(Y: Array, positions: int) -> Array:
-    """Compute half-widths (m,) of a cell around 0 that holds poses Y (K, m), with a margin.
+    """Compute half-widths (m,) of a cell with its middle at 0 that contains poses Y (K, m).
 
-    The first ``positions`` coordinates are in m, the others in rad. A constant coordinate gets the
-    half-width 0. If all coordinates are constant, the half-widths are the margins.
+    The first ``positions`` coordinates are in m, the others in rad; each half-width has a margin. A
+    constant coordinate gets the half-width 0, unless all coordinates are constant.
     """
     reach = np.abs(Y).max(axis=0)
     pad = np.where(np.arange(len(reach)) < positions, _PAD_M, _PAD_RAD)

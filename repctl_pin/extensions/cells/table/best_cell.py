@@ -479,9 +479,10 @@ def _best_of(
 
 
 def _largest_steps(desired: Inverse, box: Cell, found: Grown, k: int) -> int:
-    """Find the largest number of steps, in tenths of the size, at which a box fits around middle k.
+    """Find the largest number of steps to which a box grows around middle k and still fits.
 
-    The box fits if J⁺ reaches all corners, see :func:`_fits`.
+    A step is a tenth of the requested size. The box fits if J⁺ reaches all corners, see
+    :func:`_fits`.
     """
     low, high = 0, int(found.steps[k])
     middle = high

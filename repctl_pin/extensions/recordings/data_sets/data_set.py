@@ -41,7 +41,7 @@ class DataSet(Table):
     times : str or None
         Name of the column of times, s, from the start of each demonstration; None if there is none.
     commands : str or None
-        What the actions command, as the data set says: ``hand`` or None.
+        ``hand`` if the data set says that its actions command the hand; None if it does not say.
     simulator : tuple of str
         Names of columns of a simulator's state, which depends on the recorded joints.
     """
