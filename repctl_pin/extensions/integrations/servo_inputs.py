@@ -103,7 +103,7 @@ class JointReadings:
         return np.array([q for q, _, _ in found]), float(np.max(ages))
 
     def absent(self, now: float) -> str:
-        """Describe why the measurements cannot be used at ``now``: some are missing, or one is too old."""
+        """Describe which measurements are missing or, at the time ``now``, too old."""
         missing = [name for name in self.names if name not in self._found]
         if len(missing) == len(self.names):
             return "no joint states yet"
