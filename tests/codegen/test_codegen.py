@@ -395,7 +395,7 @@ def test_the_command_writes_a_saved_design(
         "planar.c",
         "check.c",
     }
-    assert "already contains the inverse 'planar'" in refused(
+    assert "already contains the export 'planar'" in refused(
         capsys, *given, "--out", "c", "--name", "other"
     )
     assert told(capsys, *given, "--out", "c", "--name", "planar")["files"] == said["files"]

@@ -243,14 +243,14 @@ def test_what_it_refuses(task: rp.Task, tmp_path: Path) -> None:
         (inverse, rp.Bodies(planar), D, "the bodies are of .* but the governor moves"),
         (inverse, walled, -1.0, "body_distance must be 0 m or more"),
         (inverse, task, D, "bodies must be"),
-        (empty, rp.Bodies(planar), D, "there are no bodies whose distance can be kept"),
+        (empty, rp.Bodies(planar), D, "there is no pair of bodies whose distance can change"),
     ):
         with pytest.raises(rp.InputError, match=words) as caught:
             rp.Governor(own, DT, LIMITS, bodies=bodies, body_distance=distance)  # type: ignore[arg-type]
         assert "\n" not in str(caught.value)
     now = walled.nearest(Q0).distance
     governor = rp.Governor(inverse, DT, LIMITS, bodies=walled, body_distance=now + 1e-6)
-    with pytest.raises(rp.InputError, match=r"l3 and wall are \d+\.?\d* mm from each other, and"):
+    with pytest.raises(rp.InputError, match=r"l3 and wall are \d+\.?\d* mm apart, but"):
         governor.start(Q0)
     with pytest.raises(rp.InputError, match="has not started"):
         governor.step(twist=np.zeros(6))
@@ -359,7 +359,7 @@ def test_the_way_back_inside_the_limits_keeps_the_distance(
     bodies = rp.Bodies(task)
     governor = rp.Governor(inverse, DT, LIMITS, bodies=bodies, body_distance=D)
     if not starts:
-        with pytest.raises(rp.InputError, match="on the straight motion back|from each other"):
+        with pytest.raises(rp.InputError, match="on the straight motion back|mm apart, but"):
             governor.start(q)
         return
     governor.start(q)

@@ -250,7 +250,7 @@ def test_what_is_not_understood_is_refused_by_name(
     assert "none of the 4 names" in said(named(other, other))
     hand = ["x", "y", "phi", "gripper"]
     text = said(named(NUMBERS, hand))
-    assert "'action' are x, y, phi, gripper, and may not be joints; use action='joints'" in text
+    assert "'action' are joint positions: its numbers are x, y, phi, gripper; use action=" in text
     mixed = [*NUMBERS[:3], "theta1.vel"]
     assert "has 'theta1.vel', which belongs to the old joints" in said(named(mixed, NUMBERS))
     done = rp.relabel(
@@ -349,7 +349,7 @@ def test_the_actions_of_robomimic_are_joints_only_if_said(
     Q, A = [q[:, :3] for q in demos[0]], demos[1]
     for controller in (None, "JOINT_POSITION"):
         old = robomimic(tmp_path / f"{controller}.hdf5", Q, A, controller=controller)
-        with pytest.raises(rp.InputError, match="the numbers of 'actions' have no names, and may"):
+        with pytest.raises(rp.InputError, match="whether 'actions' are joint positions"):
             rp.Recording.read(old, design.task)
     cell, out = tmp_path / "cell.json", tmp_path / "o"
     rp.save(design, cell)

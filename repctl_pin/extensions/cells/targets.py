@@ -44,7 +44,7 @@ def as_poses(task: Task, targets: Sequence[Placement] | Array) -> tuple[Array, A
     ------
     InputError
         If ``targets`` has none of these forms, a matrix is not a rotation, or a quaternion does not
-        have norm 1. The message names the target by its number.
+        have norm 1. The message names the target by its index, from 0.
     """
     array: Any = targets
     if isinstance(array, np.ndarray) and array.ndim == 2 and array.shape[1] == 7:
@@ -55,17 +55,17 @@ def as_poses(task: Task, targets: Sequence[Placement] | Array) -> tuple[Array, A
 
 
 def _floats(array: Array) -> Array:
-    """Convert an array of targets to float; raise an InputError if it is not of real numbers."""
+    """Convert an array of targets to float; InputError unless it has real numbers."""
     if array.dtype.kind not in "fiu":
         raise InputError(f"targets must be real numbers; got an array of {array.dtype}")
     return array.astype(float)
 
 
 def _of_quaternions(rows: Array) -> tuple[Array, Array]:
-    """Convert rows of x, y, z, m, and a quaternion qx, qy, qz, qw to p (K, 3) and R (K, 3, 3).
+    """Convert rows x, y, z, m, qx, qy, qz, qw (K, 7) to positions (K, 3) and rotations (K, 3, 3).
 
-    An InputError is raised if a quaternion does not have norm 1. R is NaN in rows that are not
-    finite.
+    An InputError is raised if a quaternion does not have norm 1. Rotations are NaN in rows with a
+    number that is not finite.
     """
     finite = np.isfinite(rows).all(axis=1)
     length = np.linalg.norm(rows[:, 3:], axis=1)

@@ -113,13 +113,13 @@ class ToolFunction:
     def inverse(self) -> RepeatableInverse:
         """Controller ``q̇ = ∂F'/∂x ẋ`` of the tool, evaluated in NumPy.
 
-        Its leaf c = 0, on which its potentials are 0, is the function F' of the tool.
+        On its leaf c = 0, the configurations are those of F'.
         """
         potentials: Any = _FramePotentials(self.of_frame.chart)
         return RepeatableInverse(self.task, potentials)
 
     def leaves(self, target: Placement) -> Array:
-        """Find the interval (r, 2) of each component of the level at a pose of the tool.
+        """Find the interval (r, 2) of levels for which F' has a value at a pose, per component.
 
         See :meth:`InverseFunction.leaves`.
         """
@@ -140,14 +140,14 @@ class ToolFunction:
 
 
 class _FramePotentials(CellPotentials):
-    """Potentials of the frame's function F; as functions of q, they do not depend on the tool.
+    """Potentials of the frame's function F. As functions of q, they do not depend on the tool.
 
-    A controller that holds these potentials constant follows F'. C evaluates potentials only at the
-    pose of the task's own frame, so these potentials cannot be evaluated in C.
+    A controller that holds them constant follows F'. C evaluates potentials only at the pose of the
+    task's own frame, here the tool's, so these potentials cannot be evaluated in C.
     """
 
     def _native_part(self) -> Any:
-        """Raise an InputError: the function of another tool is not available in C."""
+        """Raise an InputError: these potentials cannot be evaluated in C."""
         raise InputError(
             "the function of another tool is not available in C",
             remedy="use the function of the frame, of_frame, with the poses x T⁻¹",

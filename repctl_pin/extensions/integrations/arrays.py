@@ -4,6 +4,8 @@ A cell is a box of poses over which a function F gives one configuration per pos
 control law of a repeatable inverse. Both are pure functions of arrays with any leading axes. Their
 results have the type and the device of their input. Inside, the K poses of a batch are the last
 axis, and a placement is the list of its columns (3, K): three of the rotation, and the position.
+``xp`` is the namespace of the arrays, such as jax.numpy. q_ref and n_ref are the polynomials of F:
+q_ref approximates F, and n_ref the null space of J.
 """
 
 from __future__ import annotations
@@ -217,7 +219,7 @@ def velocity(inverse: RepeatableInverse, xp: Namespace) -> Callable[[Numbers, Nu
 
 
 def _compiled(xp: Namespace, function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function in JAX; make it one operator of the graphs of torch.compile."""
+    """Compile a function in JAX; in torch, make it one operator of torch.compile."""
     if is_torch_namespace(xp):
         return _operator(function)
     if not is_jax_namespace(xp):
@@ -234,9 +236,9 @@ _numbers = count()
 
 
 def _operator(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Wrap a function of torch's arrays, so that torch.compile treats it as one operator.
+    """Wrap a function of torch's arrays as one operator, which torch.compile does not unroll.
 
-    Without this, torch.compile would unroll all Newton steps and compile for minutes.
+    Otherwise torch.compile would unroll all Newton steps, and compile for minutes.
     """
     import torch
 
@@ -256,9 +258,9 @@ def _operator(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @cache
 def _operators() -> Callable[..., Any]:
-    """Register torch's operator for all wrapped functions, and its derivative; return the operator.
+    """Register torch's operator for all wrapped functions, with its derivative, and return it.
 
-    Its arguments are the number of the wrapped function and that function's arrays.
+    Its arguments are the index of the wrapped function and the arrays of that function.
     """
     import torch
 
@@ -306,10 +308,10 @@ def _constant(xp: Namespace, *arrays: Numbers) -> tuple[Numbers, ...]:
 
 
 def _repeated(xp: Namespace, step: Callable[[Numbers], Any], q: Numbers, near: float) -> Numbers:
-    """Repeat Newton's steps q → (q, step length) on the rows of a batch that have not converged.
+    """Repeat Newton steps on the rows of a batch until each has converged; return q (n, K).
 
-    A row has converged after a step shorter than ``near``. The last two of the 12 steps, which
-    alone are differentiated, are left to the caller.
+    ``step`` maps q to (new q, step length). A row has converged after a step shorter than ``near``.
+    At most ten steps are made; the caller makes the last two of 12, which are differentiated.
     """
 
     def again(state: tuple[Numbers, Numbers, int]) -> tuple[Numbers, Numbers, int]:
@@ -340,10 +342,9 @@ def _some(xp: Namespace, flags: Numbers) -> bool:
 
 
 def _scanned(xp: Namespace, body: Callable[..., Any], state: Any, *tables: Numbers) -> Any:
-    """Map (state, row of each table) to (state, outputs) row by row, and stack the outputs.
+    """Map ``body``: (state, row of each table) → (state, outputs) over all rows; stack the outputs.
 
-    In JAX the body is compiled once, as the step of a loop, which takes less time than to compile
-    it for every row.
+    In JAX the body is compiled once, as the step of a loop, instead of once per row.
     """
     if is_jax_namespace(xp):
         import jax
@@ -360,7 +361,7 @@ def _scanned(xp: Namespace, body: Callable[..., Any], state: Any, *tables: Numbe
 
 
 def _namespace(xp: Namespace) -> Namespace:
-    """Return the namespace of the array API standard for arrays of a module."""
+    """Return the namespace of the array API standard for a module such as numpy or torch."""
     try:
         return array_namespace(xp.empty(0))
     except (AttributeError, TypeError):
@@ -398,30 +399,33 @@ def _broadcast(one: Sequence[int], other: Sequence[int]) -> tuple[int, ...]:
 
 
 def _last(xp: Namespace, a: Numbers, axes: int) -> list[Numbers]:
-    """Split the last axes of an array: one array (K,) per number, for K leading indices."""
+    """Split the last ``axes`` axes of an array into a flat list of arrays (K,), one per entry.
+
+    K is the number of the leading indices, which become one axis.
+    """
     size = prod(a.shape[-axes:])
     rows = xp.reshape(a, (-1, size))
     return [rows[:, i] for i in range(size)]
 
 
 def _unstack(a: Numbers, axis: int = 0) -> list[Numbers]:
-    """Split an array along an axis; torch has no ``unstack`` that ``torch.func.vmap`` can map."""
+    """Split an array along an axis; in a way that ``torch.func.vmap`` can map."""
     at = (slice(None),) * axis
     return [a[(*at, i, ...)] for i in range(a.shape[axis])]
 
 
 def _first(xp: Namespace, a: Numbers, lead: Sequence[int]) -> Numbers:
-    """Move the last axis to the front, as the leading axes: (s, K) → (..., s)."""
+    """Move the last axis to the front, and give it the shape ``lead``: (s, K) → (*lead, s)."""
     return xp.reshape(xp.permute_dims(a, (1, 0)), (*lead, a.shape[0]))
 
 
 def _like(xp: Namespace, a: Any, other: Numbers) -> Numbers:
-    """Convert a table of NumPy to the type and device of another array."""
+    """Convert a NumPy array to the type and device of another array."""
     return xp.asarray(np.array(a, float), dtype=other.dtype, device=_device(xp, other))
 
 
 def _device(xp: Namespace, a: Numbers) -> Any:
-    """Return the device of an array; None in JAX, which chooses the device of constants itself."""
+    """Return the device of an array; None in JAX."""
     return None if is_jax_namespace(xp) else device(a)
 
 
@@ -439,9 +443,9 @@ def _eps(xp: Namespace, a: Numbers) -> float:
 
 
 def _solution(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbers]]:
-    """Create the function from a placement and levels c (r, K) to q (n, K), by Newton's method.
+    """Create the function (placement, levels c (r, K)) → (q (n, K), converged (K,)) of a chart.
 
-    Its second result (K,) is True where the method converged.
+    It solves q = F(x; c) by Newton's method.
     """
     kind = chart.cell.task.kind
     kinematics, reference = _kinematics(xp, chart.cell.task), _reference(xp, chart)
@@ -473,10 +477,10 @@ def _solution(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbe
 
 
 def _solved(xp: Namespace, A: Numbers, b: Numbers) -> tuple[Numbers, Numbers]:
-    """Solve ``Aᵀ x = b``, A (n, n, K), b (n, K), by orthonormalising the n equations in turn.
+    """Solve ``Aᵀ x = b`` for A (n, n, K) and b (n, K): x (n, K), and a mask (K,).
 
-    The second result (K,) is True where the matrix is regular: the sine of the angle between each
-    equation and those before it exceeds 1e-6.
+    The n equations are orthonormalised in turn. The mask is True where the sine of the angle
+    between each equation and the span of those before it exceeds 1e-6.
     """
     rows = xp.permute_dims(xp.concat([A, b[None, ...]]), (1, 0, 2))  # [a, b] (n, n + 1, K)
     x, regular = 0.0, True
@@ -493,7 +497,7 @@ def _solved(xp: Namespace, A: Numbers, b: Numbers) -> tuple[Numbers, Numbers]:
 
 
 def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[list[Numbers], Numbers]]:
-    """Create the function from q (n, K) to the frame's placement, and Jᵀ (n, m, K)."""
+    """Create the function q (n, K) → (placement of the frame, Jᵀ (n, m, K))."""
     chain = joint_chain(task)
     R, p = along_z(chain)  # each joint moves about or along its own z axis
     links = np.concatenate([R, p[:, :, None]], axis=2).swapaxes(1, 2)
@@ -526,7 +530,10 @@ def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[list[Num
 def _jacobian(
     xp: Namespace, kind: Kind, chain: JointChain, R: Sequence[Numbers], z: Numbers, arm: Numbers
 ) -> Numbers:
-    """Evaluate Jᵀ (n, m, K) from the axes of the joints, and from each joint to the frame."""
+    """Evaluate Jᵀ (n, m, K) from the axes ``z`` of the joints and the vectors ``arm`` to the frame.
+
+    ``arm`` leads from each joint to the frame, m; ``R`` are the columns of the frame's rotation.
+    """
     turns = _like(xp, chain.revolute[:, None, None], z)
     v, omega = z + turns * (_cross(xp, z, arm, 1) - z), turns * z
     if kind.tool_axes:
@@ -539,10 +546,10 @@ def _jacobian(
 
 
 def _reference(xp: Namespace, chart: Chart) -> Callable[[list[Numbers]], tuple[Any, ...]]:
-    """Create the function from a placement to the reference of F there.
+    """Create the function from a placement to the polynomials of F there.
 
-    It returns the offsets y in the cell, m arrays (K,), the monomials T (N, K) of its coordinates
-    u, and their polynomials q_ref (n, K) and n_ref (n, r, K). q_ref includes the joint angles that
+    It returns the offsets y in the cell, a list of m arrays (K,); the monomials T (N, K) of the
+    coordinates u; and q_ref (n, K) and n_ref (n, r, K). q_ref includes the joint angles that
     symmetries of the arm, such as a turn about its base, add to the polynomials.
     """
     cell, monomials = chart.cell, chart.monomials
@@ -559,7 +566,11 @@ def _reference(xp: Namespace, chart: Chart) -> Callable[[list[Numbers]], tuple[A
 
 
 def _monomials(xp: Namespace, u: Numbers, parent: Any, factor: Any, blocks: Any) -> Numbers:
-    """Evaluate monomials (N, K) of u (k, K), degree by degree: each is its parent times one u."""
+    """Evaluate N monomials of u (k, K): (N, K).
+
+    Monomial i is monomial ``parent[i]`` times coordinate ``factor[i]``; ``blocks`` are the rows of
+    each degree.
+    """
     T = xp.ones_like(u[:1, :])
     for first, end in blocks:
         of, by = (xp.asarray(each[first:end], device=_device(xp, u)) for each in (parent, factor))
@@ -576,16 +587,17 @@ def _polynomials(xp: Namespace, coefficients: Array, T: Numbers) -> Numbers:
 def _held(xp: Namespace, potentials: Any) -> Callable[..., tuple[Numbers, Numbers, Any]]:
     """Create the function (q, placement, ẋ) → (V (n, r, K), rates (r, K), inside (K,)).
 
-    If ``Vᵀ q̇ = rates``, the potentials stay constant. Rates are 0, and V are the gradients, except
-    for a cell, see :func:`_held_by_cell`. ``inside`` is False for placements outside the cell.
+    If ``Vᵀ q̇ = rates``, the potentials stay constant: V are their gradients, and the rates are 0,
+    except for a cell, see :func:`_held_by_cell`. ``inside`` is False for placements outside the
+    cell.
     """
     if type(potentials) is CellPotentials:
         return _held_by_cell(xp, potentials.chart)
     maps: list[Any] = list(potentials.maps if isinstance(potentials, SumMap) else [potentials])
     if not all(isinstance(each, PolynomialMap | FourierMap) for each in maps):
         raise InputError(
-            "the potentials of this inverse are functions in Python",
-            remedy="use polynomials, Fourier series, their sums, or the function of a cell",
+            "the potentials of this inverse are functions in Python, which cannot be converted",
+            remedy="design with polynomials, Fourier series or their sums, or for a cell",
         )
 
     def held(q: Numbers, X: list[Numbers], xdot: list[Numbers]) -> tuple[Numbers, Numbers, Any]:
@@ -615,10 +627,10 @@ def _gradients(xp: Namespace, one: PolynomialMap | FourierMap, q: Numbers) -> Nu
 
 
 def _held_by_cell(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbers, Any]]:
-    """Create the function that :func:`_held` returns for the potentials of a cell.
+    """Create the function of :func:`_held` for the potentials of a cell's function.
 
-    V is n_ref, and the rates are ``n_refᵀ dq_ref − dn_refᵀ (q − q_ref)``. q_ref (n, K) and n_ref
-    (n, r, K) are the polynomials of :func:`_reference`, dq_ref and dn_ref their time derivatives.
+    V is n_ref, and the rates are ``n_refᵀ dq_ref − dn_refᵀ (q − q_ref)``, with the time derivatives
+    dq_ref and dn_ref of q_ref and n_ref along the motion.
     """
     reference, cell = _reference(xp, chart), chart.cell
     _, slopes = chart._differentiated
@@ -643,10 +655,7 @@ def _held_by_cell(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, N
 def _displacement(
     xp: Namespace, kind: Kind, here: list[Numbers], goal: list[Numbers]
 ) -> list[Numbers]:
-    """Evaluate the task error, m arrays (K,), m and rad, from one placement to another.
-
-    It has only the components that the kind of task commands.
-    """
+    """Evaluate the task error from the placement ``here`` to ``goal``: m arrays (K,), m and rad."""
     away = _unstack(goal[3] - here[3])
     if not kind.turns:
         return [away[i] for i in kind.rows.tolist()]
@@ -660,7 +669,7 @@ def _displacement(
 
 
 def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
-    """Compute the offsets of a placement from the cell's middle, m arrays (K,), not scaled.
+    """Compute the offsets y of a placement X from the cell's middle: m arrays (K,), m and rad.
 
     They are those components of the position, and of a rotation vector or the tilts of the tool,
     that the task commands. For a sector, which is a cell around an axis, they are the radius, angle
@@ -683,9 +692,10 @@ def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
 
 
 def _profiled(xp: Namespace, cell: Sector, eta: Numbers) -> list[Any]:
-    """Evaluate bend and stretch of a sector, and their derivatives, at heights η (K,), m.
+    """Evaluate bend and stretch of a sector, and their slopes, at heights η (K,), m: four values.
 
-    Heights are above the middle. Both are constant above and below the sector.
+    At the height η above the middle, the range of radius has its middle at the bend, and its
+    half-width times the stretch. Both are constant above and below the sector.
     """
     if not cell.profile.degree:
         return [0.0, 1.0, 0.0, 0.0]
@@ -705,7 +715,7 @@ def _profiled(xp: Namespace, cell: Sector, eta: Numbers) -> list[Any]:
 def _rates(
     xp: Namespace, cell: Cell, X: list[Numbers], y: list[Numbers], xdot: list[Numbers]
 ) -> list[Numbers]:
-    """Compute the rates of the offsets y of :func:`_measured` at the task velocity ẋ."""
+    """Compute the time derivatives of the offsets y of :func:`_measured` at the task velocity ẋ."""
     kind, sector = cell.task.kind, isinstance(cell, Sector)
     back: Callable[[Numbers], Numbers] = _same
     v, omega = xdot[:3], xdot[3:]
@@ -737,9 +747,9 @@ def _sector_rates(
     xdot: list[Numbers],
     back: Callable[[Numbers], Numbers],
 ) -> list[Numbers]:
-    """Compute the rates of radius, angle and height of a sector at the task velocity ẋ.
+    """Compute the time derivatives of radius, angle and height of a sector at the task velocity ẋ.
 
-    ``back`` converts vectors to the directions radial, tangential, and along the axis.
+    ``back`` converts vectors (3, K) to the directions radial, tangential, and along the axis.
     """
     given = dict(zip(cell.task.kind.rows.tolist(), xdot, strict=True))
     none = xp.zeros_like(xdot[0])
@@ -751,7 +761,10 @@ def _sector_rates(
 
 
 def _tilt_rates(xp: Namespace, t: list[Numbers], w: list[Numbers]) -> list[Numbers]:
-    """Compute the rates of tilts t and spin ψ from the velocity ``ω = J_r(t) dt + dψ e_z``."""
+    """Compute the time derivatives of tilts t and spin ψ from ω, by ``ω = J_r(t) dt + dψ e_z``.
+
+    J_r is the right Jacobian of the rotation vector (t_1, t_2, 0).
+    """
     square, across = t[0] ** 2 + t[1] ** 2, t[0] * w[0] + t[1] * w[1]
     e = _by_angle(xp, square, 1 / 6 + 7 * square / 360, lambda a: (a / xp.sin(a) - 1) / a**2)
     dt = [w[i] + e * (square * w[i] - t[i] * across) for i in range(2)]
@@ -807,8 +820,8 @@ def _scaled(cell: Cell, y: list[Numbers]) -> list[Numbers]:
 def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
     """Evaluate the joint angles (n, K) to add to q_ref for the coordinates that u leaves out.
 
-    Because of a symmetry of the arm, F changes by these angles only: to turn a pose around the
-    base, for example, only the first joint turns.
+    By a symmetry of the arm, a single joint moves the frame along such a coordinate. To turn a pose
+    around the base, for example, only the first joint turns.
     """
     if not cell.removed:
         return 0.0
@@ -816,7 +829,7 @@ def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
 
 
 def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
-    """Remove full turns from q − q_ref (n, K), at the joints of the cell's symmetries.
+    """Remove full turns from ``away`` = q − q_ref (n, K), at the joints of the cell's symmetries.
 
     Such a joint alone moves the frame along one coordinate of the cell.
     """
@@ -826,7 +839,7 @@ def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
 
 
 def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
-    """Test whether matrices, given by 16 arrays (K,), are rigid transforms, as F does, to 1e-6.
+    """Test which matrices, given by 16 arrays (K,), are rigid transforms to 1e-6, as F does: (K,).
 
     Rotations are tested only if the task commands them, but all numbers must be below 1e7.
     """
@@ -842,7 +855,7 @@ def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
 
 
 def _inside(xp: Namespace, cell: Cell, X: list[Numbers]) -> Numbers:
-    """Test whether a placement lies in a cell with all its coordinates (``cell.whole``).
+    """Test which placements lie in a cell with all its coordinates (``cell.whole``): (K,).
 
     Coordinates of width 0, which are constant in the cell, are also tested. The tolerance depends
     on the floating-point type.
@@ -856,7 +869,7 @@ def _inside(xp: Namespace, cell: Cell, X: list[Numbers]) -> Numbers:
 
 
 def _within(xp: Namespace, task: Task, q: Numbers) -> Numbers:
-    """Test whether configurations (n, K) lie within the joint limits."""
+    """Test which configurations (n, K) lie within the joint limits: (K,)."""
     lower, upper = (_like(xp, each[:, None], q) for each in (task.lower, task.upper))
     return xp.all((q >= lower) & (q <= upper), axis=0)
 
@@ -872,13 +885,16 @@ def _cross(xp: Namespace, a: Numbers, b: Numbers, axis: int = 0) -> Numbers:
 
 
 def _tilt(xp: Namespace, aim: Sequence[Numbers]) -> list[Numbers]:
-    """Compute the rotation, rad, about x and y that turns z to a direction, three arrays (K,)."""
+    """Compute the rotation vector (its x and y, rad) that turns z to a direction ``aim``.
+
+    The direction and the result are lists of arrays (K,).
+    """
     ratio = _angle_over_sine(xp, aim[0] ** 2 + aim[1] ** 2, aim[2])
     return [-aim[1] * ratio, aim[0] * ratio]
 
 
 def _tilted_back(xp: Namespace, t: list[Numbers], v: Numbers) -> Sequence[Numbers]:
-    """Rotate vectors v (3, K) by exp(−t̂), with rotation vectors t in the x-y plane."""
+    """Rotate vectors v (3, K) by the inverse of the rotation vectors t = (t_1, t_2, 0)."""
     square = t[0] ** 2 + t[1] ** 2
     sine = _by_angle(xp, square, 1 - square / 6, lambda a: xp.sin(a) / a)
     w = xp.stack([-t[0], -t[1], xp.zeros_like(t[0])])
@@ -887,7 +903,7 @@ def _tilted_back(xp: Namespace, t: list[Numbers], v: Numbers) -> Sequence[Number
 
 
 def _log_rate(xp: Namespace, w: Numbers, omega: Numbers) -> Sequence[Numbers]:
-    """Compute the rates of rotation vectors w (3, K) at the angular velocities ω (3, K)."""
+    """Compute the time derivatives of rotation vectors w (3, K) at angular velocities ω (3, K)."""
     square, once = xp.sum(w * w, axis=0), _cross(xp, w, omega)
     k = _by_angle(xp, square, 1 / 12 + square / 720, lambda a: (1 - a / (2 * xp.tan(a / 2))) / a**2)
     return _unstack(omega - once / 2 + k * _cross(xp, w, once))
@@ -901,16 +917,19 @@ def _versine(xp: Namespace, square: Numbers) -> Numbers:
 def _by_angle(
     xp: Namespace, square: Numbers, series: Numbers, closed: Callable[[Numbers], Numbers]
 ) -> Numbers:
-    """Evaluate a function of an angle θ from θ², near 0 by its series; differentiable at 0."""
+    """Evaluate a function of an angle θ from θ²; near 0 by its series, to be differentiable.
+
+    ``closed`` is the function of θ, ``series`` its value by the series.
+    """
     small = square < 1e-6
     return xp.where(small, series, closed(xp.sqrt(xp.where(small, 1.0, square))))
 
 
 def _angle_over_sine(xp: Namespace, square: Numbers, cosine: Numbers) -> Numbers:
-    """Evaluate θ / sin θ from s² = sin² θ and cos θ; by its series, 1 + s²/6 + 3 s⁴/40, near 0.
+    """Evaluate θ / sin θ from s² = sin² θ and cos θ; near 0 by its series 1 + s²/6 + 3 s⁴/40.
 
-    The factor converts vectors of length sin θ to those of length θ. It is differentiable at 0, and
-    NaN at exactly half a turn, where the vector has no direction.
+    The factor converts vectors of length sin θ to those of length θ. It is NaN at exactly half a
+    turn, where the vector has no direction.
     """
     small = (square < 1e-6) & (cosine > 0)
     sine = xp.sqrt(xp.where(small, 1.0, xp.where(square > 0, square, xp.nan)))

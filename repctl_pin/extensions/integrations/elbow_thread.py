@@ -21,12 +21,14 @@ _SAME = 1e-9
 
 
 class ElbowSearch:
-    """Searches the level c*(x, p_e) for the newest pose x and point p_e, one search at a time.
+    """Search, in a thread, of the level whose elbow is nearest to a point p_e at a pose x.
+
+    The search is for the newest pose and point; one search runs at a time.
 
     Parameters
     ----------
     level
-        Function (x, p_e) → level; it may raise an error of this package.
+        Function (x, p_e) → the level and its elbow; it raises a RepctlError if none is found.
 
     Attributes
     ----------
@@ -51,7 +53,7 @@ class ElbowSearch:
 
     @property
     def searching(self) -> bool:
-        """True until the level for the newest pose and point has been found."""
+        """True while a search runs."""
         return self._running is not None
 
     def update(self, place: pin.SE3) -> Array | None:
@@ -73,7 +75,10 @@ class ElbowSearch:
         return None if ended is None else self._found(ended)
 
     def _found(self, ended: Future[ElbowLevel]) -> Array:
-        """Return the level (r,) of a search that has ended, and describe it in :attr:`said`."""
+        """Return the level (r,) of a search that has ended, and describe it in :attr:`said`.
+
+        RepctlError is raised if no level was found.
+        """
         try:
             found = ended.result()
         except RepctlError as error:

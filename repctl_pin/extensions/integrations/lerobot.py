@@ -48,7 +48,7 @@ class FunctionKinematics:
         self._units = np.where(F.task.revolute, np.pi / 180, 1.0)
 
     def forward_kinematics(self, joint_pos_deg: ArrayLike) -> Array:
-        """Compute the pose (4, 4) of the frame at joint positions, degrees and m.
+        """Compute the pose (4, 4) of the frame at joint positions, in degrees and m.
 
         Positions after the first n, such as a gripper's, are ignored.
         """

@@ -63,7 +63,7 @@ class RepeatableTask(PinkTask):
         self._circular = np.zeros(0, bool)
 
     def set_target(self, leaf: ArrayLike) -> None:
-        """Set the level c (r,) of the potentials h to hold, such as ``inverse.leaf(q)``."""
+        """Set the level c (r,) to hold, such as ``inverse.leaf(q)``."""
         self.leaf = vector(leaf, self.inverse.task.r, "the level c", "one per potential")
 
     def set_target_from_configuration(self, configuration: Configuration) -> None:
@@ -71,9 +71,9 @@ class RepeatableTask(PinkTask):
         self.set_target(self.inverse.potentials.value(self._joints(configuration)))
 
     def compute_error(self, configuration: Configuration) -> Array:
-        """Evaluate the error h(q) − c (r,), with c the level to hold.
+        """Evaluate the error h(q) − c (r,) at a configuration of pink.
 
-        InputError if no level is set.
+        InputError is raised if no level c is set.
         """
         if self.leaf is None:
             raise InputError(
@@ -105,9 +105,10 @@ class RepeatableTask(PinkTask):
         return q
 
     def _find(self, model: pin.Model) -> None:
-        """Find the design's joints in pink's model, by name; InputError if one is missing.
+        """Find the design's joints in pink's model by name, and store their indices in q and v.
 
-        Store their indices in q and v, and which of them are (cos, sin) pairs.
+        Continuous joints, which are (cos, sin) pairs in q, are stored as such. InputError is raised
+        if a joint is missing.
         """
         missing = [name for name in self._names if not model.existJointName(name)]
         if missing:

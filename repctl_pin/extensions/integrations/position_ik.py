@@ -27,7 +27,7 @@ def answer(
     leaf: Array | None = None,
     tool: pin.SE3 | None = None,
 ) -> Any:
-    """Fill in and return the response to a request: the joints F(pose), or an error code.
+    """Fill in and return MoveIt's response to a request: the joints F(pose), or an error code.
 
     F is the function of a cell, a box of poses: it gives one configuration per pose. The seed, the
     group and the constraints of the request are ignored: the pose alone determines the joints. With
@@ -43,7 +43,7 @@ def answer(
     names
         Dict from the joint names in messages to those of the task, in the task's order.
     base
-        Name of the frame in which poses are given.
+        Name of the only frame in which poses are accepted.
     leaf : (r,) array, optional
         Level c, by default 0.
     tool : pinocchio.SE3, optional

@@ -57,8 +57,8 @@ _BEYOND = "beyond the proved radius"
 class State(Enum):
     """State of a :class:`Servo`, which decides what its ticks command.
 
-    WAITING: no command is sent until joints at rest have been measured. RUNNING: the arm follows
-    its targets. HOLDING: the arm stops and stays at rest until :meth:`Servo.resume`.
+    WAITING: no command until the joints have been measured at rest. RUNNING: the arm follows its
+    targets. HOLDING: the arm stops, and stays at rest until :meth:`Servo.resume`.
     """
 
     WAITING = "waiting"
@@ -84,7 +84,7 @@ class Servo:
     limits
         Limits of acceleration, speed and jerk, as for :class:`Governor`.
     timeout
-        Maximum age of measured joints, of a target and of a twist, s.
+        Maximum age of measured joints and of messages, s.
     tolerance
         Maximum distance of a measured joint from its command, rad or m. If it is exceeded, the arm
         does not follow its commands, and is stopped.
@@ -162,9 +162,9 @@ class Servo:
     # ---- messages ------------------------------------------------------------------------------
 
     def joints(self, positions: Mapping[str, float], now: float, *, age: float = 0.0) -> None:
-        """Store measured positions, rad or m, of joints by name; other names are ignored.
+        """Store measured joint positions, rad or m, by name; names of other joints are ignored.
 
-        ``age`` is the message's age by its stamp, s.
+        ``now`` is the time, and ``age`` the age of the message by its time stamp, s.
         """
         self._readings.take(positions, self._time.at(now), age)
 
@@ -178,7 +178,8 @@ class Servo:
     ) -> None:
         """Set the target: position (x, y, z), m, and quaternion (x, y, z, w), in the base frame.
 
-        ``age`` is the message's age, s. An invalid target stops the arm.
+        ``frame`` is the name of the frame in which they are given, which must be the base or empty,
+        and ``age`` the age of the message, s. An invalid target stops the arm.
         """
         if self._usable("target", frame, age):
             try:
@@ -191,9 +192,10 @@ class Servo:
     def twist(
         self, twist: Sequence[float], now: float, *, frame: str = "", age: float = 0.0
     ) -> None:
-        """Set the velocity (v, ω) to follow, in base axes, m/s and rad/s, valid for ``timeout``.
+        """Set the velocity (v, ω) to follow, base axes, m/s and rad/s, until ``now`` + ``timeout``.
 
-        ``age`` is the message's age, s. An invalid twist stops the arm.
+        ``frame`` must be the name of the base or empty; ``age`` is the age of the message, s. An
+        invalid twist stops the arm.
         """
         if self._usable("twist", frame, age):
             if not np.isfinite(twist).all():
@@ -204,7 +206,7 @@ class Servo:
             self._heard = self._time.at(now)
 
     def couple(self, coupled: bool) -> None:
-        """Engage the clutch with the next hand pose; or release the clutch, which stops the arm.
+        """Engage the clutch at the next hand pose if ``coupled``; else release it, and stop.
 
         While engaged, the arm's target moves as the operator's hand does.
         """
@@ -241,10 +243,10 @@ class Servo:
         self._target, self._heard, self._hand = target, self._time.at(now), hand
 
     def hand_elbow(self, point: Sequence[float], *, age: float = 0.0) -> None:
-        """Set the operator's elbow (3,), in the tracker's frame, m; the arm's elbow moves with it.
+        """Set the operator's elbow (3,), tracker's frame, m, with which the arm's elbow moves.
 
-        It is used while the clutch is engaged. A point that is not finite releases the elbow alone:
-        the level then stays constant until the clutch is engaged again.
+        It has an effect only while the clutch is engaged. A point that is not finite releases the
+        elbow alone: the level then stays constant until the clutch is engaged again.
         """
         if not self._clutch.engaged or not self._usable("elbow", "", age):
             return
@@ -263,8 +265,8 @@ class Servo:
     def elbow(self, point: Sequence[float], *, frame: str = "", age: float = 0.0) -> None:
         """Set the point (3,) for the arm's elbow, in the base frame, m.
 
-        The arm moves to the level whose elbow is nearest, even while its frame is at rest. ``age``
-        is the message's age, s. An invalid point stops the arm.
+        The arm moves to the level whose elbow is nearest to the point, even while its frame is at
+        rest. ``age`` is the age of the message, s. An invalid point stops the arm.
         """
         if self._usable("elbow", frame, age):
             if not np.isfinite(point).all():
@@ -273,9 +275,9 @@ class Servo:
             self._elbow.point = np.array(point, float)
 
     def level(self, leaf: ArrayLike) -> None:
-        """Move to the level c (r,), even while the frame is at rest, until the arm is stopped.
+        """Move to the level c (r,), even while the frame is at rest.
 
-        An invalid level stops the arm.
+        The motion ends when the arm is stopped. An invalid level stops the arm.
         """
         if self._usable("level", "", 0.0):
             c = np.atleast_1d(np.asarray(leaf, float))
@@ -286,11 +288,10 @@ class Servo:
             self._asked = c
 
     def leaf(self, leaf: ArrayLike) -> str:
-        """Set the level c (r,) to which the arm moves while it follows its targets.
+        """Set the level c (r,) to which the arm moves whenever it follows a target or a twist.
 
-        The level is the value of the design's potentials: the position of the elbow along the
-        self-motion. Without a target or a twist, the arm does not move to it. Return the reason if
-        the level is refused, else an empty text.
+        Without these, the arm stays at its level. Return the reason if the level is invalid, else
+        an empty text.
         """
         c = np.atleast_1d(np.asarray(leaf, float))
         if refused := self._refused(c):
@@ -324,10 +325,10 @@ class Servo:
     # ---- ticks ---------------------------------------------------------------------------------
 
     def tick(self, now: float) -> Array | None:
-        """Compute the configuration (n,) to command next, rad or m; None if none may be sent.
+        """Compute the configuration (n,) to command next, rad or m, at the time ``now``.
 
-        No command is sent until recent measurements show the joints at rest, nor after a stop
-        because the arm did not follow its commands. :attr:`reason` says why.
+        Return None if none may be sent: until recent measurements show the joints at rest, and
+        after a stop because the arm did not follow its commands. :attr:`reason` says why.
         """
         now = self._time.tick(now)
         q, age = self._readings.measured(now)
@@ -368,9 +369,9 @@ class Servo:
             self._asked = self._asked if found is None else found
 
     def brake(self) -> Array | None:
-        """Compute the next configuration (n,) of a stop; None at rest, or in the state WAITING.
+        """Compute the next configuration (n,) of a stop; None once at rest, or while WAITING.
 
-        Call this repeatedly when the program ends; measured joints are not needed.
+        Call it once per tick when the program ends; measured joints are not needed.
         """
         self._forget()
         return None if self.state is State.WAITING or self.at_rest else self._command()
@@ -385,8 +386,7 @@ class Servo:
     def stopped_early(self) -> bool:
         """True if the governor stops the arm before its target.
 
-        Then a joint limit, a near body, a singularity or the edge of Ω, the region of the design,
-        is ahead.
+        The cause is a joint limit, a near body, a singularity, or the edge of the region Ω.
         """
         asked = self._moving_asked() or self._asked is not None
         return self.state is State.RUNNING and asked and self.status in _AHEAD
@@ -410,7 +410,7 @@ class Servo:
 
     @property
     def beyond_closing_radius(self) -> bool:
-        """True if the command is beyond the closing radius of the design's certificate.
+        """True if the commanded pose is beyond the closing radius of the design's certificate.
 
         Within the radius of a start or a path, closed paths are proved to close in the joints.
         """
@@ -419,7 +419,7 @@ class Servo:
         return beyond(self._closes, self._inverse, self.command)
 
     def _ahead(self) -> str:
-        """Describe what stops the arm early: a joint limit, bodies, a singularity or Ω's edge."""
+        """Describe what stops the arm early: joint limit, bodies, singularity or edge of Ω."""
         if self.status is Status.LIMIT and self.command is not None:
             margin = self.task.limit_margin(self.command)
             return f"the limit of {self.task.joint_names[int(np.argmin(margin))]} is ahead"
@@ -439,7 +439,7 @@ class Servo:
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:
-        """Compute the next configuration (n,), toward target and level, or by the twist."""
+        """Compute the next configuration (n,), toward the target and the level, or by the twist."""
         twist = self._twist
         if twist is not None and self.tool is not None:
             arm = self._placement().rotation @ self.tool.translation
@@ -458,15 +458,15 @@ class Servo:
     def _moving_asked(self) -> bool:
         """Test whether the arm is running and has a target or a twist to follow.
 
-        Only then does the arm move to the level c that the user has set, so that an arm at rest
-        does not start to move by itself.
+        Only then does it move to the level set by :meth:`leaf`, so that an arm at rest does not
+        start to move.
         """
         return self.state is State.RUNNING and (self._target is not None or self._twist is not None)
 
     def _start(self, q: Array) -> bool:
-        """Start at rest at the measured joints q (n,); False if that is not possible.
+        """Start at rest at the measured joints q (n,); return False if they are not a valid start.
 
-        If the joints are at the last command, the servo continues from that command, so that errors
+        If they agree with the last command, the servo continues from that command, so that errors
         of measurement do not change the level c.
         """
         command = self.command
@@ -485,9 +485,8 @@ class Servo:
     def _compare(self, q: Array, age: float) -> bool:
         """Compare measured joints q (n,), ``age`` s old, with the last command; stop if too far.
 
-        An arm that collided, or whose controller was lost, does not follow its commands. To the
-        tolerance is added the distance that the arm can have moved at its speed limits since the
-        measurement. If a joint is farther away, the commands slow down to rest. Return True once
+        Too far is more than the tolerance plus the distance that a joint can have moved at its
+        speed limit since the measurement. The commands then slow down to rest. Return True once
         they are at rest after such a stop; then no command may be sent.
         """
         off = np.abs(q - self._commands[-1]) - age * self._limits.velocity  # moved since measured
@@ -507,7 +506,7 @@ class Servo:
     def _usable(self, what: str, frame: str, age: float) -> bool:
         """Test whether a message is valid: in the base frame, not late, while the arm is running.
 
-        ``what`` is its name, such as "target", ``frame`` its frame (empty for the base), and
+        ``what`` is its name in texts, such as "target", ``frame`` the name of its frame, and
         ``age`` the age of its stamp, s. A message that is late or in another frame also stops the
         arm.
         """
@@ -521,10 +520,7 @@ class Servo:
         return False
 
     def _refuse(self, reason: str) -> None:
-        """Drop the target, so that the arm stops until the next valid target, and set the reason.
-
-        A running arm continues with the next valid message; after :meth:`_stop`, it does not.
-        """
+        """Drop the target and store the reason; the arm stops until the next valid message."""
         self._forget()
         if self.state is State.RUNNING:
             self.reason = reason
@@ -543,7 +539,7 @@ class Servo:
         self._elbow.drop()
 
     def _replace(self) -> None:
-        """Drop the target and the twist, and release the clutch; level and elbow stay."""
+        """Drop the target and the twist, and release the clutch; keep the level and the elbow."""
         self._target, self._twist, self._heard = None, None, 0.0
         self._hand, self._joined = None, False
         self._coupled = False
@@ -551,7 +547,7 @@ class Servo:
 
 
 def _levels_of(design: Design | CellDesign) -> Callable[[pin.SE3, Array], ElbowLevel]:
-    """Return the function c*(x, p_e) of a design: the level whose elbow is nearest to a point.
+    """Return the function (pose x, elbow point p_e) → level whose elbow is nearest to the point.
 
     The search begins at F(x) of a cell, or on the leaf of the middle of Ω. So the level is a
     function of pose and point alone.

@@ -31,8 +31,7 @@ _NO_TURN = (0.0, 0.0, 0.0, 1.0)
 class SteadyTime:
     """Time that never runs backwards, and advances at every tick, whatever the clock does.
 
-    Clocks are set, and clocks of simulations stop or restart; time-outs must still end. A tick is
-    one period of the control loop.
+    Time-outs must end even if a clock is set, or the clock of a simulation stops or restarts.
 
     Parameters
     ----------
@@ -45,10 +44,9 @@ class SteadyTime:
         self._clock = self._time = self._last_tick = 0.0
 
     def at(self, now: float) -> float:
-        """Convert a clock reading ``now``, s, to steady time, s: the sum of its forward steps.
+        """Convert a clock reading ``now``, s, to steady time, s: the sum of all forward steps.
 
-        A reading at which the clock stands still or runs back adds nothing; :meth:`tick` then adds
-        a whole period.
+        A reading that does not exceed the last one adds nothing.
         """
         step = now - self._clock
         if np.isfinite(step):
@@ -57,10 +55,9 @@ class SteadyTime:
         return self._time
 
     def tick(self, now: float) -> float:
-        """Compute the time, s, of a tick at which the clock reads ``now``, s.
+        """Compute the steady time, s, of a tick at which the clock reads ``now``, s.
 
-        If this is less than half a period after the last tick, a whole period is added to the time
-        of that tick.
+        A tick less than half a period after the last one counts as a whole period.
         """
         if self.at(now) - self._last_tick < self._dt / 2:
             self._time = self._last_tick + self._dt
@@ -96,8 +93,8 @@ class JointReadings:
     def measured(self, now: float) -> tuple[Array | None, float]:
         """Return the latest joint positions (n,), and the age of the oldest of them, s.
 
-        A stamp ahead of the clock counts like one that is equally far behind. If a joint has not
-        been measured yet, the positions are None and the age is 0.
+        The age counts a stamp ahead of the clock as one equally far behind. If a joint has not been
+        measured yet, the positions are None and the age is 0.
         """
         found = [self._found[name] for name in self.names if name in self._found]
         if len(found) < len(self.names):
@@ -106,7 +103,7 @@ class JointReadings:
         return np.array([q for q, _, _ in found]), float(np.max(ages))
 
     def absent(self, now: float) -> str:
-        """Describe why the measurements cannot be used: some are missing, or one is too old."""
+        """Describe which measurements are missing or, at the time ``now``, too old."""
         missing = [name for name in self.names if name not in self._found]
         if len(missing) == len(self.names):
             return "no joint states yet"
@@ -121,10 +118,10 @@ class JointReadings:
         )
 
     def rest(self, now: float, duration: float) -> bool:
-        """Test whether the measured joints have been constant for a duration, s.
+        """Test whether the measured joints have been constant for a duration, s, until ``now``.
 
-        Commands to a moving arm would begin at a configuration that it has left. Each call compares
-        the joints with those of earlier calls. False if a joint has not been measured yet.
+        Commands may begin only at rest. Each call compares the joints with those of earlier calls;
+        the result is False until all joints have been measured.
         """
         q, _ = self.measured(now)
         if q is None:
@@ -134,14 +131,14 @@ class JointReadings:
         return now - self._still[1] >= duration
 
     def disturb(self) -> None:
-        """Restart, after late readings, the period of rest that :meth:`rest` requires."""
+        """Begin the period of rest that :meth:`rest` requires anew, after late readings."""
         self._still = None
 
 
 def clock_difference(age: float) -> str:
     """Write the age of a message's stamp, s, as text, such as "3 s before this clock".
 
-    If the age is negative, the stamp is ahead of the clock.
+    A negative age is that of a stamp ahead of the clock.
     """
     size = f"{abs(age):.0f}" if abs(age) >= 1000 else f"{abs(age):.3g}"
     return f"{size} s {'ahead of' if age < 0 else 'before'} this clock"
@@ -156,8 +153,8 @@ def target_of(
 ) -> pin.SE3:
     """Convert a position (x, y, z), m, and a quaternion (x, y, z, w) to a placement of the frame.
 
-    If ``tool``, the placement of a tool in the frame, is given, they are the pose of the tool.
-    ``cell`` is the box of poses in which the target must lie, or None.
+    They are the pose of the frame or, with ``tool``, of the tool at that placement in the frame.
+    ``cell`` is the cell in which the target must lie, or None.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Lines between two poses of a cell: straight in space, or straight in the cell's coordinates.
 
-A cell is a box of poses; its coordinates u are from −1 to 1. A line is a curve of poses x(a), with
-a from 0 to 1. A blend is a curve of continuous curvature between two lines that meet at a pose, so
-that the arm need not stop there.
+A cell is a box of poses; its k coordinates u are from −1 to 1. A line is a curve of poses x(a),
+with a from 0 to 1. A blend is a curve of continuous curvature between two lines that meet at a
+pose, so that the arm need not stop there. A Curve is a function from a (K,) to poses (K, 4, 4).
 """
 
 from __future__ import annotations
@@ -88,10 +88,9 @@ class Line:
         return cls(kind, at, turned if turns else moved, turns, ends)
 
     def velocity(self, a: float) -> tuple[Array, Array]:
-        """Evaluate v and ω (3,), in m and rad per metre of the line, at an end: a = 0 or a = 1.
+        """Evaluate v and ω (3,) at an end, a = 0 or a = 1, per metre of the line: m/m and rad/m.
 
-        Blends need both vectors. They are differences over a step of 1e-4, which are exact on a
-        line of the tool.
+        They are differences over a step of 1e-4 in a, which are exact on a line of the tool.
         """
         X = self.at(np.array([a - _NEAR, a] if a else [a, a + _NEAR]))
         v = X[1, :3, 3] - X[0, :3, 3]
@@ -138,7 +137,7 @@ def _between(U: Array, a: Array) -> Array:
 
 
 def _placed(F: Function, U: Array) -> Array:
-    """Convert coordinates U (K, k) in the cell, from −1 to 1, to poses (K, 4, 4) of the tool."""
+    """Convert cell coordinates U (K, k) to poses (K, 4, 4) of the tool."""
     return homogeneous(*F.cell.placements(U)) @ tool_of(F)
 
 
@@ -174,7 +173,10 @@ class Blend:
 
 
 def _angle(into: Line, out: Line) -> float | None:
-    """Compute the angle, rad, between two lines at their common pose; None for equal velocities."""
+    """Compute the angle, rad, between two lines at their common pose; None if there is no bend.
+
+    There is none if v and ω are equal there.
+    """
     v_in, v_out = into.velocity(1.0), out.velocity(0.0)
     if np.abs(np.subtract(v_in, v_out)).max() < _STRAIGHT:
         return None
@@ -186,9 +188,9 @@ def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
     """Blend two lines that meet at a pose; return None if the arm must rest there.
 
     The blend begins and ends where an arc of the given radius, m, would begin and end. It replaces
-    at most half of each line. If the second line continues the first without a bend, the length of
-    the blend is 0. The arm must rest at a rotation in place, at a reversal, if half of a line is
-    too short, or if the radius is 0.
+    at most half of each line. If the second line continues the first without a bend, the blend has
+    length 0. The arm must rest if a line is a rotation in place, or the second line reverses the
+    first; if the blend would replace more than half of a line; or if the radius is 0.
     """
     if into.turns or out.turns or not radius:
         return None

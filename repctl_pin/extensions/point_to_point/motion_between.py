@@ -177,10 +177,10 @@ def between(
     rate: float,
     progress: bool | Callable[[str, float], None],
 ) -> MotionBetween:
-    """Time a motion through poses X (P, 4, 4) that have names; see :func:`motion_between`.
+    """Time a motion through poses X (P, 4, 4), as :func:`motion_between` does.
 
-    Error messages use the names, such as "pose 3" or "line 7" of a file. Each part between two
-    rests is timed separately, and takes a whole number of samples.
+    Error messages name the poses by ``names``, such as "pose 3" or "line 7" of a file. Each part
+    between two rests is timed separately, and takes a whole number of samples.
     """
     kept = joint_limits(F.task, limits)
     blend = positive(blend, "blend", "m", zero=True)
@@ -236,7 +236,7 @@ def _timed_parts(
 
 
 def _times_at_poses(parts: Sequence[Part], segments: Sequence[Segment], rests: Array) -> Array:
-    """Compute the times (P,), s, at which the poses are passed, from the times of the rests."""
+    """Compute the time of each pose (P,), s, from the times ``rests`` of the rests, s."""
     passed = [np.zeros(1)]
     for part, segment, ends in zip(parts, segments, pairwise(rests), strict=True):
         share = np.interp(part.passed, segment.s, segment.t) / segment.t[-1]

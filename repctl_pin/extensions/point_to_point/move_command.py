@@ -100,7 +100,7 @@ def run(options: Options) -> int:
 
 
 def _poses(file: str, cell: rp.Cell) -> tuple[Any, list[str]]:
-    """Read the poses (P, 4, 4) of a CSV file, and the names of their lines for error messages.
+    """Read the poses of a CSV file, (P, 4, 4), and a name such as "line 7" for each.
 
     Poses without quaternions get the orientation of the cell's middle. InputError is raised if the
     file has times, because the limits determine these.

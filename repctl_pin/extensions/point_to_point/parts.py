@@ -1,7 +1,8 @@
 """Parts of a motion between two rests: lines and blends, the joints along them, and their times.
 
-Joints along a line of poses are q = F(x(a)), with F the function of a cell. They are fitted by
-polynomials, because timing requires three derivatives.
+Joints along a line or blend of poses x(a), a from 0 to 1, are q = F(x(a)), with F the function of a
+cell. They are fitted by polynomials, because timing requires three derivatives. The parameter s of
+a part is approximately the length of its joint path, rad or m.
 """
 
 from __future__ import annotations
@@ -54,18 +55,16 @@ _INSIDE = np.linspace(0.0, 1.0, 2001)
 @dataclass(frozen=True, eq=False)
 @read_only
 class Part:
-    """Part of a motion between two rests: one line, or several blended lines.
-
-    The parameter s is approximately the length of the joint path.
+    """Part of a motion between two rests: one line, or several lines with blends.
 
     Attributes
     ----------
     last : int
         Index of the pose at the end of the part.
     curve
-        The joints q(s).
+        The joints q(s), a piecewise polynomial.
     grid : (K,) array
-        Values of s at the stages of the profile.
+        Values of s at which the speed along the part is computed, and meets the limits.
     passed : array
         Values of s at the poses after the first; for a blended pose, at the middle of the blend.
     """
@@ -76,10 +75,10 @@ class Part:
     passed: Array
 
     def timed(self, limits: JointLimits) -> tuple[Segment, float]:
-        """Compute the time-optimal profile of the part, and its duration, s.
+        """Compute the fastest motion along the part, from rest to rest, and its duration, s.
 
-        The profile meets the limits at its stages. If it exceeds a limit between stages, the
-        duration is longer than that of the profile.
+        The motion meets the limits at the values ``grid``. If it exceeds a limit in between, the
+        returned duration is longer than that of the motion, which is then slowed down.
         """
         found = fastest_along(self.curve, self.grid, limits)
         if limits.jerk is not None:
@@ -97,8 +96,8 @@ def parts_of(
 ) -> tuple[list[Line], list[Part]]:
     """Choose the lines between poses X (P, 4, 4), and join blended lines to parts.
 
-    ``names`` are the names of the poses in error messages, ``radius`` is the radius of the blends,
-    m. A part ends wherever the arm must rest. Return the P − 1 lines and the parts.
+    ``names`` are the names of the poses in error messages, ``radius`` is that of the blends, m. A
+    part ends wherever the arm must rest. Return the P − 1 lines and the parts.
     """
     found = [
         _line_between(F, *ends, *called)
@@ -143,7 +142,7 @@ def _part(last: int, curves: list[PPoly], lengths: list[float], passed: list[flo
 def _line_between(
     F: Function, start: Array, end: Array, first: str, second: str
 ) -> tuple[Line, PPoly]:
-    """Choose the line between two poses (4, 4), fit the joints along it, and return both.
+    """Choose the line between two poses (4, 4), and fit the joints along it; return both.
 
     The straight line of the tool is tried first, then the straight line in the cell's coordinates,
     which stays inside. If neither can be used, an InputError names the poses by ``first`` and
@@ -218,10 +217,9 @@ def _cut(curve: PPoly, begin: float, end: float) -> PPoly:
 
 
 def _joined(curves: Sequence[PPoly], lengths: Sequence[float]) -> tuple[PPoly, Array]:
-    """Join C curves q(a) of given lengths, m, to one curve q(s); return it and the ends.
+    """Join C curves q(a) to one curve q(s); return it, and the values s (C + 1,) at their ends.
 
-    The second result is s (C + 1,) at the ends of the curves. s is scaled such that it equals the
-    length of the joint path, on average.
+    ``lengths`` are those of the curves, m. Their sum is scaled to the length of the joint path.
     """
     from scipy.interpolate import PPoly
 

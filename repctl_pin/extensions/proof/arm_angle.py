@@ -87,7 +87,7 @@ class ArmAngleChain:
 
     @classmethod
     def of(cls, angle: ArmAngle, weights: Array) -> ArmAngleChain:
-        """Collect the joints of an arm angle with the given weights (r,), one per potential.
+        """Create the chain of an arm angle; ``weights`` (r,) are its factors in the r potentials.
 
         An InputError is raised if the angle depends on no joint, or on more than 10.
         """
@@ -128,16 +128,15 @@ class ArmAngleChain:
 
     @property
     def moving(self) -> NDArray[np.intp]:
-        """Indices of the joints q that move the shoulder, the elbow or the wrist.
+        """Indices (k,) of the joints q that move the shoulder, the elbow or the wrist.
 
-        Only these joints appear in the Taylor models of the gradient. The size of the models grows
-        fast with the number of joints.
+        Only these joints are variables of the Taylor models, whose size grows fast with k.
         """
         return np.flatnonzero((self.S != 0).any(axis=0))
 
     @property
     def carries(self) -> NDArray[np.bool_]:
-        """Mask (P, 3) of the joints that move the shoulder, the elbow and the wrist."""
+        """Mask (P, 3): True if the joint moves the shoulder (column 0), elbow (1) or wrist (2)."""
         found = np.zeros((len(self.p), 3), bool)
         for frame, joint in enumerate(self.joint):
             while joint >= 0:
@@ -146,10 +145,10 @@ class ArmAngleChain:
         return found
 
     def gradient_bounds(self, Q: Array, half: Array) -> _GradientBounds:
-        """Expand the gradient of the arm angle on boxes of joints Q ± half, (K, n) each.
+        """Expand the gradient of the arm angle to first order on boxes Q ± half, (K, n) each.
 
-        A proof adds the result to the expansions of other potentials. Boxes that differ only in
-        joints that move neither shoulder, elbow nor wrist are evaluated once.
+        Boxes that differ only in joints that move neither shoulder, elbow nor wrist are evaluated
+        once.
         """
         on = self.moving
         both = np.concatenate([Q[:, on], half[:, on]], axis=1)
@@ -159,11 +158,10 @@ class ArmAngleChain:
         return _bounds(self, P[which], r[which], half[which])
 
     def models(self, Q: Array, half: Array) -> tuple[Array, Array]:
-        """Compute Taylor models of the gradient on boxes of the k joints that move the arm angle.
+        """Compute Taylor models of degree 3 of the gradient, on boxes Q ± half, (K, k) each.
 
-        A Taylor model is a polynomial of degree 3 with a bound on its error. The boxes are Q ±
-        half, (K, k) each. Return the coefficients (K, k, M) of the M monomials, for each entry of
-        the gradient, and the bounds (K, k).
+        The k joints are :attr:`moving`. Return the coefficients (K, k, M) of the M monomials, for
+        each entry of the gradient, and bounds (K, k) on the errors of the polynomials.
         """
         native, on, (K, k) = required_library("a proof"), self.moving, Q.shape
         space = space_of(k)
@@ -188,12 +186,12 @@ class ArmAngleChain:
 def _carried(
     model: pin.Model, frame: pin.Frame, screw: Callable[[int], Array]
 ) -> tuple[int, Array]:
-    """Find the joint nearest to the tool that moves a frame's origin, and the origin's place.
+    """Find the joint nearest to the tool that moves a frame's origin.
 
-    Return the index of the joint in the model, 0 if there is none, and the place (3,), m, in the
-    joint's frame. A revolute joint whose axis passes through the origin does not move it, and so is
-    left out of the proof. ``screw`` gives the twist (6,) of a joint in its own axes, linear part
-    first.
+    Return the joint's index in the Pinocchio model, 0 if no joint moves the origin, and the
+    position (3,) of the origin in the joint's frame, m. A revolute joint whose axis passes through
+    the origin does not move it. ``screw(joint)`` gives the twist (6,) of a joint at unit speed, in
+    the joint's own axes, linear part first.
     """
     joint, place = int(frame.parentJoint), np.array(frame.placement.translation)
     while joint > 0 and not np.cross(screw(joint)[3:], place).any():
@@ -210,17 +208,17 @@ def _carried(
 @dataclass(frozen=True, eq=False)
 @read_only
 class _GradientBounds:
-    """First-order expansions of the gradient V of an arm angle on K boxes of joints.
+    """First-order expansions of the gradient V (n,) of an arm angle on K boxes of joints.
 
     Attributes
     ----------
     V, dV : (K, n) and (K, n, n) arrays
-        V at the centres, and its derivatives.
+        V at the centres, and its derivatives ∂V/∂q there.
     rest : (K, n) array
         Bounds on the difference of V from its first-order expansion, rounding included; inf where
         no bound was found.
     size : (K,) array
-        Bounds on |V| and on the absolute slopes of V times the half-widths.
+        Bounds on the largest entry of ``|V| + |∂V/∂q| half``, to which rounding is relative.
     """
 
     V: Array

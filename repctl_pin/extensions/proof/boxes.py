@@ -21,13 +21,12 @@ _STRETCH = 0.25
 
 
 def cover(region: Region) -> tuple[Array, Array]:
-    """Cover a region of joint space by boxes: their lower and upper corners, (K, n) each.
+    """Cover a region Ω of joint space by boxes: return their lower and upper corners, (K, n) each.
 
-    A proof begins with these boxes. A tube, which consists of the configurations near a sampled
-    motion, is divided into sections of consecutive samples, see :func:`sections`. One box encloses
-    the tube along each section, with all configurations between the samples. Where boxes overlap,
-    the later box is reduced. A workspace box, which selects configurations from a box of joints, is
-    covered by that box.
+    A tube, the set of configurations near a sampled motion, is covered by one box per section of
+    its samples, see :func:`sections`. Where these boxes overlap, the later box is reduced. A
+    workspace box, which is the part of a box of joints whose poses lie in a box of poses, is
+    covered by the whole box of joints.
 
     Raises
     ------
@@ -47,10 +46,10 @@ def cover(region: Region) -> tuple[Array, Array]:
 
 
 def _stretches(tube: Tube) -> tuple[Array, Array]:
-    """Enclose a tube in boxes, one per section of its samples: their corners, (K, n) each.
+    """Enclose a tube in boxes: return their lower and upper corners, (K, n) each.
 
-    A tube is the set of configurations near a sampled motion. A box contains the configurations
-    near one section of the motion, see :func:`sections`. Rounding is included.
+    Each box contains all configurations of the tube near one section of its samples, see
+    :func:`sections`. Rounding is included.
     """
     Q = tube.samples
     wide = tube.radius + 4 * U * np.abs(Q).max(axis=0)
@@ -61,11 +60,11 @@ def _stretches(tube: Tube) -> tuple[Array, Array]:
 
 
 def sections(Q: Array, clearance: Array) -> list[slice]:
-    """Divide a path through Q (K, n) into sections that are short enough for one box each.
+    """Divide a path through Q (K, n) into sections, each short enough for one box.
 
-    ``clearance`` (K, n) is the distance that a joint may move within Ω, rad or m. On a section,
-    each joint moves by at most a quarter of its smallest clearance there. The sections are slices
-    of the rows of Q, of at least two rows. The last row of a section is the first row of the next.
+    ``clearance`` (K, n) is the distance that each joint may move within Ω, rad or m. On a section,
+    no joint moves by more than a quarter of its smallest clearance there. The sections are slices
+    of at least two rows of Q; the last row of a section is the first row of the next.
     """
     first, parts = 0, []
     for i in range(2, len(Q)):
@@ -78,7 +77,7 @@ def sections(Q: Array, clearance: Array) -> list[slice]:
 
 
 def centered(low: Array, high: Array) -> tuple[Array, Array]:
-    """Compute centres and half-widths, (K, n) each, of boxes from their corners.
+    """Compute the centres and half-widths, (K, n) each, of boxes with the corners low and high.
 
     The half-widths are slightly enlarged, so that the boxes contain both corners in spite of
     rounding.
@@ -115,11 +114,11 @@ def halved(
 
 
 def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
-    """Reduce boxes so that they overlap less but still cover the same union.
+    """Reduce boxes so that they overlap less but still cover the same union; return new corners.
 
-    A proof then has less to do. Arguments and results are the corners low and high of boxes, (K, n)
-    each. Each box is replaced by the parts of it that are outside the preceding box. Earlier boxes
-    also reduce a part, if the rest of it is a single box.
+    Arguments and results are lower and upper corners, (K, n) each; the number K of boxes may
+    change. Each box is replaced by its parts outside the preceding box. A part is reduced further
+    by an earlier box if what is left of it is a single box.
     """
     boxes = list(zip(low, high, strict=True))
     pieces = boxes[:1]
@@ -135,10 +134,10 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _outside(box: tuple[Array, Array], other: tuple[Array, Array]) -> list[tuple[Array, Array]]:
-    """Divide the part of one box that is outside another box into boxes, at most two per joint.
+    """Divide the part of ``box`` that is outside ``other`` into at most two boxes per joint.
 
-    A box is a pair of its lower and upper corner, (n,) each. The list is empty if the other box
-    contains the first box.
+    A box is the pair of its lower and upper corner, (n,) each. The list is empty if ``other``
+    contains ``box``.
     """
     if ((box[1] <= other[0]) | (box[0] >= other[1])).any():
         return [box]
@@ -158,17 +157,16 @@ def _outside(box: tuple[Array, Array], other: tuple[Array, Array]) -> list[tuple
 
 
 def enclosing(low: Array, high: Array) -> Box:
-    """Create a box that contains all boxes with corners low and high, (K, n) each."""
+    """Create a box of joints that contains all boxes with corners low and high, (K, n) each."""
     least, most = low.min(axis=0), high.max(axis=0)
     slack = 1e-9 * (np.abs(least) + np.abs(most) + most - least)
     return Box.between(least - slack, most + slack)
 
 
 def limit_margin(task: Task, low: Array, high: Array) -> tuple[float, int]:
-    """Bound the distance to the nearest joint limit from below, over boxes of joints.
+    """Bound the joint-limit margin from below on boxes with corners low and high, (K, n) each.
 
-    The corners of the boxes are low and high, (K, n) each. Return the bound, rad or m, and the
-    index of the box with the smallest distance.
+    Return the bound, rad or m, and the index of the box in which a joint is nearest to its limit.
     """
     middle, reach = (low + high) / 2, (high - low) / 2
     size = np.abs(low).max() + np.abs(high).max()

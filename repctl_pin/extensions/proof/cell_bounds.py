@@ -7,8 +7,8 @@ of q_ref(u), n_ref(u) and the pose x(u) are computed. Coordinates of x(u) that t
 are those of f(q_ref(u)). Models of the joint screws J at q_ref(u), and of the displacement ξ(u)
 from f(q_ref(u)) to x(u), follow from these, in the frame of the middle link, which is chosen so
 that the bounds are tight. J_V is J stacked on n_refᵀ. Let A be an approximation of J_V⁻¹ at the
-centre, and D, Y and g bounds on matrices and vectors, entry by entry. Then, for all q with ``|q −
-q_ref(u)| ≤ g``,
+centre, D a matrix, and Y and g vectors; inequalities hold entry by entry. If the first bound holds
+for all q with ``|q − q_ref(u)| ≤ g``, then
 
 .. math:: |A J_V(q, u) − 1| ≤ D, \qquad |A ξ| + D Y ≤ Y ≤ g ⇒ |F − q_{ref}| ≤ Y
 
@@ -64,23 +64,23 @@ cell at which they lie."""
 @dataclass(frozen=True, eq=False)
 @read_only
 class CellBounds:
-    """Bounds on the margins of F over K boxes of poses.
-
-    F is the function of a cell, which gives one configuration for each pose.
+    """Bounds on the margins of the function F of a cell, on each of K boxes of poses.
 
     Attributes
     ----------
     leaf_margin, sigma_min, limit_margin : (K,) arrays
-        Lower bounds on each box of the leaf margin ``σ_min(Nᵀ V̂)``, of σ_min(J), and of the
-        distance to the joint limits, rad or m. V are the gradients of the cell's potentials on the
-        leaf. Where F was not shown to exist, the bounds are 0, 0 and −inf.
+        Lower bounds on the leaf margin ``σ_min(Nᵀ V̂)``, on σ_min(J), and on the distance to the
+        joint limits, rad or m. N and V̂ are orthonormal bases of the null space of J and of the
+        gradients V of the cell's potentials. Where F was not proved to exist, the bounds are 0, 0
+        and −inf.
     split : (K,) array of int
         Index of the coordinate along which to halve each box.
     level : (K,) array of int
         Index of d*, the distance from q_ref within which F was shown to be the only solution, among
         the distances of :class:`CellProof`; −1 where F was not.
     Q, reach : (K, n) arrays
-        Centres and half-widths of boxes of joints that contain F; NaN where F was not enclosed.
+        Centres and half-widths, rad or m, of boxes of joints that contain F on each box of poses;
+        NaN where F was not proved to exist.
     """
 
     leaf_margin: Array
@@ -93,11 +93,10 @@ class CellBounds:
 
 
 class CellProof:
-    """Bounds over boxes of poses for the function F of one chart, computed in C.
+    """Bounds for the function F of one cell on boxes of poses, computed in C.
 
-    F gives one configuration for each pose of a cell. The chart consists of q_ref and n_ref,
-    polynomials that approximate F and the null space of J. The search over a cell requests bounds
-    on ever smaller boxes, until F is proved to exist with its margins on all of them.
+    The search over the cell requests bounds on ever smaller boxes, until F is proved to exist with
+    its margins on all of them. F is proved to be the only solution within d* of q_ref.
 
     Parameters
     ----------
@@ -152,10 +151,10 @@ class CellProof:
         self._run.restype = ctypes.c_int
 
     def see_from(self, chain: Chain) -> None:
-        """Choose the middle link, in whose frame the joint screws are expressed.
+        """Set the chain whose middle link's frame expresses the joint screws.
 
-        ``chain`` is the arm with that choice. The bounds hold for every choice, but are tighter for
-        some.
+        ``chain`` is the arm, see :meth:`.Chain.seen_from`. The bounds are valid for every middle
+        link, but tighter for some.
         """
         self.chain = chain
         self._chain = chain.struct()
@@ -164,8 +163,7 @@ class CellProof:
     def _tightness(self, chain: Chain) -> float:
         """Sum the lower bounds of the leaf margin on boxes at corners of the cell, for a chain.
 
-        A chain is the arm with a choice of the middle link, in whose frame the screws are
-        expressed. With a larger sum, a proof needs fewer boxes.
+        The chain with the largest sum is chosen, because its proof needs the fewest boxes.
         """
         self.see_from(chain)
         k = self.cell.k
@@ -175,28 +173,24 @@ class CellProof:
         return float(found.leaf_margin.sum())
 
     def bounds(self, Uc: Array, half: Array) -> CellBounds:
-        """Bound the margins of F over boxes of poses Uc ± half, (K, k) each, and enclose F.
-
-        F gives one configuration for each pose u of a cell.
-        """
+        """Bound the margins of F on boxes Uc ± half, (K, k) each, in the cell's coordinates u."""
         return self.bounds_from(Uc, half, self.start(Uc, half))
 
     def bounds_from(
         self, Uc: Array, half: Array, start: Array, gradients: Array | None = None
     ) -> CellBounds:
-        """Bound the margins of F over boxes of poses, given estimates of F − q_ref.
-
-        q_ref is the polynomial of the chart that approximates F.
+        """Bound the margins of F on boxes of poses, given an estimate of F − q_ref on each.
 
         Parameters
         ----------
         Uc, half : (K, k) arrays
-            Centres and half-widths of the boxes.
+            Centres and half-widths of the boxes, in the cell's coordinates u.
         start : (K, n, 1 + k) array
-            Differences, see :meth:`start`.
+            Estimate of F − q_ref on each box, as :meth:`start` returns it.
         gradients : (K, r, n, 2 + k) array, optional
-            Output: V along F, as its value at the centre, its slopes times ``half``, and a bound on
-            the rest. Not changed where F was not enclosed.
+            Array to fill with the gradients V along F: the value at the centre, the k slopes times
+            ``half``, and a bound on the difference from this expansion. It is not changed where F
+            was not proved to exist.
         """
         K, n = len(Uc), self.chain.n
         leaf, sigma, limit = np.zeros((3, K))
@@ -216,12 +210,11 @@ class CellProof:
         return CellBounds(leaf, sigma, limit, split, level, Q, reach)
 
     def start(self, Uc: Array, half: Array) -> Array:
-        """Estimate F − q_ref at the centres Uc of boxes of poses, and its slopes: (K, n, 1 + k).
+        """Estimate F − q_ref to first order on boxes Uc ± half, (K, k) each: (K, n, 1 + k).
 
-        q_ref is the polynomial that approximates F. The first column is the difference; the others
-        are its slopes with respect to u, times ``half``. Uc and half are (K, k). The proof holds
-        with any estimates, but good ones make it tight. The estimates are 0 where F is not found,
-        or is too far from q_ref.
+        The first column is the value at the centre, rad or m; the k others are the slopes with
+        respect to u, times ``half``. The proof is valid with any estimate, but tight only with a
+        good one. The estimate is 0 where F is not found, or differs from q_ref by more than d*.
         """
         k = self.cell.k
         points = self.chart.solve(Uc)
@@ -234,11 +227,7 @@ class CellProof:
         return np.where(near[:, None, None], shift, 0.0)
 
     def _cell_struct(self) -> ctypes.Structure:
-        """Create the C struct CELL, which holds all that the native library needs of the cell.
-
-        These are the arm's chain, the polynomials of the chart, the poses as functions of u, and
-        bounds.
-        """
+        """Create the C struct CELL, which holds the chain, the chart, the poses and the bounds."""
         chain, poses, parts = self.chain, self.poses, self.polynomials
         k, kind = self.cell.k, self.task.kind
         # tables of monomials
@@ -292,8 +281,8 @@ class CellProof:
 def _tips(chain: Chain, farthest: Array) -> Array:
     """Bound the distance of each joint's origin from the end-effector frame: (P,), m.
 
-    The bound is the length of the links in between; it limits how far a rotation of the joint can
-    move the frame. ``farthest`` (n,) are the largest absolute positions of the joints.
+    The bound is the sum of the lengths of the links in between, with the strokes of prismatic
+    joints. ``farthest`` (n,) bounds the absolute positions of the joints, rad or m.
     """
     slides = np.abs(chain.S[:, : chain.n]) @ farthest + np.abs(chain.o)
     lengths = np.linalg.norm(chain.p, axis=1) + np.where(chain.revolute, 0.0, slides)
@@ -301,11 +290,10 @@ def _tips(chain: Chain, farthest: Array) -> Array:
 
 
 def farthest(chart: Chart) -> Array:
-    """Search for the largest distance of F from q_ref over the cell, joint by joint: (n,).
+    """Find the largest |F − q_ref| in the cell of a chart, per joint: (n,), rad or m.
 
-    F is the function of the chart, q_ref the polynomial that approximates it. The result is
-    sampled, not proved: it only sets the size of the box around q_ref within which the proof shows
-    that F is unique. Random poses and corners are evaluated, then poses around the worst ones.
+    The result is sampled, not proved: d* follows from it, the distance from q_ref within which F is
+    then proved to be unique. Random poses and corners are evaluated, then poses around the worst.
     """
     cell, rng = chart.cell, np.random.default_rng(1)
 
@@ -332,12 +320,11 @@ def _nested(found: Array) -> Array:
 
 
 def limits_of(cell: Cell) -> tuple[Array, Array]:
-    """Return the lower and upper joint limits for the F of a cell, (n,) each, rad or m.
+    """Return the joint limits (lower, upper) that F of a cell must keep, (n,) each, rad or m.
 
-    F, which gives one configuration for each pose, may be designed without the symmetric
-    coordinates of a sector, along which a single joint moves the frame. The limits of such a joint
-    are narrowed by its motion along the coordinate. If the coordinate has the range ``"all"``,
-    which ends at these limits, −inf and inf are returned.
+    F can leave out coordinates of a sector along which a single joint moves the frame. The limits
+    of such a joint are narrowed by the half-width of the coordinate. They are −inf and inf if the
+    coordinate has the range ``"all"``, which ends at the limits.
     """
     lower, upper = cell.task.lower, cell.task.upper
     lower, upper = lower.copy(), upper.copy()
@@ -354,7 +341,6 @@ def limits_of(cell: Cell) -> tuple[Array, Array]:
 class _Polynomials:
     """The polynomials q_ref and n_ref of a chart, prepared for expansion to degree 3 on boxes.
 
-    q_ref approximates the configuration F(u) of each pose, n_ref (n, r) the null space of J there.
     The last axis of the arrays holds q_ref, then the r columns of n_ref; ∂^α is the derivative with
     exponents α, one per coordinate of the cell.
 
@@ -402,7 +388,7 @@ class _Polynomials:
 
     @property
     def used(self) -> Array:
-        """Number of leading terms that can be nonzero in each derivative ``∂^α``: (M,)."""
+        """Number (M,) of leading monomials whose coefficients in each ``∂^α`` can be nonzero."""
         monomials = self.chart.monomials
         orders = Monomials(monomials.k, ORDER).exponents.sum(axis=1)
         return np.asarray(monomials.starts[np.maximum(monomials.degree - orders + 1, 0)])
@@ -430,7 +416,8 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     angle, spin : (k,) arrays
         φ and ψ per coordinate, rad; 0 in a cell that is not a sector.
     way, turn : (m, 3) arrays
-        Displacement and rotation per metre or radian of each coordinate of the task, before R_a.
+        Displacement, m, and rotation, rad, per metre or radian of each task coordinate, in the
+        axes before the rotation R_a.
     around, twirl : (m,) arrays
         ``around`` is 1 for the coordinate φ, ``twirl`` is 1 for the coordinate ψ; both are 0 for
         others.
@@ -476,10 +463,10 @@ def _bent_coordinates(cell: Cell) -> dict[str, int]:
 
 
 def _coordinate_rates(cell: Cell) -> tuple[Array, Array, Array]:
-    """Return the axis of a sector, a point (3,) and a direction (3,), and rates (6, 8).
+    """Return a point (3,), m, and the direction (3,) of a sector's axis, and a table (6, 8).
 
-    A row of the rates belongs to one coordinate of the task. It has the numbers way (3), turn (3),
-    around and twirl of :func:`_pose_tables`.
+    A row of the table belongs to one coordinate of the task. Its columns are the entries way (3),
+    turn (3), around and twirl of :func:`_pose_tables`. In a box, the axis is not used.
     """
     m, R0, rows = cell.task.m, cell.placement.rotation, len(cell.half_width)
     rates = np.zeros((6, 8))

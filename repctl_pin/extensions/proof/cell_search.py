@@ -34,14 +34,12 @@ def bound_cell(
     seconds: float,
     report: Callable[[str, float], None],
 ) -> Proof:
-    """Prove that F exists on a whole cell, and that its margins are above two goals.
-
-    F gives one configuration for each pose of the cell.
+    """Prove that F exists on a whole cell, and that both margins exceed their goals.
 
     Parameters
     ----------
     problem
-        The margins of the function.
+        Bounds for F on boxes of poses.
     leaf, limit
         Leaf margin (distance from an algorithmic singularity, 0 to 1) and limit margin (distance
         from the joint limits, rad or m) to prove; −inf for none.
@@ -71,7 +69,7 @@ class _CellSearch:
     """State of branch and bound: undecided boxes, and the minimum margins over all proved boxes.
 
     ``low`` and ``high`` (K, k) are the corners of the undecided boxes of poses, in the cell's
-    coordinates u. ``margins`` are the smallest proved leaf margin, σ_min(J) and limit margin.
+    coordinates u. ``margins`` (3,) are the smallest proved leaf margin, σ_min(J) and limit margin.
     ``at`` is the box with the smallest leaf margin, or the box at which the search stopped: its
     centre and half-widths. ``level`` is the index of the smallest distance d* from q_ref within
     which F is the only solution on a box. ``reason`` says why the search stopped; it is empty while
@@ -89,10 +87,9 @@ class _CellSearch:
     def _counts(self) -> Array:
         """Choose the number of initial boxes along each of the k coordinates of the cell: (k,).
 
-        Initial boxes of the right size avoid the halving of boxes that are too large. The edges of
-        a box are such that the joints move equally far along each. The boxes are made smaller until
-        half of a sample of them is proved. If that takes too many boxes, the search begins with a
-        single box.
+        The edges of a box are such that the joints move equally far along each. The counts grow
+        until half of a sample of boxes is proved at once. If that takes too many boxes, all counts
+        are 1.
         """
         k, chart = self.problem.cell.k, self.problem.chart
         S = np.random.default_rng(0).uniform(-1, 1, (_TRIALS, k))
@@ -115,10 +112,7 @@ class _CellSearch:
         return np.ones(k)
 
     def _proved(self, found: CellBounds) -> NDArray[np.bool_]:
-        """Test on which boxes the bounds of both margins exceed their goals: (K,) array of bool.
-
-        The margins are the leaf margin and the limit margin.
-        """
+        """Test on which boxes both margins are proved to exceed their goals: (K,)."""
         return np.asarray((found.leaf_margin > self.leaf) & (found.limit_margin > self.limit))
 
     def volume(self) -> float:
@@ -148,12 +142,11 @@ class _CellSearch:
         self.high = np.concatenate([self.high[: take.start], high])
 
     def _stop_if_hopeless(self, low: Array, high: Array) -> None:
-        """Stop the search at a box of poses that cannot be proved by halving it.
+        """Stop the search if a box of poses cannot be proved by halving it.
 
-        The corners of the boxes are low and high, (K, k) each. A box cannot be proved if, at its
-        centre, F does not exist, misses a margin, or is too far from q_ref, the polynomial that
-        approximates F; or if the box is already too small. Too far means beyond d*, the distance
-        within which F is proved to be the only solution.
+        The corners of the boxes are low and high, (K, k) each. At the centre of such a box, F does
+        not exist, misses a margin, or differs from q_ref by more than d*, the distance within which
+        F is proved to be the only solution. Or the box is already too small.
         """
         problem, chart = self.problem, self.problem.chart
         points = chart.solve((low + high) / 2)
@@ -177,7 +170,7 @@ class _CellSearch:
                 return
 
     def stop(self, which: int, low: Array, high: Array, reason: str) -> None:
-        """Stop the search, and record the reason and the box with the index ``which``.
+        """Stop the search for a reason at the box with the index ``which``; record both.
 
         The corners of the boxes are low and high, (K, k) each, in the cell's coordinates.
         """

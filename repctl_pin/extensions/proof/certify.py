@@ -83,9 +83,9 @@ def prove(
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
     leaf
-        Distance of each level h(q) from that of the start, within which closed paths of hand and
-        elbow close: whenever pose and levels return, the joints return. 0 for paths on one leaf;
-        not for radii along a path.
+        Largest change of each level h_i(q) from its value at the start, in the unit of h, that the
+        closing radius allows: whenever the pose and the levels return, the joints return. 0 for
+        paths on one leaf; a closed path as ``closes`` requires 0.
     seconds
         Processor time, s, after which the bounds found so far are returned: once for the margins,
         once for the closing radius.
@@ -95,8 +95,9 @@ def prove(
     Returns
     -------
     Proof
-        Attributes: ``proved``, the bounds, where they are smallest, and the closing radius
-        ``closes``. ``bool(proof)`` is ``proved``.
+        Whether the goals are ``proved``, the bounds ``leaf_margin`` and ``limit_margin``, the box
+        ``worst`` ± ``half`` in which the leaf margin is smallest or the proof failed, and the
+        closing radius ``closes``. ``bool(proof)`` is ``proved``.
 
     Raises
     ------
@@ -117,8 +118,8 @@ def prove(
 
         if not isinstance(what, CellDesign):
             raise InputError(
-                f"what must be a design, such as the result of rp.nearest_repeatable, "
-                f"not a {type(what).__name__}"
+                "the first argument must be a design, such as the result of "
+                f"rp.nearest_repeatable; got a {type(what).__name__}"
             )
     goal = None if margin is None else _share(margin)
     least = None if limit_margin is None else finite(limit_margin, "limit_margin", "rad or m")
@@ -127,11 +128,15 @@ def prove(
         require_type(region, Region, "region", A_REGION)
         if not isinstance(what, Design):
             raise InputError(
-                ": a function is proved over its own cell", argument="region", remedy="omit region="
+                ": the function of a cell is proved over its own cell",
+                argument="region",
+                remedy="omit region=",
             )
     closing = _asked_closing(closes, ratio, positive(leaf, "leaf", zero=True))
     if closing and closing.leaf and not isinstance(what, Design):
-        raise InputError(": a function has one level per pose", argument="leaf", remedy="omit it")
+        raise InputError(
+            ": the function of a cell has one level per pose", argument="leaf", remedy="omit leaf="
+        )
     if not callable(progress):
         progress = flag(progress, "progress")
     required_library("a proof")
@@ -155,18 +160,18 @@ def _share(margin: float) -> float:
 
 
 class _Closing(NamedTuple):
-    """Closing radius to prove: within it, closed paths end in the configuration they began in.
+    """Request for a closing radius: within it, closed paths end in the configuration they began in.
 
     Attributes
     ----------
     ratio : float
-        Radians per metre.
+        Radians per metre of the radius.
     metres : float or None
-        The radius, m; None for the largest radius.
+        Radius to prove, m; None for the largest radius.
     path : ClosedPath or None
         Closed path along which to prove the radius; None for the surroundings of the start.
     leaf : float
-        Distance of the levels from those of the start.
+        Largest change of each level from its value at the start.
     """
 
     ratio: float
@@ -176,20 +181,19 @@ class _Closing(NamedTuple):
 
 
 def _asked_closing(closes: Any, ratio: float, leaf: float) -> _Closing | None:
-    """Convert the arguments ``closes`` and ``ratio`` of :func:`prove` to the radius to prove.
+    """Convert ``closes``, ``ratio`` and ``leaf`` of :func:`prove` to a request; None for no radius.
 
-    ``closes`` is a closed path, True or False, metres, or (metres, radians); other values raise an
-    InputError. ``ratio`` is in rad per m; a pair (metres, radians) replaces it. Return None if
-    ``closes`` is False.
+    ``closes`` is True, False (no radius), a closed path, metres, or (metres, radians); other values
+    raise an InputError. ``ratio`` is in rad per m; a pair (metres, radians) replaces it.
     """
     ratio = positive(ratio, "ratio", "rad per m", zero=True)
     if isinstance(closes, ClosedPath):
         if leaf:
-            raise InputError("closes=path and leaf are mutually exclusive")
+            raise InputError("closes= with a closed path and leaf= are mutually exclusive")
         return _Closing(ratio, path=closes)
     if isinstance(closes, (bool, np.bool_)):
         if leaf and not closes:
-            raise InputError("leaf requires closes")
+            raise InputError("leaf= requires a closing radius; omit closes=False")
         return _Closing(ratio, leaf=leaf) if closes else None
     if isinstance(closes, (tuple, list, np.ndarray)):
         metres, radians = vector(closes, 2, "closes, metres and radians,")
@@ -210,9 +214,9 @@ def _of_region(
 ) -> Proof:
     """Prove the margins and the closing radius of a design over a region of joint space.
 
-    ``goal`` is the leaf margin to prove; None for the largest bound that can be proved. ``least``
-    is the limit margin to prove, rad or m; None for none. ``seconds`` is the processor time for the
-    margins, and again for the radius. If a goal is missed, the proof names the box and the reason.
+    ``goal`` is the leaf margin to prove; None for the largest bound. ``least`` is the limit margin
+    to prove, rad or m; None for none. ``seconds`` is the processor time for the margins, and again
+    for the radius. If a goal is missed, the proof has the box and the reason.
     """
     task = design.task
     low, high = cover(region)
@@ -255,11 +259,10 @@ def _of_region(
 
 
 def _named(found: Proof, design: Design, region: Region, report: reporting.Report) -> Proof:
-    """Name the singularity that prevented a proof, if signs of det J_V prove that there is one.
+    """Return a failed proof, with the singularity as its reason if signs of det J_V prove one.
 
-    J_V is the task Jacobian stacked on the gradients of the potentials. Where its determinant
-    changes sign, a controller with these potentials is singular. ``found`` is the failed proof; it
-    is returned with this reason, or unchanged.
+    J_V is the task Jacobian stacked on the gradients of the potentials. If no two configurations
+    with opposite signs of its determinant are found, the proof is returned unchanged.
     """
     task, field = design.task, design.inverse.potentials
     if isinstance(region, WorkspaceBox):
@@ -283,12 +286,11 @@ def _named(found: Proof, design: Design, region: Region, report: reporting.Repor
 def _opposite_signs(
     task: Task, field: Potentials, region: Region, near: Array
 ) -> tuple[Array, Array] | None:
-    """Find two configurations of Ω at which det J_V has opposite signs; None if none are found.
+    """Find two configurations (n,) of Ω where det J_V has opposite signs; None if none are found.
 
-    Ω is the region of joint space to prove over, J_V the task Jacobian stacked on the potentials'
-    gradients. J_V is continuous, and Ω connected, so J_V is singular between the two. Descents
-    start from samples of Ω and from ``near`` (n,). The two configurations are then brought close to
-    each other, on the line between them.
+    J_V, the task Jacobian stacked on the potentials' gradients, is continuous, and Ω is connected,
+    so J_V is singular between the two. The search starts from random samples of Ω and from ``near``
+    (n,). The two configurations are then brought close together.
     """
     rng, half = np.random.default_rng(0), region.bounds.half_width
     Q = np.concatenate([region.center[None], near[None], region.random(_SAMPLES, 0)])
@@ -316,9 +318,11 @@ def _opposite_signs(
 def _close_pair(
     value: Callable[[Array], float], region: Region, a: Array, b: Array
 ) -> tuple[Array, Array] | None:
-    """Bring two configurations with opposite signs of det J_V close together, or return None.
+    """Bring two configurations a and b (n,), at which ``value`` has opposite signs, close together.
 
-    The result is None if a sign is uncertain."""
+    ``value`` is det J_V up to a factor; the line from a to b is bisected. Return None if a sign at
+    a or b is uncertain.
+    """
     half = region.bounds.half_width
     if min(abs(value(a)), abs(value(b))) < _CERTAIN:
         return None
@@ -343,11 +347,10 @@ def _determinants(task: Task, field: Potentials, Q: Array) -> Array:
 
 
 def _without(design: Design, region: Region, share: float, report: reporting.Report) -> str:
-    """Write, as the end of a sentence, how wide Ω may be without a singularity; empty if unknown.
+    """Write which share of Ω's width is proved to have no singularity; empty if none is.
 
-    Ω is the region of joint space that was to be proved. ``share`` is the factor by which to scale
-    it so that a known singularity is on its boundary. Smaller factors are tried until a proof
-    succeeds.
+    The text ends a sentence. ``share`` is the factor that scales Ω such that a known singularity is
+    on its boundary; 0.95, 0.8, 0.6 and 0.4 of this factor are tried.
     """
     task, field = design.task, design.inverse.potentials
     for part in (0.95, 0.8, 0.6, 0.4):
@@ -369,8 +372,8 @@ def _of_cell(
 ) -> Proof:
     """Prove that the function of a design exists over its cell of poses, and prove its margins.
 
-    ``goal`` is the leaf margin to prove, by default 90 % of the smallest margin found. ``least`` is
-    the limit margin to prove, rad or m, by default slightly below the smallest margin found.
+    ``goal`` is the leaf margin to prove; None for 90 % of the smallest margin found. ``least`` is
+    the limit margin to prove, rad or m; None for slightly less than the smallest margin found.
     ``seconds`` is the processor time.
     """
     from .cell_bounds import CellProof
@@ -400,10 +403,10 @@ def _of_cell(
 
 
 def _least_leaf_margin(design: CellDesign) -> float:
-    """Return the smallest leaf margin found in a cell; the default goal is 90 % of this margin.
+    """Return the smallest leaf margin found in a cell.
 
-    The evaluation of the design contains this margin, except in older files. Then the result is the
-    smallest margin at 4096 sampled poses and the corners of the cell.
+    It is part of the design's evaluation, except in older files. Then the result is the smallest
+    margin at 4096 sampled poses and the corners of the cell.
     """
     from ..cells.evaluate.margins import leaf_margins
 

@@ -54,18 +54,18 @@ class Chain:
     revolute : (P,) array of bool
         False for prismatic joints.
     level : (P,) array of bool
-        True for virtual joints at the tool whose axes can be chosen freely, and are kept parallel
-        to axes of the middle link. They are three joints that span all rotations or, for a pose
-        task, one joint without a column of S, which marks the frame.
+        True for virtual joints at the tool whose axes are kept parallel to axes of the middle link:
+        three joints that span all rotations or, for a pose task, one joint without a column of S,
+        which marks the frame.
     S, o : (P, N) and (P,) arrays
-        ``θ = S q + o``: the positions of the joints. The last N − n entries of q belong to the
-        virtual joints.
+        Map ``θ = S q + o`` from q to the positions of the P joints. The last N − n entries of q
+        belong to the virtual joints.
     n : int
         Number of the task's own joints.
     middle : int
         Number of joints before the middle link.
     shift : (3,) array
-        Origin at which the screws are expressed, m, in the frame of the middle link's joint.
+        Point at which the screws are expressed (their origin), m, in the middle link's frame.
     """
 
     R: Array
@@ -81,14 +81,15 @@ class Chain:
 
     @property
     def N(self) -> int:
-        """Number of columns of S: the task's n joints and the virtual joints."""
+        """Number N of columns of S: the task's n joints and the virtual joints."""
         return self.S.shape[1]
 
     @property
     def reach(self) -> Array:
-        """Bound on the distance of each joint from the origin of the screws (P,), m.
+        """Bounds (P,), m, on the distance of each joint from the origin of the screws.
 
-        It is the sum of the lengths of the link offsets between them, with prismatic joints at 0.
+        A bound is the sum of the lengths of the links in between; strokes of prismatic joints are
+        not included.
         """
         lengths = np.linalg.norm(self.p, axis=1)
         reach, k = np.zeros(len(lengths)), self.middle
@@ -104,9 +105,8 @@ class Chain:
     def seen_from(self, middle: int, half: float) -> Chain:
         """Return the chain with another middle link, in whose frame the joint screws are expressed.
 
-        ``middle`` is the number of joints before that link. The origin is at the share ``half``,
-        from 0 to 1, of the offset from the link's joint to the next joint. A proof uses the choice
-        with the tightest bounds.
+        ``middle`` is the number of joints before that link. ``half``, from 0 to 1, places the
+        origin of the screws between that link's joint (0) and the next joint (1).
         """
         ahead = self.p[middle] if middle < len(self.p) else np.zeros(3)
         shift = np.asarray(half * ahead, float)
@@ -173,11 +173,10 @@ def frames_of(task: Task) -> tuple[Task, ...]:
 
 
 def chains_of(task: Task) -> tuple[Chain, ...]:
-    """Create the chains of all frames of a task, virtual joints included.
+    """Create one chain per frame of a task, virtual joints included, with a common vector q.
 
-    The matrix S of a chain maps q to the positions of its joints. Every S has the columns of all
-    frames: those of the task's joints, then those of each frame's virtual joints. So J_V can be put
-    together row by row.
+    q holds the task's joints, then the virtual joints of every frame; the matrix S of each chain
+    has a column for each. So J_V can be assembled row by row.
     """
     chains = [chain_of(part) for part in frames_of(task)]
     before = np.cumsum([0, *(chain.N - chain.n for chain in chains)])
@@ -193,18 +192,18 @@ def chains_of(task: Task) -> tuple[Chain, ...]:
 def tool_reach(chain: Chain) -> float:
     """Bound the distance of the end-effector frame from the origin of the screws, m.
 
-    It is the sum of the lengths of the link offsets between them, with prismatic joints at 0.
+    The bound is the sum of the lengths of the links in between; strokes of prismatic joints are not
+    included.
     """
     return float(np.linalg.norm(chain.shift) if chain.middle == len(chain.p) else chain.reach[-1])
 
 
 def frame_change(kind: str, distance: Array) -> Array:
-    """Bound the factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, with Y a right inverse of all screws.
+    """Bound the factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``: the norm of a change of frame for twists.
 
-    The screws are known at the middle link, but J belongs to the frame. β is the norm of the change
-    of a twist between the two; ``distance`` (…), m, bounds the frame's distance from the origin of
-    the screws. ``kind`` is the kind of the task, such as "pose". For a task of positions β = 1,
-    because its twists are velocities of the frame's origin, without rotation.
+    Y is a right inverse of J for screws at the middle link, while J is expressed at the task's
+    frame; ``distance`` (…), m, bounds how far the two are apart. ``kind`` is the kind of the task,
+    such as "pose". For a task of positions β = 1, because its twists have no rotation.
     """
     t = np.asarray(distance, float)
     turns = kind in ("pose", "axis")
@@ -212,21 +211,21 @@ def frame_change(kind: str, distance: Array) -> Array:
 
 
 def relative_rounding(chain: Chain) -> float:
-    """Bound the relative rounding of any sum or screw of a proof: ``512 (P + N + 2) u``, u = 2⁻⁵³.
+    """Bound the relative rounding error of sums and screws: ``512 (P + N + 2) u``, u = 2⁻⁵³.
 
-    P is the number of joints along the chain, N that of the task's joints and the virtual ones.
-    The error of a rotation after k joints is at most 64 k u, and the error of a screw is at most
-    128 (k + 2) u times its length. The error of a sum of N products is at most (N + 2) u times the
-    sum of their absolute values; see docs/theory.md.
+    P is the number of joints along the chain, N the number of joints in q, with virtual joints. The
+    error of a rotation after k joints is at most 64 k u, and the error of a screw is at most 128 (k
+    + 2) u times its length. The error of a sum of N products is at most (N + 2) u times the sum of
+    their absolute values; see docs/theory.md.
     """
     return 512 * (len(chain.p) + chain.N + 2) * U
 
 
 def screw_sizes(chain: Chain, theta: Array, eta: Array) -> Array:
-    """Bound the sizes of the rows of J (6,), to which rounding errors are relative.
+    """Bound the entries in each row of J on a box, plus their slopes times the half-widths: (6,).
 
-    The first three rows are linear, the others angular; the slopes of J times the half-widths are
-    added. The box of joint positions is θ ± η, ``theta`` and ``eta`` (P,) each.
+    Rounding errors are relative to these bounds. The first three rows are linear, the others
+    angular. The box of the P joint positions is θ ± η, ``theta`` and ``eta`` (P,) each.
     """
     L = chain.reach.max() + (np.abs(theta) + eta)[~chain.revolute].sum()
     columns = np.abs(chain.S).sum(axis=0).max()

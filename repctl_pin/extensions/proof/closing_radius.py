@@ -44,20 +44,21 @@ def closing_radius(
 
     Parameters
     ----------
-    design, region, problem
-        The design, the region Ω of joint space to prove over, and J_V there, the task Jacobian
-        stacked on the potentials' gradients.
+    design, region
+        The design, and the region Ω of joint space in which its lifts must stay.
+    problem
+        Bounds on J_V, the task Jacobian stacked on the potentials' gradients, over boxes in Ω.
     path
         Closed path along which to prove the radius; None for the surroundings of the start.
     ratio
-        Angle per distance, rad per m.
+        Rotation of the radius per distance, rad per m.
     goal
         Radius, m, at which the search may stop; None for the largest radius.
     seconds
         Processor time, s, after which the bounds found so far are returned.
     leaf
-        Distance of the levels from those of the start, within which closed paths of pose and levels
-        close; only without a path.
+        Largest change of each level from its value at the start; 0 for paths on one leaf. Only 0
+        is possible along a path.
     """
     task = design.task
     turns = any(part.kind.turns for part in frames_of(task))
@@ -102,7 +103,7 @@ def closing_radius(
 def _at_start(
     design: Design, problem: LeafMarginProblem, start: Array, leaf: float, region: Region
 ) -> Enclosure:
-    """Enclose the joints at the pose of the start, whose levels change by ``leaf`` at most."""
+    """Enclose the configurations at the start's pose whose levels differ by at most ``leaf``."""
     if leaf == 0:
         return Enclosure(start[None], np.zeros((1, design.task.n)), True, "")
     return level_boxes(design.inverse, problem, start, leaf, partial(_clearance, region))
@@ -111,9 +112,8 @@ def _at_start(
 def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Array, Array]:
     """Choose poses of a path through Q (K, n), from which to measure distances to the path.
 
-    The poses are about half a radius apart, in m and rad, if Q has enough rows; the whole path is
-    then within the radius of these poses. Return positions (P, 3 F) and rotations (P, 3 F, 3) of F
-    frames.
+    Neighbouring poses are about half of ``radius``, m, or of ``angle``, rad, apart, if Q has enough
+    rows. Return positions (P, 3 F) and rotations (P, 3 F, 3), with the F frames side by side.
     """
     poses = [task.placements(q) for q in Q]
     p = np.array([[x.translation for x in pose] for pose in poses])
@@ -131,7 +131,7 @@ def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
 
 
 def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[bool, str]:
-    """Write whether a radius is the largest that can be proved, and why no larger one is."""
+    """Return whether a radius is the largest provable one, and why no larger one was proved."""
     if goal is not None and found.radius >= goal:
         return True, "no larger radius was requested"
     where = _edge(task, places, found)
@@ -141,9 +141,9 @@ def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[
 
 
 def _edge(task: Task, places: Places, found: Reach) -> str:
-    """Write what ends a closing radius: a joint that may leave Ω, or a possible singularity.
+    """Write what limits a closing radius: a joint that may leave Ω, or a possible singularity.
 
-    Ω is the region of joint space of the design. ``found`` has the place on the path and the joint.
+    ``found`` has the indices of the joint and of its place, the box in which the line begins.
     """
     if not found.regular:
         return "farther away, J_V is not proved to be regular"
@@ -171,9 +171,8 @@ def _start(design: Design, region: Region, path: ClosedPath | None) -> Array:
 def _clearance(region: Region, Q: Array) -> Array:
     """Bound how far each joint may move from configurations Q (K, n) within Ω: (K, n), rad or m.
 
-    Ω is the region of joint space of the design. In a box, the bound is the distance from the
-    nearer face. In a tube around sampled configurations, it is the distance from the boundary of
-    the box around the nearest sample.
+    In a box, the bound is the distance from the nearer face. In a tube around sampled
+    configurations, it is the distance from the boundary of the box around the nearest sample.
     """
     if isinstance(region, WorkspaceBox):
         return _clearance(region.within, Q)
@@ -189,10 +188,9 @@ def _clearance(region: Region, Q: Array) -> Array:
 def _places(Q: Array, clearance: Array, half: Array) -> Places:
     """Divide a path through Q (K, n) into places: boxes of configurations in which lines begin.
 
-    A closing radius is proved for lines that begin anywhere on the path. Neighbouring boxes share a
-    configuration, and contain the path between samples: it is within ``half`` (K, n) of each row
-    until the next row. ``clearance`` (K, n) is the distance that each joint may move within Ω, rad
-    or m; the clearance of a place is the smallest in it.
+    The path is within ``half`` (K, n) of each row of Q until the next row, so the boxes contain the
+    path also between the rows. ``clearance`` (K, n) is the distance that each joint may move within
+    Ω, rad or m; the clearance of a place is the smallest in it.
     """
     parts = sections(Q, clearance)
     low = np.array([Q[part].min(axis=0) for part in parts])

@@ -1,9 +1,9 @@
 r"""The motion along a closed path, enclosed in boxes between its samples, and proved to close.
 
-A lift q(s) is the motion on the leaf h(q) = c over a path x(s). Let Φ be (f, h), J_V its Jacobian,
-A an inverse of J_V at a sample Q, and J̄ a mean of J_V. Any q and q' in a box of half-widths h
-around Q satisfy ``q − q' = A (Φ(q) − Φ(q')) − A (J̄ − J_V(Q)) (q − q')``. On an arc of length ℓ
-therefore
+A lift q(s) is the joint motion on one leaf over a path x(s). Let Φ(q) be the pose and the levels,
+J_V its Jacobian, A an inverse of J_V at a sample Q, and J̄ a mean of J_V. Any q and q' in a box of
+half-widths h around Q satisfy ``q − q' = A (Φ(q) − Φ(q')) − A (J̄ − J_V(Q)) (q − q')``. On an arc
+of length ℓ therefore
 
 .. math:: |q − Q| ≤ |A| ℓ + |A|\, Δ(h)\, h < h,
 
@@ -59,19 +59,18 @@ _TURN, _BATCH = 0.5, 512
 @dataclass(frozen=True, eq=False)
 @read_only
 class Enclosure:
-    """Motion along a closed path, or joints at the levels around a start: samples, and boxes.
-
-    The boxes bound the distance from each sample until the next.
+    """Boxes that contain a motion along a closed path, or the joints at all levels around a start.
 
     Attributes
     ----------
     Q : (K + 1, n) array
-        Configurations along the path; the last row repeats the first.
+        Configurations along the path; the last row repeats the first. Around a start, one
+        configuration per box, in any number.
     half : (K + 1, n) array
-        Half-widths of boxes around the rows of Q, rad or m; the boxes contain the motion until the
-        next row. If ``proved`` is False, they are estimates: half the second differences.
+        Half-widths of boxes around the rows of Q, rad or m. The box of a row contains the motion
+        until the next row. If ``proved`` is False, it is an estimate.
     proved : bool
-        True if the motion is proved to close, and to be in the boxes.
+        True if the motion is proved to close, and the boxes to contain it.
     reason : str
         Reason why the motion cannot be used: it ends in a singularity, or does not close. Empty if
         it can be used.
@@ -88,8 +87,8 @@ def enclosed(
 ) -> Enclosure:
     """Follow a closed path once on the leaf of the start (n,), and enclose its motion in boxes.
 
-    The enclosure is proved if the path has bounds on its arc lengths, and the arcs can be made
-    short enough.
+    The boxes are proved if the path has bounds on its arc lengths, and the arcs can be made short
+    enough; otherwise they are estimated.
     """
     task, q = inverse.task, start
     try:
@@ -122,11 +121,10 @@ def enclosed(
 
 
 def _bent(Q: Array) -> Array:
-    """Estimate how far a closed path through Q (K, n) is from straight lines between its rows.
+    """Estimate how far a closed path through Q (K, n) is from lines between its rows: (K, n).
 
-    Boxes around these lines, widened by the estimate, contain a path without sudden turns. The
-    estimate is ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``. It suffices for a corner anywhere between two
-    rows, and is four times the sag of a parabola.
+    The estimate is ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``. It suffices for a corner anywhere between
+    two rows, and is four times the sag of a parabola.
     """
     steps = np.diff(Q, axis=0, append=Q[1:2])
     return np.asarray(np.abs(steps - np.roll(steps, 1, axis=0)) / 2)
@@ -136,9 +134,9 @@ def _bent(Q: Array) -> Array:
 def _boxes(
     inverse: RepeatableInverse, problem: LeafMarginProblem, path: TaskPath, s: Array, Q: Array
 ) -> Array | None:
-    """Bound how far the lift is from sample Q_i until s_(i+1): (K + 1, n); None if not proved.
+    """Bound how far the lift is from sample Q_i until path parameter s_(i+1): (K + 1, n).
 
-    The last row repeats the row of the first sample, at which the path ends.
+    The last row of the result repeats the first. Return None if the bounds are not proved.
     """
     K = len(s) - 1
     samples = _Samples.of(inverse, problem, path, s, Q[:-1])
@@ -162,10 +160,10 @@ def _boxes(
 
 
 class _Samples(NamedTuple):
-    """K samples Q (K, n) of a lift, their errors, and the arcs of the path after each.
+    """K samples Q (K, n) of a lift, with bounds on their errors, and the path's arcs between them.
 
-    ``arcs`` (K, F, 2) are the length, m, and the rotation, rad, of each frame until the next
-    sample. ``off`` (K,) bounds the error of the pose, ``level_off`` (K, r) the error of the level.
+    ``arcs`` (K, F, 2) are the length, m, and the rotation, rad, of each of F frames until the next
+    sample. ``off`` (K,) bounds the task error, ``level_off`` (K, r) the error of the levels.
     """
 
     Q: Array
@@ -182,10 +180,10 @@ class _Samples(NamedTuple):
         s: Array,
         Q: Array,
     ) -> _Samples:
-        """Bound the way of the frames from s_i to s_(i+1), and the errors of the samples Q_i.
+        """Bound the arcs of the frames from s_i to s_(i+1), and the errors of the samples Q_i.
 
-        ``s`` (K + 1,) are path parameters. The samples (K, n) of the lift, the joint motion along
-        the path on one leaf, should have the poses of the path at s_i and the level of the first.
+        ``s`` (K + 1,) are path parameters. The samples Q (K, n) should have the poses of the path
+        at s_i, and the levels of the first sample.
         """
         arcs = np.array(
             [[one.arc(a, b) for one in paths_of(path) if one.arc] for a, b in pairwise(s.tolist())]
@@ -202,9 +200,9 @@ class _Samples(NamedTuple):
 def errors_of(
     inverse: RepeatableInverse, problem: LeafMarginProblem, Q: Array, places: list[Any], c: Array
 ) -> tuple[Array, Array]:
-    """Bound the errors of pose (K,) and level (K, r) at samples Q (K, n), with their rounding.
+    """Bound the errors of pose (K,) and levels (K, r) at samples Q (K, n), rounding included.
 
-    The samples should be at ``places`` and at the levels c, (r,) or (K, r).
+    The errors are relative to the poses ``places`` and the levels c, (r,) or (K, r).
     """
     task = inverse.task
     reach = max(
@@ -219,11 +217,11 @@ def errors_of(
 
 
 class _ProvedArcs(NamedTuple):
-    """Proved bounds of the lift on K arcs, each from a sample, as half-widths of boxes (K, n).
+    """Proved boxes of a lift on K arcs, each after one sample: half-widths (K, n), rad or m.
 
-    The lift stays within ``half`` of the sample. Φ is injective in the wider ``box``. ``start``
-    bounds the distance of the lift's start from this sample, ``end`` bounds the distance of its end
-    from the next sample.
+    On its arc, the lift stays within ``half`` of the sample. Φ, pose and levels, is injective
+    within ``box``. The lift begins within ``start`` of the sample, and ends within ``end`` of the
+    next sample.
     """
 
     half: Array
@@ -243,9 +241,10 @@ def _proved_arcs(
     half, h, bent = found
 
     def shift(off: Array, level_off: Array) -> Array:
-        """Bound the distance of the solution from its sample: half-widths (K, n), a multiple of h.
+        """Bound the distance of the exact solution from its sample: half-widths (K, n).
 
-        ``off`` and ``level_off`` bound the task error and the level error of the sample.
+        ``off`` (K,) and ``level_off`` (K, r) bound the task error and the level error of the
+        sample.
         """
         moved = bounds.moved(np.repeat(off[:, None, None], 2, 2), level_off)
         share = np.max(moved / h, axis=1) / (1 - np.max(bent / h, axis=1))
@@ -259,9 +258,9 @@ def _proved_arcs(
 
 
 class LiftBoxes:
-    """Bounds of A and of the change of J_V on boxes around K samples Q (K, n).
+    """Bounds on the inverse A of J_V at K samples Q (K, n), and on changes of J_V around them.
 
-    J_V is the task Jacobian stacked on the potentials' gradients; A is its inverse at a sample.
+    J_V is the task Jacobian stacked on the potentials' gradients.
     """
 
     def __init__(self, inverse: RepeatableInverse, problem: LeafMarginProblem, Q: Array) -> None:
@@ -283,7 +282,11 @@ class LiftBoxes:
         self.rounding = wrong + 4 * task.n * 2.0**-53 * sizes
 
     def moved(self, arcs: Array, levels: Array) -> Array:
-        """Bound ``|A| ℓ``, with ℓ the lengths ``arcs`` (K, F, 2) and ``levels`` (K, r)."""
+        """Bound ``|A| ℓ`` (K, n), the motion of the joints over arcs, to first order.
+
+        ℓ are ``arcs`` (K, F, 2), the length, m, and rotation, rad, of each frame, and the changes
+        ``levels`` (K, r) of the levels.
+        """
         found = np.einsum("kir,kr->ki", self.level, levels)
         for f, (linear, angular) in enumerate(zip(self.linear, self.angular, strict=True)):
             g = min(f, arcs.shape[1] - 1)
@@ -291,10 +294,11 @@ class LiftBoxes:
         return np.asarray(found, float)
 
     def around(self, arc: Array) -> tuple[Array, Array, Array] | None:
-        """Find boxes in which lifts stay that Φ moves by ``arc`` = ``|A| ℓ`` (K, n) at most.
+        """Find boxes in which lifts stay, given their motion ``arc`` (K, n) to first order.
 
-        Return the bound of the lifts, the half-widths h of boxes in which Φ is injective, and the
-        nonlinear part of the bound, (K, n) each; None if a lift may leave its box.
+        ``arc`` is the result of :meth:`moved`. Return, (K, n) each: bounds on the lifts;
+        half-widths h of boxes in which Φ, pose and levels, is injective; and the nonlinear part of
+        the bounds. Return None if a lift may leave its box.
         """
         h = 1.5 * arc
         for _ in range(3):
@@ -305,10 +309,9 @@ class LiftBoxes:
         return (half, h, bent) if (half < h).all() else None
 
     def bent(self, h: Array) -> Array:
-        """Bound what a linear model of J_V misses, ``|A| Δ(h) h`` (K, n), rad or m.
+        """Bound the nonlinear part of a motion, ``|A| Δ(h) h`` (K, n), rad or m.
 
-        A approximates J_V⁻¹ at the middle of each box, and Δ(h) bounds the change of J_V in the box
-        of half-widths h (K, n).
+        Δ(h) bounds the change of J_V in the box of half-widths h (K, n) around each sample.
         """
         rounds = self.problem.round
         across = h.sum(axis=1)
@@ -325,7 +328,7 @@ class LiftBoxes:
         return np.asarray(np.nan_to_num(found, nan=np.inf), float)
 
     def _level_change(self, h: Array) -> Array:
-        """Bound ``|ΔV|ᵀ h`` for each potential, from second derivatives on the boxes: (K, r)."""
+        """Bound ``|ΔV|ᵀ h`` (K, r): ΔV is the change of the gradients on boxes Q ± h, h (K, n)."""
         parts, Q = self.problem.features, self.Q
         most = np.abs(Q @ parts.Z.T - parts.z0) + h @ np.abs(parts.Z).T  # of the arguments
         phi = np.ones((len(Q), len(parts.kind)))
@@ -346,7 +349,7 @@ class LiftBoxes:
 
 
 def _pose_changes(chain: JointChain, Q: Array, h: Array) -> tuple[Array, Array]:
-    """Bound the changes of a frame's Jacobian times h on boxes Q ± h, (K, n) each.
+    """Bound ``|ΔJ| h``, with ΔJ the change of a frame's Jacobian on boxes Q ± h, (K, n) each.
 
     Return bounds (K,) for the linear and for the angular part.
 

@@ -36,15 +36,12 @@ from .potentials import Features, features_of
 class LeafMarginBounds:
     """Bounds on the leaf margin and σ_min(J) over K boxes of joint space.
 
-    The leaf margin is the distance from an algorithmic singularity, where J_V, the task Jacobian
-    stacked on the potentials' gradients, is singular.
-
     Attributes
     ----------
     leaf_margin : (K,) array
         Lower bound of the leaf margin on the whole box; 0 where J_V was not shown to be regular.
     center : (K,) array
-        Leaf margin at the centre, rounded up; no lower bound on the box can exceed it.
+        Upper bound of the leaf margin at the centre; no lower bound on the box can exceed it.
     sigma_min : (K,) array
         Lower bound of σ_min(J) on the whole box; 0 where none was found.
     split : (K,) array of int
@@ -72,12 +69,12 @@ class LeafMarginProblem:
     features : Features
         The potentials as sums of features: monomials, sines, cosines and arm angles.
     round : (N,) array
-        Bounds on the rounding errors in the rows of J_V.
+        Bounds on the rounding errors of the entries in each row of J_V.
     eps : float
         Relative rounding error of sums.
     beta : float
-        Factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, with Y a bound of a right inverse of J. It is the
-        norm of the change of frame from the middle link to the task's frame.
+        Factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, see :func:`.frame_change`. Y is a right inverse of
+        J for screws at the middle link.
     """
 
     chains: tuple[Chain, ...]
@@ -93,10 +90,7 @@ class LeafMarginProblem:
 
     @property
     def N(self) -> int:
-        """Number of rows and columns of J_V, including those of virtual joints.
-
-        J_V is the task Jacobian stacked on the gradients of the potentials.
-        """
+        """Number of rows and columns of J_V, including those of virtual joints."""
         return self.chains[0].N
 
     @property
@@ -105,18 +99,17 @@ class LeafMarginProblem:
         return len(self.features.G)
 
     def bounds(self, Q: Array, half: Array) -> LeafMarginBounds:
-        """Bound the leaf margin and σ_min(J) in boxes of joints Q ± half, (K, n) each."""
+        """Bound the leaf margin and σ_min(J) on boxes of joints Q ± half, (K, n) each, rad or m."""
         bound, center, sigma = np.zeros((3, len(Q)))
         split = np.zeros(len(Q), np.int32)
         self.run("leaf_margins", Q, half, bound, center, sigma, split)
         return LeafMarginBounds(bound, center, sigma, split)
 
     def deviations(self, Q: Array, half: Array) -> Array:
-        """Bound ``|A J_V − I|`` in boxes of joints Q ± half, (K, n) each: (K, N, N).
+        """Bound ``|A J_V − I|`` on boxes of joints Q ± half, (K, n) each: (K, N, N).
 
-        J_V is the task Jacobian stacked on the potentials' gradients, A its approximate inverse at
-        the centre. If the spectral radius of the bound is below 1, J_V is regular on the whole box.
-        The bound is inf if no such inverse exists.
+        A is an approximate inverse of J_V at the centre. If the spectral radius of the bound is
+        below 1, J_V is regular on the whole box. The bound is inf where no such inverse was found.
         """
         D = np.full((len(Q), self.N, self.N), np.inf)
         self.run("deviations", Q, half, D)
@@ -125,8 +118,8 @@ class LeafMarginProblem:
     def run(self, kernel: str, Q: Array, half: Array, *more: Any) -> None:
         """Run a function of the native library on boxes of joints Q ± half, (K, n) each.
 
-        ``kernel`` is the name of the function. ``more`` are its other arguments, numbers and
-        contiguous arrays; the last of these arrays receive the results.
+        ``kernel`` is the name of the C function. ``more`` are its further arguments, numbers and
+        contiguous arrays; the function writes its results into the last of these arrays.
         """
         call = getattr(required_library("a proof"), kernel)
         problem = self.struct()
@@ -154,11 +147,11 @@ class LeafMarginProblem:
         return made
 
     def arm_angles(self, Q: Array, half: Array) -> Array | None:
-        """Evaluate the gradients of arm angles on boxes Q ± half, (K, n) each; None without angles.
+        """Expand the gradients of arm angles to first order on boxes Q ± half, (K, n) each.
 
-        The result (K, r, n² + 2 n + 1) is passed to C. For each of the r potentials, it has the
-        gradient V at the centre, its n² derivatives, n bounds on the remainder, and a bound on the
-        rounding error.
+        The result (K, r, n² + 2 n + 1) is an argument of C functions; None without arm angles. For
+        each of the r potentials, it has the gradient V (n,) at the centre, its n² derivatives, n
+        bounds on the remainder, and a bound on the rounding error.
         """
         if not self.features.arms:
             return None
@@ -175,8 +168,7 @@ class LeafMarginProblem:
     def undefined(self, Q: Array, half: Array) -> NDArray[np.bool_]:
         """Test in which boxes of joints Q ± half, (K, n) each, an arm angle may be undefined: (K,).
 
-        For example, the angle is undefined where the elbow is on the line from shoulder to wrist.
-        Such a box cannot be proved; the search then gives this reason.
+        An angle is undefined, for example, where the elbow is on the line from shoulder to wrist.
         """
         rests = [arm.gradient_bounds(Q, half).rest for arm in self.features.arms]
         found = [~np.isfinite(rest).all(axis=1) for rest in rests]
@@ -193,15 +185,19 @@ def _as_argument(value: Any) -> Any:
 
 
 def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem:
-    """Prepare the leaf margin of potentials for bounds inside a box of joint space.
+    """Prepare bounds on the leaf margin of the potentials ``field`` inside a box of joint space.
 
-    The joint screws of each frame are expressed in the frame of one link, the middle link. The link
-    that is expected to require the fewest boxes is chosen. ``field`` are the potentials.
+    The joint screws of each frame are expressed in the frame of its middle link. The link that is
+    expected to require the fewest boxes is chosen.
     """
     features, chains = features_of(field, task.n, box), list(chains_of(task))
 
     def needed(f: int, links: Chain) -> float:
-        """Evaluate the spectral radius of the bound D on a box; below 1, J_V is regular there."""
+        """Estimate how tight the bounds are with the chain ``links`` of frame f; lower is better.
+
+        The result is the spectral radius of the bound on ``|A J_V − I|`` on a box; inf if there is
+        no bound.
+        """
         one = _prepared(task, (*chains[:f], links, *chains[f + 1 :]), features, box)
         D = one.deviations(box.center[None], box.half_width[None] / 8)[0]
         finite = np.isfinite(D).all()
@@ -218,9 +214,9 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem
 def _prepared(
     task: Task, chains: tuple[Chain, ...], features: Features, box: Box
 ) -> LeafMarginProblem:
-    """Make the problem of bounding a leaf margin, given chains and features; bound the rounding.
+    """Create the problem of bounding a leaf margin, with bounds on its rounding errors.
 
-    ``chains`` has one chain per frame of the task. All boxes to be evaluated lie in ``box``.
+    ``chains`` has one chain per frame of the task. The bounds hold for boxes inside ``box``.
     """
     eps = max(map(relative_rounding, chains))
     rounds, betas = [], []

@@ -42,8 +42,6 @@ def bound_leaf_margin(
 ) -> Proof:
     """Prove a lower bound of the leaf margin on a union of boxes of joint space.
 
-    The leaf margin is the distance from an algorithmic singularity, from 0 to 1.
-
     Parameters
     ----------
     problem
@@ -52,7 +50,7 @@ def bound_leaf_margin(
         Lower and upper corners of the boxes.
     goal
         Leaf margin to prove. The search stops as soon as this margin is proved, or when it finds a
-        configuration with a smaller margin. None finds the largest bound.
+        configuration with a smaller margin. With None, the largest bound is searched for.
     seconds
         Processor time, s, after which the search stops and returns the bound found so far.
     report
@@ -61,7 +59,7 @@ def bound_leaf_margin(
     Returns
     -------
     Proof
-        The proof of the leaf margin; it has no description and no limit margin yet.
+        The proof of the leaf margin; its description is empty, and its limit margin is NaN.
     """
     search = _Search(problem, low, high, goal)
     end, whole = thread_time() + seconds, search.volume()
@@ -79,10 +77,10 @@ def bound_leaf_margin(
 class _Search:
     """State of branch and bound: undecided boxes, and the smallest bounds over all decided boxes.
 
-    ``low``, ``high``, ``bound``, ``sigma`` and ``split`` have one row per undecided box: its
-    corners, the bounds of the leaf margin and of σ_min(J) on it, and the joint along which to halve
-    it. ``upper`` is the smallest leaf margin at any centre. ``reason`` says why the search stopped;
-    it is empty while the search runs.
+    ``low``, ``high``, ``bound``, ``sigma`` and ``split`` have one row per undecided box: its lower
+    and upper corner, the bounds of the leaf margin and of σ_min(J) on it, and the joint along which
+    to halve it, −1 before its evaluation. ``upper`` is the smallest leaf margin at any centre.
+    ``reason`` says why the search stopped; it is empty while the search runs.
     """
 
     def __init__(
@@ -99,7 +97,7 @@ class _Search:
         self.gave_up = False
 
     def volume(self) -> float:
-        """Compute the total volume of the undecided boxes."""
+        """Compute the total volume of the undecided boxes, in the units of the joints."""
         return float(np.prod(self.high - self.low, axis=1).sum())
 
     def advance(self) -> None:
@@ -131,7 +129,7 @@ class _Search:
             self._stop(Q, half, int(np.argmax(small)), "a box too small to halve is undecided")
 
     def _next(self) -> NDArray[np.intp]:
-        """Choose the undecided boxes to halve next."""
+        """Choose the indices of the undecided boxes to halve next, see :meth:`advance`."""
         count = len(self.low)
         if count <= _BATCH:
             return np.arange(count)
@@ -140,12 +138,12 @@ class _Search:
         return np.argpartition(self.bound, _BATCH)[:_BATCH]
 
     def _enough(self, found: LeafMarginBounds, Q: Array, half: Array) -> float:
-        """Return the bound of the leaf margin from which a box counts as decided.
+        """Return the bound of the leaf margin with which a box counts as decided.
 
         ``found`` are the bounds on the boxes Q ± half, (K, n) each. With a goal, the result is the
-        goal. Without a goal, it is 95 % of the smallest leaf margin at any centre, because no
-        proved bound can exceed that margin. The search stops if the leaf margin at a centre is
-        below the goal or, without a goal, 0.
+        goal. Without a goal, it is 95 % of the smallest leaf margin at any centre, which no proved
+        bound can exceed. The search stops if the leaf margin at a centre is below the goal or,
+        without a goal, 0.
         """
         least = int(np.argmin(found.center))
         if found.center[least] < self.upper:
@@ -160,11 +158,11 @@ class _Search:
         return self.goal
 
     def _still_short(self, enough: float, stays: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Count waiting boxes as decided if their bound now reaches ``enough``.
+        """Count waiting boxes as decided if their bound is at least ``enough``.
 
-        A search without a goal lowers ``enough`` when it finds a smaller leaf margin. ``stays``
-        (K,) is False for undecided boxes of the last batch. Return a mask of the undecided boxes
-        that is False for boxes that are now decided.
+        Without a goal, ``enough`` falls when a smaller leaf margin is found. ``stays`` is a mask of
+        the undecided boxes, False for those that were just halved. Return a mask, True for boxes
+        that are still undecided; halved boxes are True.
         """
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():
@@ -188,10 +186,9 @@ class _Search:
         self.settled_sigma = min(self.settled_sigma, float(found.sigma_min[rows].min()))
 
     def _stop(self, Q: Array, half: Array, at: int, why: str) -> None:
-        """Stop the search, and name box number ``at`` of the boxes Q ± half, (K, n) each.
+        """Stop the search for the reason ``why`` at the box number ``at`` of Q ± half, (K, n) each.
 
-        ``why`` is the reason to report, unless an arm angle is not defined at the centre of the
-        box; then that is the reason.
+        If an arm angle is not defined at the centre of the box, that is the reason instead.
         """
         if self.problem.undefined(Q[at, None], 0 * half[at, None])[0]:
             why = "the arm angle is not defined there"
@@ -205,9 +202,9 @@ class _Search:
         self.reason, self.gave_up = f"stopped {when}", True
 
     def proof(self) -> Proof:
-        """Make the proof from the smallest bounds over all boxes, decided or not.
+        """Return the proof with the smallest bounds over all boxes, decided or not.
 
-        If the search stopped early, the proof has the reason, and the box that prevented a proof.
+        If the search stopped early, the proof has the reason, and the box at which it stopped.
         """
         bound, sigma = self.decided, self.settled_sigma
         worst = self.at_least_bound
@@ -224,10 +221,10 @@ class _Search:
         return Proof("", proved, bound, np.nan, sigma, self.boxes, *worst, self.reason, self.goal)
 
     def _named(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Name an arm angle as the reason if it may be singular in the smallest undecided box.
+        """Add an arm angle to the reason if it may be undefined in the smallest undecided box.
 
         ``worst`` is the box that the proof names so far: its centre and half-widths, (n,) each.
-        Return ``worst``, or the smallest undecided box if the arm angle may be undefined there.
+        Return the smallest undecided box if the arm angle may be undefined there, else ``worst``.
         """
         small = int(np.argmin(np.prod(self.high - self.low, axis=1)))
         Q, half = centered(self.low[small, None], self.high[small, None])

@@ -1,15 +1,16 @@
 r"""The levels as coordinates: joints that are proved to be a function of the levels at the start.
 
-Let c = h(q) be the levels of the potentials, x₀ and c₀ those of the start q₀, and Φ = (f, h). The
-cube ``|c_a − c_0a| ≤ γ`` is divided into cells. In the middle c_k of a cell of half-width a, let
-Q_k solve ``Φ = (x₀, c_k)``, and A be the inverse of J_V there. While the pose rests and the level
-goes from there to any c of the cell, the lift stays in a box,
+Let Φ(q) = (x, c) be the pose and the levels of a configuration, and (x₀, c₀) those of the start.
+The cube of levels ``|c_i − c_0i| ≤ γ`` is divided into cells. In the middle c_k of a cell of
+half-width a, let Q_k solve ``Φ(Q_k) = (x₀, c_k)``, and A be the inverse of the Jacobian J_V there.
+While the pose rests and the levels go from c_k to any c of the cell, the joints stay in a box,
 
 .. math:: |q − Q_k| ≤ |A_h|\, a + |A|\, Δ(h)\, h < h,
 
-with A_h the last r columns of A and Δ a bound of the change of J_V on the box. Its end is F_k(c). A
-wider box, in which Φ is injective, contains the ends of the neighbouring cells, so they agree on
-common faces: one continuous function F(x₀, c). The theory, "Hand and elbow", has the theorem.
+with A_h the last r columns of A and Δ a bound of the change of J_V on the box of half-widths h. The
+motion ends at F_k(c). A wider box, in which Φ is injective, contains the ends of the neighbouring
+cells, so they agree on common faces: one continuous function F(x₀, c). The theory, "Hand and
+elbow", has the theorem.
 """
 
 from __future__ import annotations
@@ -42,12 +43,12 @@ def level_boxes(
     most: float,
     clearance: Callable[[Array], Array],
 ) -> Enclosure:
-    """Enclose the joints F(x₀, c) for all levels c within ``most`` of the start's, at its pose x₀.
+    """Enclose the joints F(x₀, c) at the start's pose x₀, for all levels c near those of the start.
 
-    The cells become smaller until each is proved, and its box is inside Ω: ``clearance`` bounds how
-    far each joint may move from configurations Q (K, n) within Ω. The start (n,) is in the middle
-    of the first cell. In the result, neighbouring rows of Q are neighbouring cells, and ``half``
-    contains F(x₀, c) for all levels c of the cell.
+    ``most`` is the largest change of each level. The cells become smaller until each is proved, and
+    its box is inside Ω: ``clearance(Q)`` bounds how far each joint may move within Ω from Q (K, n).
+    In the result, each row of Q is the middle of one cell, ``half`` bounds the distance of F(x₀, c)
+    from it, and neighbouring rows are neighbouring cells.
     """
     r = inverse.task.r
     why = f"levels within {most:g} of the start's"
@@ -82,8 +83,9 @@ def _solved(
 ) -> tuple[Array, Array]:
     """Solve for the configuration in the middle of each cell, from cell to neighbouring cell.
 
-    Return the cells' indices (K, r), counted from the cell of the start, in an order in which
-    neighbouring rows are neighbouring cells; and the configurations (K, n).
+    ``count`` cells along each level divide the range ± ``most``. Return the indices (K, r) of the
+    cells, counted from the start's cell, and the configurations (K, n). Neighbouring rows are
+    neighbouring cells.
     """
     task, c, x = inverse.task, inverse.leaf(start), inverse.task.placements(start)
     width, side = 2 * most / count, count // 2
@@ -101,13 +103,13 @@ def _far(cell: tuple[int, ...]) -> int:
 
 
 def _inward(cell: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the neighbouring cell that is one step nearer to that of the start."""
+    """Return the neighbouring cell that is one step nearer to the start's cell (0, …, 0)."""
     k = int(np.argmax(np.abs(cell)))
     return (*cell[:k], cell[k] - int(np.sign(cell[k])), *cell[k + 1 :])
 
 
 def _in_turn(side: int, r: int) -> list[tuple[int, ...]]:
-    """List all cells, to and fro, so that each is a neighbour of the one before."""
+    """List all cells with indices from −side to side, so that consecutive cells are neighbours."""
     if r == 0:
         return [()]
     found: list[tuple[int, ...]] = []
@@ -126,10 +128,11 @@ def _proved(
     Q: Array,
     width: float,
 ) -> tuple[Array, Array] | None:
-    """Bound how far F(x₀, c) is from Q_k in each cell: (K, n); None if a cell is not proved.
+    """Bound how far F(x₀, c) is from the row of Q in each cell: half-widths (K, n).
 
-    The second result are the boxes in which Φ is injective. ``width`` is half the width of a cell,
-    ``cells`` (K, r) and Q (K, n) are as in :func:`_solved`.
+    Return also the half-widths (K, n) of boxes in which Φ is injective; None if a cell is not
+    proved. ``width`` is half the width of a cell, ``cells`` (K, r) and Q (K, n) are as in
+    :func:`_solved`.
     """
     task, bounds = inverse.task, LiftBoxes(inverse, problem, Q)
     c = inverse.leaf(start) + 2 * width * cells

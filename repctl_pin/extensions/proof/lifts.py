@@ -10,9 +10,13 @@ While such a lift is in S_k, joint i moves by at most
    T_{ki} = \max_{S_k} \sum_f \left(‖g_{i,v_f}‖ + \frac{α}{ρ} ‖g_{i,ω_f}‖\right) \text{ per metre},
    \qquad g_i \text{ row i of } G_r.
 
-α/ρ is the rotation per metre of the line, rad/m. Each frame f moves along a line of its own, in the
-same time. Branch and bound proves the T_k. From the T_k follows the length ρ of lines whose lifts
-cannot leave the last box. The theory, "The closing radius", has the theorem.
+v_f and ω_f are the linear and angular columns of frame f, and α/ρ is the rotation per metre of the
+line, rad/m. All frames move along lines of their own, in the same time. Branch and bound proves the
+rates T_k. From the rates follows the length ρ of lines whose lifts cannot leave S_M. The theory,
+"The closing radius", has the theorem.
+
+A place is the box of configurations in which a lift begins; its clearance is the distance that each
+joint may then move within Ω. The rate of a joint is its motion per metre of a line, rad or m per m.
 """
 
 from __future__ import annotations
@@ -57,17 +61,14 @@ _WIDEST = 3.1
 @dataclass(frozen=True, eq=False)
 @read_only
 class Places:
-    """K boxes of configurations in which lifts begin, and the clearance around them.
-
-    A lift is the joint path of a straight line of the end effector. The boxes enclose the start of
-    a design, or the joint path of a cycle, section by section.
+    """K places: boxes in which lifts begin. They enclose a start, or the joint path of a cycle.
 
     Attributes
     ----------
     center, extent : (K, n) arrays
         Centres and half-widths of the boxes.
     clearance : (K, n) array
-        Distance by which each joint may move away from its start, rad or m.
+        Distance that each joint may move within Ω from any configuration in the box, rad or m.
     """
 
     center: Array
@@ -78,25 +79,23 @@ class Places:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Reach:
-    """Length of the lines whose lifts are proved to stay in the clearance of their places.
+    """Length of lines whose lifts are proved to stay in the clearance of every place.
 
-    A lift is the joint path of a straight line of the end effector. The places are boxes in which
-    lifts begin. Their clearance is the distance that each joint may move within Ω, the region of
-    the design. The smallest length over all places is the closing radius.
+    The smallest length over all places is the closing radius.
 
     Attributes
     ----------
     radius : float
-        The length, m.
+        The closing radius, m.
     boxes : int
         Number of boxes evaluated.
     place, joint : int
-        Indices of the place and the joint at which the lift of a longer line may leave the
-        clearance.
+        Indices of the place with the smallest length, and of the joint that may leave its clearance
+        on a longer line.
     complete : bool
         False if the search ended before all boxes were decided.
     regular : bool
-        False if some box around that place exists in which J_V is not proved to be regular.
+        False if J_V is not proved to be regular on some box around that place.
     """
 
     radius: float
@@ -119,16 +118,12 @@ def bound_reach(
 ) -> Reach:
     """Find a length up to which the lift of every straight line stays in its place's clearance.
 
-    A lift is the joint path of a straight line of the end effector. It begins in a place, which is
-    a box of joints. The clearance is the larger box around the place in which it must stay. The
-    length is the closing radius of a design.
-
     Parameters
     ----------
     problem, task, field
-        Augmented Jacobian J_V, the task, and its potentials.
+        Bounds on J_V, the task, and its potentials.
     places
-        Where lifts begin, and their clearance.
+        Places with their clearance.
     ratio
         Rotation, rad, per metre of the lines.
     goal
@@ -147,13 +142,12 @@ def bound_reach(
 
 
 class _Search:
-    """Branch and bound on the rates of lifts, in the boxes S_1 ⊂ … ⊂ S_M of each place.
+    """Branch and bound on the rates of the joints, in the boxes S_1 ⊂ … ⊂ S_M around each place.
 
-    A lift is the joint path of a straight line of the end effector; it begins in a place, which is
-    a box of joints. A rate is the motion of a joint per metre of the line, rad or m per m.
     ``widths`` and ``rates`` (K, M, n) are the half-widths of the boxes S around K places, and the
     rates to prove in them. ``low``, ``high``, ``place``, ``within``, ``bound`` and ``split`` have
-    one row per undecided box.
+    one row per undecided box: its corners relative to the place's centre, the indices of its place
+    and of its set S, the bounds of its rates, and the joint along which to halve it.
     """
 
     def __init__(
@@ -181,9 +175,8 @@ class _Search:
     def _layers(self) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
         """Divide S_1, and each S_k without S_(k−1), into boxes that branch and bound can halve.
 
-        S_1 ⊂ … ⊂ S_M are boxes of joints around each place, in which lines begin. Return the lower
-        and upper corners of the new boxes, (L, n) each, relative to the centre of the place; the
-        index of the place; and k, counted from 0.
+        Return the lower and upper corners of the boxes, (L, n) each, relative to the centre of
+        their place; the index of the place; and k − 1.
         """
         K, M, n = self.widths.shape
         half = self.widths + self.places.extent[:, None] * (1 + 1e-12)
@@ -208,9 +201,9 @@ class _Search:
         )
 
     def advance(self) -> None:
-        """Halve one batch of undecided boxes, and bound the joint motion per metre in the halves.
+        """Halve one batch of undecided boxes, and bound the rates of the joints on the halves.
 
-        The boxes in the smallest S_k around their place come first.
+        Boxes in the smallest S_k around their place come first.
         """
         take = np.arange(len(self.low))
         if len(take) > _BATCH:
@@ -242,23 +235,21 @@ class _Search:
     def _halved(
         self, take: NDArray[np.intp]
     ) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
-        """Halve the undecided boxes ``take``; return the halves, with their places and sets.
+        """Halve the undecided boxes with the indices ``take``, as :func:`halved` does.
 
-        Return the lower and upper corners of the halves, (L, n) each. Return also two indices per
-        half, (L,) each: of its place, and of the smallest set S that contains it. See
-        :func:`halved`.
+        Return the lower and upper corners of the L halves, (L, n) each, and two indices per half:
+        its place, and the smallest set S that contains it.
         """
         low, high, parents = halved(self.low[take], self.high[take], self.split[take])
         order = take[parents]
         return low, high, self.place[order], self.within[order]
 
     def _raise(self, place: NDArray[np.intp], within: NDArray[np.intp], value: Array) -> None:
-        """Raise the rates to prove where the rate at a box's centre exceeds all sampled rates.
+        """Raise the rates to prove where the rate at a box's centre exceeds the sampled rates.
 
-        A rate is the motion of a joint per metre of a line. ``value`` (L, n) are the rates at the
-        centres of boxes, ``place`` and ``within`` (L,) the indices of their place and of the
-        smallest set S that contains them. The rates of the larger sets S of a place are raised,
-        too.
+        ``value`` (L, n) are the rates at the centres of L boxes, ``place`` and ``within`` (L,) the
+        indices of their place and of the smallest set S that contains them. Rates of larger sets
+        are raised as well.
         """
         over = np.flatnonzero((value > self.rates[place, within]).any(axis=1))
         for b in over:
@@ -267,12 +258,11 @@ class _Search:
             np.copyto(rates, np.maximum(rates, np.where(value[b] > rates, high, 0)))
 
     def reach(self) -> Reach:
-        """Return the length that lines may have with the rates proved so far.
+        """Return the length that lines may have at all places, with the rates proved so far.
 
-        The length is the minimum over all places, in which lines begin. A rate is the motion of a
-        joint per metre of a line. A line is extended through the sets S_1 ⊂ S_2 ⊂ … until a joint
-        may leave the last set. Undecided boxes count with their last bounds, so the length is valid
-        at any time of the search.
+        A line is extended through the sets S_1 ⊂ S_2 ⊂ … until a joint may leave the last set.
+        Undecided boxes count with their last bounds, so the length is valid at any time of the
+        search.
         """
         rates = self.rates.copy()
         bound = np.where(np.isnan(self.bound), np.inf, self.bound)
@@ -304,12 +294,11 @@ class _Search:
 def _largest_slack(
     task: Task, field: Potentials, places: Places, ratio: float, goal: float
 ) -> tuple[float, float]:
-    """Choose how far rates may exceed sampled rates, so that lines of the goal's length fit.
+    """Choose the shares by which the rates to prove may exceed sampled rates, for a goal.
 
-    A rate is the motion of a joint per metre of a line. With more slack, fewer boxes are needed,
-    but wider boxes have larger rates. Return two slacks, for the first and the last box around a
-    place; a factor of 1 plus the slack widens a box. If the goal allows no more than the default
-    slacks, these are returned.
+    ``goal`` is the length of the lines, m. With larger shares fewer boxes are needed, but wider
+    boxes have larger rates. Return the shares for the first and the last box around a place: the
+    defaults, or larger ones if the goal allows them.
     """
     best = _sampled(task, field, places, ratio, None, (0.0, 0.0))[2]
     slack = 0.95 * best / goal - 1
@@ -328,21 +317,19 @@ def _sampled(
     goal: float | None,
     slacks: tuple[float, float],
 ) -> tuple[Array, Array, float]:
-    """Choose the half-widths of the boxes S, and the rates to prove in them, (K, M, n) each.
+    """Choose half-widths of boxes S around K places, and rates to prove in them: (K, M, n) each.
 
-    A rate is the motion of a joint per metre of a line of the end effector, rad or m per m. Around
-    each of K places, in which lines begin, M nested boxes of joints are made. Each exceeds the
-    preceding box by a step, multiplied by the largest rate sampled in it and by a factor of 1 plus
-    a slack. The slack goes from the first of ``slacks`` to the last. The length of the lines is the
-    same for all places. Return also this length, m. A SingularityError is raised if J_V, the task
-    Jacobian stacked on the potentials' gradients, is singular at the start, or there is no
-    clearance.
+    Each box exceeds the preceding box by the motion of the joints on a step of the line. The rates
+    of this motion are the largest rates sampled in the box, times 1 plus a share; the share goes
+    from the first of ``slacks`` to the second. Return also the length of the lines, m, which is the
+    same for all places. A SingularityError is raised if J_V, the task Jacobian stacked on the
+    potentials' gradients, is singular at the start, or if there is no clearance.
     """
     K, n = places.center.shape
     signs = np.sign(np.random.default_rng(0).uniform(-1, 1, (max(8, _SAMPLES // K), n)))
 
     def largest(Q: Array) -> Array:
-        """Evaluate the largest rates (K, n) at configurations (K, S, n)."""
+        """Evaluate the largest rates over S configurations Q (K, S, n) per place: (K, n)."""
         return _rates(task, field, Q, ratio).max(axis=1)
 
     # rates at the start give the length of a step
@@ -376,7 +363,7 @@ def _sampled(
 
 
 def _rates_at_start(rates: Array) -> Array:
-    """Replace zero rates of joints at rest by a small rate: (K, n).
+    """Replace the zero rates of joints that do not move by a small positive rate: (K, n).
 
     A SingularityError is raised if J_V is singular at the start.
     """
@@ -388,13 +375,13 @@ def _rates_at_start(rates: Array) -> Array:
 def rate_bounds(
     problem: LeafMarginProblem, Q: Array, half: Array, most: Array, ratio: float | Array
 ) -> tuple[Array, Array, NDArray[np.int32]]:
-    """Bound how far each joint moves per metre of a line of the end effector, on boxes of joints.
+    """Bound the rates of the joints, rad or m per metre of a line, on boxes Q ± half, (K, n) each.
 
     The rate of a joint is ``‖g_v‖ + ratio ‖g_ω‖``, summed over the frames, with g the joint's row
-    of the repeatable inverse G_r, v its linear and ω its angular columns. The boxes are Q ± half,
-    (K, n) each; ``ratio``, rad per m, is one number, or one per frame. Return the bounds (K, n),
-    the values at the centres (K, n), and the joint along which to halve each box so that the bounds
-    soonest fall below ``most`` (K, n).
+    of the repeatable inverse G_r, v its linear and ω its angular columns. ``ratio``, rad per m, is
+    one number, or one per frame. Return the bounds (K, n), the values at the centres (K, n), and
+    the joint (K,) along which to halve each box, chosen such that the bounds fall below ``most``
+    (K, n) after few halvings.
     """
     bound, value = np.zeros((2, *Q.shape))
     split = np.zeros(len(Q), np.int32)
@@ -406,9 +393,9 @@ def rate_bounds(
 
 @np.errstate(all="ignore")
 def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
-    """Evaluate how far each joint moves per metre of a line, at Q (K, s, n): (K, s, n).
+    """Evaluate the rate of each joint, rad or m per metre of a line, at Q (K, s, n): (K, s, n).
 
-    The result is the sum of ``‖g_v‖ + ratio ‖g_ω‖`` over the frames: g is the joint's row of the
+    The rate is ``‖g_v‖ + ratio ‖g_ω‖``, summed over the frames: g is the joint's row of the
     repeatable inverse G_r, v its linear and ω its angular columns. It is inf where G_r does not
     exist.
     """

@@ -1,9 +1,9 @@
 """Check of one closed path: can it be shrunk to its start through paths that close?
 
-A leaf is the set of configurations with one value of the potentials h. On it, Φ = (f, h) is a local
-diffeomorphism where its Jacobian J_V is regular. So a sheet of poses that is swept from the start
-has one lift, that is, one sheet of configurations. The cone from the start pose to the path is such
-a sheet.
+A leaf is the set {q : h(q) = c} of the potentials h. Where J_V, the task Jacobian stacked on the
+potentials' gradients, is regular, pose and level determine the configuration locally. So each pose
+of a surface that is swept from the start has one configuration, if J_V is regular all over it. The
+cone from the start pose to the path is such a surface.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ class PathCertificate:
     shrinks : bool
         True if every ray ends on the motion along the path; that motion then closes.
     gap : float
-        Largest joint difference between end and start of the motion, rad or m; nan if the motion
+        Largest joint difference between end and start of the motion, rad or m; NaN if the motion
         stops early.
     mismatch : float
-        Largest joint difference between a ray's end and the motion, rad or m; nan if a ray or the
-        motion stops early.
+        Largest joint difference between the end of a ray and the motion at the same pose, rad or m;
+        NaN if a ray or the motion stops early.
     reason : str
         Why the path cannot be shrunk; empty if it can.
     poses : int
@@ -160,9 +160,10 @@ def _require_start(task: Task, path: TaskPath, q0: Array) -> None:
 
 
 def _ray_ends(inverse: RepeatableInverse, path: TaskPath, shares: Array, q0: Array) -> Array:
-    """Reach the poses at s = ``shares`` (P,) along straight lines from q0 (n,): (P, n).
+    """Follow straight lines from q0 (n,) to the poses x(s) of a path; return their ends (P, n).
 
-    The InputError of a ray that stops names its pose by s, in percent of the path.
+    ``shares`` (P,) are the values of s, from 0 to 1. If a line stops early, the InputError states s
+    in percent.
     """
     reached = []
     for s in shares:

@@ -1,8 +1,9 @@
 r"""Potentials as sums of features φ, with bounds on the second-order Taylor remainder of V.
 
 A potential h is a function of q that the controller holds constant; V are the gradients. A proof
-expands V on boxes of joints inside Ω, the region of the design. Each feature is 1, an earlier
-feature times a linear argument z, or the sine or cosine of an argument z:
+expands V on boxes of joints inside Ω, the region of the design. An argument z is a linear function
+of q. A feature φ is 1, a product of an earlier feature and an argument, or the sine or cosine of an
+argument. G, C and C_3 are coefficients, T and T_4 bounds:
 
 .. math:: z = Z q - z_0, \quad φ_f = 1,\; φ_{parent} z,\; \sin z,\; \cos z, \qquad
           V = G φ, \quad ∂V = C φ,
@@ -40,35 +41,32 @@ _Exponents = tuple[int, ...]
 @dataclass(frozen=True, eq=False)
 @read_only
 class Features:
-    """r potentials of n joints as sums of F features, with bounds that hold in one region.
-
-    A potential h is a function of q that the controller holds constant; V are the gradients. A
-    feature is 1, a product of linear functions of q, or the sine or cosine of such a function. A
-    proof expands V on boxes of joints, and needs the bounds for the remainder.
+    """r potentials of n joints as sums of F features, with bounds that hold in one box of joints.
 
     Attributes
     ----------
     Z, z0 : (s, n) and (s,) arrays
         The s linear arguments of the features, ``z = Z q − z0``.
     kind, parent, variable : (F,) arrays of int
-        Per feature: kind of function, index of the feature that a product multiplies, and index of
-        the argument.
+        Per feature: its kind (0 for 1, 1 for a product, 2 for a sine, 3 for a cosine); for a
+        product, the index of its earlier feature; and the index of its argument.
     G : (r, n, F) array
         Coefficients of V.
     C : (r, n, n, F) array
         Coefficients of ∂V.
     third : (F_3,) array of int
-        Indices of the features that occur in the third derivatives of h; none where T bounds these
-        well.
+        Indices of the features in C3.
     C3 : (r, n, n, n, F_3) array
-        Coefficients of the third derivatives of h.
+        Coefficients of those terms of the third derivatives of h that are not constant, and not
+        sines or cosines.
     T, T4 : (r, n, n, n) and (r, n, n, n, n) arrays
-        Bounds over the region: T on the terms of the third derivatives that are not in C3, T4 on
-        the derivatives of ``C_3 φ``.
+        Bounds over the box: T on the terms of the third derivatives that are not in C3, T4 on the
+        derivatives of ``C_3 φ``; if F_3 is 0, T4 is (r, 0, 0, 0, 0).
     E : (r, n) array
-        Bounds on the rounding errors in V and in its derivatives times the half-widths.
+        Bounds on the rounding errors of V and of its first-order expansion over the box.
     size : (r,) array
-        Bounds on |V| and on its derivatives times the half-widths, to which rounding is relative.
+        Bounds on the entries of |V| plus ``|∂V|`` times the half-widths of the box, to which
+        rounding is relative.
     arms : tuple of ArmAngleChain
         Arm angles among the potentials. They are not features, but have Taylor models of their own.
     """
@@ -90,9 +88,7 @@ class Features:
 
 
 def features_of(field: Potentials, n: int, box: Box) -> Features:
-    """Convert potentials to sums of features, with bounds that hold in a box of joints.
-
-    A feature is a monomial, a sine or a cosine, whose derivatives a proof can bound.
+    """Convert potentials of n joints to sums of features, with bounds that hold in a box of joints.
 
     Raises
     ------
@@ -106,10 +102,9 @@ def features_of(field: Potentials, n: int, box: Box) -> Features:
 
 
 class _Argument(NamedTuple):
-    """Linear function ``z = row · q − z0`` of the joints, from which features are made.
+    """Linear function ``z = row · q − z0`` of the joints.
 
-    Features are monomials, sines and cosines of such functions. ``most`` bounds |z| in the box,
-    ``error`` its rounding error.
+    ``most`` bounds |z| in the box, ``error`` its rounding error.
     """
 
     row: Array
@@ -119,7 +114,7 @@ class _Argument(NamedTuple):
 
 
 class _Feature(NamedTuple):
-    """Function of q of which potentials are sums: 1, a product, a sine or a cosine.
+    """One feature: 1, a product, a sine or a cosine.
 
     ``kind``, ``parent`` and ``variable`` are as in :class:`Features`. ``bound`` bounds the absolute
     value of the feature in the box, ``error`` its rounding error.
@@ -133,10 +128,9 @@ class _Feature(NamedTuple):
 
 
 class _Builder:
-    """Collector of the features of potentials, with coefficients and bounds.
+    """Collector of features, coefficients and bounds: :meth:`add` potentials, get :meth:`features`.
 
-    Potentials are sums of features, which are functions of the n joints. :meth:`add` collects
-    features, :meth:`features` returns them as arrays. The bounds hold in ``box``.
+    The potentials have n joints; the bounds hold in ``box``.
     """
 
     def __init__(self, n: int, box: Box) -> None:
@@ -152,7 +146,7 @@ class _Builder:
         self.arms: list[ArmAngleChain] = []
 
     def add(self, field: Potentials) -> None:
-        """Add the features of potentials; those of a sum are added part by part."""
+        """Add the features of potentials; for a sum, those of each part."""
         if isinstance(field, SumMap):
             for part in field.maps:
                 self.add(part)
@@ -193,12 +187,12 @@ class _Builder:
         return len(self.arguments) - 1
 
     def _feature(self, feature: _Feature) -> int:
-        """Add a feature, a function of which potentials are sums, and return its index."""
+        """Add a feature, and return its index."""
         self.found.append(feature)
         return len(self.found) - 1
 
     def _room(self, r: int) -> Array:
-        """Return the array (r, n, n, n) that collects bounds on the third derivatives of h."""
+        """Return the array T (r, n, n, n), which :meth:`features` returns; create it if needed."""
         if self.T is None:
             self.T = np.zeros((r, self.n, self.n, self.n))
         return self.T
@@ -208,7 +202,8 @@ class _Builder:
     def _polynomial(self, field: PolynomialMap) -> None:
         """Add the terms of polynomials ``h = Σ c_β u^β`` with ``u = (q − center) / scale``.
 
-        β are the exponents. Every monomial that occurs in h or its derivatives becomes a feature.
+        β are tuples of exponents. Every monomial that occurs in h or its derivatives becomes a
+        feature.
         """
         scale, joints = field.scale, field.joints
         z = self._variables(field)
@@ -253,12 +248,12 @@ class _Builder:
         scale: Array,
         monomial: Callable[[_Exponents], int],
     ) -> None:
-        """Add the term ``c u^three`` of the third derivative of h along the joints ``ijl``.
+        """Add the term ``c u^three`` to the third derivative of h along the joints ``ijl``.
 
-        ``c`` (r,) are its coefficients, ``three`` its exponents. ``most`` has the bounds on |u_i|
-        in the box; ``monomial`` gives the index of the feature with given exponents. The
-        derivatives of the term along the last of the three joints and along all later joints are
-        bounded, too.
+        ``c`` (r,) are coefficients, ``three`` exponents. ``joints`` and ``scale`` are those of the
+        variables u, and ``most`` bounds each |u_i| in the box. ``monomial`` gives the index of the
+        feature with given exponents. Derivatives of the term with respect to the last of the three
+        joints and to later joints are bounded in T4.
         """
         feature = monomial(three)
         self.C3[ijl][feature] = self.C3[ijl].get(feature, 0.0) + c
@@ -273,8 +268,8 @@ class _Builder:
     ) -> int:
         """Add the monomial with exponents ``beta`` as a feature, and return its index.
 
-        The monomial is the product of a monomial of lower degree, which ``monomial`` finds or adds,
-        and one of the variables. ``z`` has the indices of the variables' linear functions.
+        It is the product of a monomial of lower degree, whose index ``monomial`` returns, and one
+        of the variables; ``z`` has the indices of the variables among the arguments.
         """
         used = [i for i, power in enumerate(beta) if power]
         if not used:
@@ -349,7 +344,7 @@ class _Builder:
         )
 
     def _first_and_second(self) -> tuple[Array, Array]:
-        """Create the coefficients of the first and second derivatives: (r, n, F), (r, n, n, F)."""
+        """Create the coefficients G (r, n, F) and C (r, n, n, F) of :class:`Features`."""
         assert self.T is not None
         r, n, F = len(self.T), self.n, len(self.found)
         G, C = np.zeros((r, n, F)), np.zeros((r, n, n, F))
@@ -362,10 +357,7 @@ class _Builder:
         return G, C
 
     def _third_and_fourth(self) -> tuple[NDArray[np.int32], Array, Array]:
-        """Create the arrays of the third derivatives, and the bounds of the fourth.
-
-        The first array has the indices of the features in the third derivatives.
-        """
+        """Create the arrays ``third``, ``C3`` and ``T4`` of :class:`Features`."""
         assert self.T is not None, "a field has at least one term"
         r, n = len(self.T), self.n
         third = np.array(sorted({f for terms in self.C3.values() for f in terms}), np.int32)
@@ -383,9 +375,9 @@ class _Builder:
 
 
 def _lowered(beta: _Exponents) -> list[tuple[int, _Exponents, int]]:
-    """Differentiate a monomial with exponents beta with respect to each of its variables.
+    """Differentiate a monomial with exponents ``beta`` with respect to each of its variables.
 
-    Returns triples: index of the variable, exponents of the derivative, and its factor.
+    Return one triple per derivative: index of the variable, exponents, and factor.
     """
     return [
         (i, (*beta[:i], power - 1, *beta[i + 1 :]), power) for i, power in enumerate(beta) if power

@@ -27,9 +27,9 @@ def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -
     """Add a certificate to a design; return it unchanged if the proof of its leaf margin fails.
 
     If Ω, the region of joint space of the design, is a tube, the certificate has a closing radius:
-    the distance from the path within which closed paths end in their start configuration. The proof
-    also fails if it takes too long compared with ``spent``, the processor time of the study, s.
-    ``say`` reports the step.
+    the distance from the path within which closed paths end in their start configuration. The
+    processor time for the leaf margin is 5 % of ``spent``, that of the study so far, s, but at
+    least 0.3 s. ``say`` displays the step.
     """
     say("proving its leaf margin and closing radius")
     seconds = max(_LEAST_PROVING, _PROVING * spent)
@@ -46,7 +46,8 @@ def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -
 def unproved_note(design: Design) -> list[str]:
     """Write a note that a study's time did not suffice for a certificate, and how to get one.
 
-    The list is empty if the design has a certificate, or if such a design cannot be proved.
+    The list is empty if the design has a certificate, if no proof of it exists (such as for
+    user-defined potentials), or if there is no native library.
     """
     if design.proof is not None or library() is None:
         return []

@@ -21,8 +21,8 @@ def space_of(k: int) -> Any:
     """Create the C struct SPACE: the table with which C multiplies Taylor models in k variables.
 
     The table has a row per product of two monomials up to degree 3: the indices of both factors.
-    Rows are sorted by the product monomial; further arrays say where the rows of each monomial, and
-    of each degree, begin. Copies of the struct do not keep its arrays alive, so keep the original.
+    Rows are sorted by the product; further arrays hold the first row of each product, and of each
+    degree. A copy of the struct does not keep its arrays alive, so keep the original.
     """
     from ..cells.chart.monomials import Monomials  # a study has no need of it
 

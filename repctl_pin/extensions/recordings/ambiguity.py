@@ -113,7 +113,7 @@ def _folds(session: Column) -> tuple[Column, str]:
 
 
 def _scaled(U: Array) -> Array:
-    """Scale coordinates U (K, k) of the poses to [−1, 1]; leave out columns that do not vary.
+    """Scale coordinates U (K, k) of the poses to [−1, 1]; leave out constant columns.
 
     The polynomials and the ridge parameter of the fit presume this range.
     """
@@ -129,9 +129,9 @@ def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slic
     """Compute ``q − q̂`` (K, ·) for all labellings, with q̂ fitted to the other folds.
 
     The columns of Q hold the labellings side by side; ``parts`` are the columns of each. ``fold``
-    is the number of each frame's fold, and ``terms`` are the monomials of q̂. One pass over the
-    frames sums the normal equations of the fits, another evaluates the misfit, so that memory does
-    not grow with the recording.
+    (K,) is the index of each frame's fold, and ``terms`` are the monomials of q̂ in the coordinates
+    U (K, k). The frames are passed twice, in blocks, so that memory does not grow with their
+    number.
     """
     folds, N = int(fold.max()) + 1, terms.size
     gram, right = np.zeros((folds, N, N)), np.zeros((folds, N, Q.shape[1]))
@@ -152,13 +152,11 @@ def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slic
 
 
 def _fits(gram: Array, right: Array, counts: Column, parts: list[slice]) -> Array:
-    """Solve ridge regressions, each without one fold, for the coefficients W (folds, N, ·).
+    """Solve ridge regressions, one without each fold, for the coefficients W (folds, N, ·).
 
-    ``gram`` has G = TᵀT of each fold, and ``right`` has B = TᵀQ. T (K, N) are the N terms at the
-    frames of the fold, and Q the configurations. ``counts`` are the frames per fold, ``parts`` the
-    columns of each labelling. Each labelling gets the ridge parameter λ with the smallest misfit on
-    the left-out folds. That part of the squared misfit which depends on W is ``tr(Wᵀ G W − 2 Wᵀ
-    B)`` per fold.
+    ``gram`` (folds, N, N) is TᵀT and ``right`` (folds, N, ·) is TᵀQ of each fold, with the N terms
+    T at its frames. ``counts`` are the frames per fold, ``parts`` the columns of each labelling.
+    Each labelling gets the ridge parameter λ with the smallest misfit on the left-out folds.
     """
     K = counts.sum()
     total = gram.sum(axis=0)

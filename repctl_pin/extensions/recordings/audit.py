@@ -129,7 +129,7 @@ class Audit:
 
     @property
     def begins(self) -> float | None:
-        """Time of the log, s, at which a later drift begins; None for any other verdict."""
+        """Time by the clock of the log, s, at which a later drift begins; None without one."""
         if self.found is None or self.verdict != LATER:
             return None
         return float(self.visits.t[self.found.begins - 1] - self.log.t[0])
@@ -143,8 +143,7 @@ class Audit:
     def along(self) -> Array:
         """Displacement of the most displaced link's point since the first visit: (N,), m.
 
-        The link is ``part``. The displacement is measured along the straight line to the position
-        at the last visit.
+        It is measured along the straight line from the first visit to the last.
         """
         place = self.points[:, self.part] - self.points[0, self.part]
         way = place[-1]
@@ -386,11 +385,11 @@ def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...])
 
 
 def _error_of(bodies: LinkPoints, visits: Visits, part: int, floor: Array) -> float:
-    """Compute the half-width of the confidence interval of the speed of a link's point, m/s.
+    """Compute the half-width of the 95 % interval of the drift of a link's point, m/s.
 
-    ``part`` is the index of the link. ``floor`` (n,), rad or m, is a lower bound on the scatter of
-    each joint. The scatter of the point is at least that due to ``floor``, so that the interval is
-    not too narrow after a few equal visits.
+    ``part`` is the index of the link. The scatter of the point is at least that due to ``floor``
+    (n,), a lower bound on the scatter of each joint, rad or m. So the interval is not too narrow
+    after a few equal visits.
     """
     q, step = visits.q[0], 1e-6
     around = np.vstack([q, q + step * np.eye(len(q))])

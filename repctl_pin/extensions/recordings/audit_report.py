@@ -269,8 +269,8 @@ def _table(audit: Audit) -> str:
 def _leads(audit: Audit) -> list[str]:
     """Write the remarks below the table of an audit, one text per line.
 
-    They say which visits have the same configuration if the arm jumps or scatters, when a joint
-    will leave its range at the measured rate, and within which distance poses counted as the same.
+    They name the visits with the same configuration if the arm jumps or scatters, the time at which
+    a joint will leave its range at the measured rate, and the tolerance of the visits.
     """
     said = []
     if audit.verdict in (JUMPS, SCATTERS) and audit.found is not None:
@@ -292,7 +292,7 @@ def _leads(audit: Audit) -> list[str]:
 
 
 def _next_step(audit: Audit) -> list[str]:
-    """Write the recommended next step: a list of one text, or an empty list if the arm repeats."""
+    """Return a list of one text, the recommended next step; empty if the arm repeats."""
     task = audit.task
     robot = task.robot.name if task.robot.entry else task.robot.description.path.name
     kind = ["--task", str(task.kind)] if len(task.frames) == 1 else []
@@ -307,10 +307,9 @@ def _next_step(audit: Audit) -> list[str]:
 
 
 def _order(groups: NDArray[np.intp]) -> str:
-    """Write the configuration of each visit as a letter, A B A B …, and how many visits agree.
+    """Write the configuration of each visit as a letter, A B A B …, and the largest group's size.
 
-    ``groups`` (N,) has the number of each visit's configuration, from 0. The letters show at a
-    glance whether the arm alternates.
+    ``groups`` (N,) has the index of each visit's configuration. A group has one configuration.
     """
     names = "".join(chr(ord("A") + g) if g < _LETTERS else "…" for g in groups)
     more = "…" if len(names) > _SHOWN else ""

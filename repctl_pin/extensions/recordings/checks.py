@@ -52,7 +52,7 @@ _BEYOND = 0.1
 
 
 def require_metres(task: Task, p: Array) -> None:
-    """Raise an error for positions (K, 3) far beyond the arm's reach, probably in millimetres."""
+    """Raise an InputError if positions (K, 3) are far beyond the arm's reach, as in millimetres."""
     q = np.array(task.reference)
     reach = arm_reach(task, q)
     away = float(np.median(np.linalg.norm(p - task.joint_origins(q)[0], axis=1)))
@@ -67,7 +67,7 @@ def require_metres(task: Task, p: Array) -> None:
 
 
 def require_radians(task: Task, Q: Array) -> None:
-    """Raise an error for configurations (K, n) that fit the joint limits only as degrees."""
+    """Raise an InputError if configurations (K, n) fit the joint limits only in degrees."""
     beyond = -task.limit_margin(Q)
     if float((beyond.max(axis=1) > _BEYOND).mean()) < 0.5 or not task.revolute.any():
         return
@@ -81,7 +81,7 @@ def require_radians(task: Task, Q: Array) -> None:
 
 
 def require_limits(task: Task, Q: Array) -> None:
-    """Raise an error if one joint exceeds its limits in most of the configurations Q (K, n).
+    """Raise an InputError if one joint exceeds its limits in most configurations Q (K, n).
 
     If the values fit the limits in another order of the joints, the message says so.
     """
@@ -103,7 +103,7 @@ def require_limits(task: Task, Q: Array) -> None:
 
 
 def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> None:
-    """Raise an error if recorded poses differ from the forward kinematics of the recorded joints.
+    """Raise an InputError if recorded poses differ from the forward kinematics of recorded joints.
 
     A constant offset of the tool or of the base is refused if it exceeds both the remaining noise
     and the usual corrections by an arm's calibration. Other differences are refused above 0.05 m or
@@ -189,7 +189,7 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
 
 
 class _Explanation(NamedTuple):
-    """Explanation of a constant offset, its remedy, and the differences that remain, m and rad."""
+    """Explanation of a constant offset, its remedy, and the differences (m, rad) that remain."""
 
     why: str
     remedy: str
@@ -199,10 +199,10 @@ class _Explanation(NamedTuple):
 def _other_frame(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int]
 ) -> _Explanation:
-    """Fit another frame of the tool: ``p = p_own + R_own d``, ``R = R_own D``.
+    """Fit another frame of the tool, (d, D): ``p = p_own + R_own d``, ``R = R_own D``.
 
-    p and R are the recorded poses, p_own and R_own those by forward kinematics. ``rows`` are the
-    components of the position that the task commands.
+    p (K, 3) and R (K, 3, 3) are the recorded poses, p_own and R_own those by forward kinematics.
+    ``rows`` are the components of the position that the task commands.
     """
     d = np.linalg.lstsq(R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6)[0]
     D = mean_rotation(np.swapaxes(R_own, 1, 2) @ R) if task.kind.turns else np.eye(3)
@@ -214,9 +214,9 @@ def _other_frame(
 def _other_base(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int], B: Array
 ) -> _Explanation:
-    """Fit another base with the rotation B: ``p = B p_own + t``, ``R = B R_own``.
+    """Fit another base, rotated by B (3, 3) and shifted: ``p = B p_own + t``, ``R = B R_own``.
 
-    The arguments are those of :func:`_other_frame`.
+    The other arguments are those of :func:`_other_frame`.
     """
     t = np.zeros(3)
     t[rows] = (p - p_own @ B.T).mean(axis=0)[rows]
@@ -226,7 +226,7 @@ def _other_base(
 
 
 def _size(miss: tuple[float, float]) -> float:
-    """Combine differences in m and in rad into one number, with which to compare explanations.
+    """Combine differences (m, rad) into one number, by which explanations are compared.
 
     The units are the usual corrections by the calibration of an arm: 3 mm and 0.01 rad.
     """
@@ -239,7 +239,7 @@ def _turned(R: Array) -> str:
 
 
 def mean_rotation(R: Array) -> Array:
-    """Average rotations (K, 3, 3): the rotation (3, 3) nearest to their mean."""
+    """Return the rotation (3, 3) nearest to the mean of rotations (K, 3, 3)."""
     return Rotation.from_matrix(R).mean().as_matrix()
 
 
@@ -279,25 +279,28 @@ def _orders(n: int) -> list[list[int]]:
 
 
 def _first_is_w(R: Array) -> Array:
-    """Correct rotations (K, 3, 3) whose quaternions were given with qw first instead of last.
+    """Return the rotations (K, 3, 3) that the file meant if its quaternions begin with qw.
 
-    If the corrected rotations agree with the joints, that was the mistake.
+    ``R`` are those that follow from reading qw as the last number.
     """
     x = Rotation.from_matrix(R).as_quat()
     return Rotation.from_quat(x[:, [1, 2, 3, 0]]).as_matrix()
 
 
 def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:
-    """Compute median distances, m and rad, between poses p, R and the forward kinematics of Q."""
+    """Compute the median distances, (m, rad), of poses p, R from the forward kinematics of Q.
+
+    The shapes are (K, 3), (K, 3, 3) and (K, n).
+    """
     p_own, R_own, _ = placed(task, Q)
     return _miss(task, p, R, p_own, R_own)
 
 
 def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[float, float]:
-    """Compute median distances, m and rad, between two series of poses, in the task's coordinates.
+    """Compute the median distances, (m, rad), between poses p, R and p_own, R_own.
 
-    The series are p, R and p_own, R_own, of shapes (K, 3) and (K, 3, 3). The angle is 0 for a
-    position task, and the angle between the tool axes for an axis task.
+    Only the task's components count: the angle is 0 for a position task, and that between the tool
+    axes for an axis task. The shapes are (K, 3) and (K, 3, 3).
     """
     rows = task.rows[: min(3, task.m)]
     distance = float(np.median(np.linalg.norm((p - p_own)[:, rows], axis=1)))
@@ -311,15 +314,15 @@ def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[f
 
 
 def _alike(by: tuple[float, float]) -> bool:
-    """Test whether joints and poses agree: the median distances, m and rad, are small enough."""
+    """Test whether median distances (m, rad) are so small that joints and poses agree."""
     return by[0] < _ALIKE_M and by[1] < _ALIKE_RAD
 
 
 def require_increasing(times: Array, sessions: Array, *, split: bool) -> None:
-    """Raise an error if times (K,) do not increase within each session of the recording.
+    """Raise an InputError if times (K,) do not increase within each session of the recording.
 
-    ``sessions`` (K,) numbers the session of each frame; ``split`` is True if there are several. The
-    error's ``at`` is the number of the frame.
+    ``sessions`` (K,) is the index of each frame's session; ``split`` is True if there are several.
+    The error's attribute ``at`` is the index of the frame.
     """
     order = np.argsort(sessions, kind="stable")
     late = (np.diff(times[order]) <= 0) & (np.diff(sessions[order]) == 0)

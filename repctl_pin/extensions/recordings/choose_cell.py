@@ -85,7 +85,7 @@ def design_for(
 
 
 def _held(found: CellDesign, recording: Recording) -> float:
-    """Compute the fraction of frames at which a design's function has a value within the limits."""
+    """Compute the share of frames at which a design's function has a value within the limits."""
     F = InverseFunction(found.function.chart)
     Q = F.batch(recording.homogeneous, missing="nan")
     return float(np.isfinite(Q[:, 0]).mean())
@@ -149,7 +149,7 @@ def _cells(recording: Recording, share: float) -> Iterator[Cell]:
 
 
 def _box(recording: Recording, share: float) -> Cell:
-    """Make a box of poses that contains a share of the frames, with a small margin.
+    """Make a box of poses that contains the given share of the frames, with a small margin.
 
     Its middle is found in two steps. The first middle has the median position and the mean
     rotation. The final middle is the middle of the range of the frames nearest to the first middle.
@@ -173,7 +173,7 @@ def _box(recording: Recording, share: float) -> Cell:
 
 
 def _sector(recording: Recording, share: float) -> Cell:
-    """Make a sector around the base that contains a share of the frames, with a small margin.
+    """Make a sector around the base that contains the given share of the frames, with a margin.
 
     The coordinates are radius, angle and height, and tilts and spin of the tool. They depend on the
     middle, which is therefore found in two steps. InputError is raised if there is no such sector.
@@ -204,7 +204,10 @@ def _sector(recording: Recording, share: float) -> Cell:
 
 
 def _wide_sector(task: Task, middle: pin.SE3, radius: float) -> Sector:
-    """Make a sector with a radius, m, around the middle, whose other coordinates are unbounded."""
+    """Make a sector around the placement ``middle`` with a half-width of the radius, m.
+
+    The other half-widths are nominal: 1 m for the height, 1 rad for tilts, π for angle and spin.
+    """
     sizes = {"height": 1.0 if task.m > 2 else 0.0, "angle": np.pi}
     sizes |= {"half_angle": 1.0} if task.m > 3 else {}
     sizes |= {"spin": np.pi} if task.m == 6 else {}
@@ -214,8 +217,8 @@ def _wide_sector(task: Task, middle: pin.SE3, radius: float) -> Sector:
 def _sector_of(probe: Sector, w: Array) -> Sector:
     """Make a sector with the middle of ``probe`` and half-widths w (m,), in m and rad.
 
-    If the spin, which is the turn about the tool's axis, is below 0.6 rad, it is given as a third
-    ``half_angle`` instead.
+    A spin, the turn about the tool's axis, of less than 0.6 rad is passed to :class:`Sector` as the
+    third component of ``half_angle``, together with the tilts.
     """
     task = probe.task
     spin = float(w[SPIN]) if task.m > SPIN else 0.0
@@ -234,16 +237,18 @@ def _sector_of(probe: Sector, w: Array) -> Sector:
 
 
 def _measured(probe: Cell, p: Array, R: Array) -> Array:
-    """Compute the coordinates of poses from the middle of the cell ``probe``, m and rad: (K, m)."""
+    """Compute the coordinates (K, m), in m and rad, of poses p, R in the cell ``probe``.
+
+    They are 0 in its middle.
+    """
     U, _ = probe.coordinates(p, R)
     return U * probe.widths[probe.moved]
 
 
 def _within(Y: Array, share: float) -> Array:
-    """Select those rows of Y (K, m) that are nearest to the median of all rows.
+    """Select the given share, 0 to 1, of the rows of Y (K, m): those nearest to the median row.
 
-    ``share``, from 0 to 1, is the fraction of the rows to return. For the distance, each coordinate
-    is divided by its spread, so that metres and radians count alike.
+    Each coordinate is divided by its spread, so that metres and radians count alike.
     """
     if share == 1.0:
         return Y
@@ -253,10 +258,10 @@ def _within(Y: Array, share: float) -> Array:
 
 
 def _widths(Y: Array, positions: int) -> Array:
-    """Compute half-widths (m,) of a cell around 0 that holds poses Y (K, m), with a margin.
+    """Compute half-widths (m,) of a cell with its middle at 0 that contains poses Y (K, m).
 
-    The first ``positions`` coordinates are in m, the others in rad. A constant coordinate gets the
-    half-width 0. If all coordinates are constant, the half-widths are the margins.
+    The first ``positions`` coordinates are in m, the others in rad; each half-width has a margin. A
+    constant coordinate gets the half-width 0, unless all coordinates are constant.
     """
     reach = np.abs(Y).max(axis=0)
     pad = np.where(np.arange(len(reach)) < positions, _PAD_M, _PAD_RAD)

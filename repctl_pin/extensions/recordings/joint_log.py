@@ -208,9 +208,8 @@ def _of_data_set(path: Path, task: Task, units: Array, levels: Sequence[str]) ->
 def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
     """Find the unit of the times in the column ``clock``: "s", "ms", "us" or "ns".
 
-    Return also whether the times count from 1970. ``fastest`` are the speed limits of the joints,
-    rad/s or m/s. A unit in which the log exceeds these limits is excluded. InputError is raised if
-    several units remain.
+    Return also True if the times count from 1970. A unit in which the log exceeds the joints' speed
+    limits ``fastest``, rad/s or m/s, is excluded. InputError is raised if several units remain.
     """
     # steps of time, and the fastest joint relative to its limit
     steps = np.diff(log.t)
@@ -354,10 +353,10 @@ def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], b
 
 
 def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
-    """Choose the set of columns that most likely is measured; refuse a tie.
+    """Choose the set of columns that most likely holds measured positions; refuse a tie.
 
-    Each of ``sets`` has the names of a column per joint. Words such as "actual" come first,
-    "desired" or "command" last. In a tie, an InputError lists the possible sets.
+    Each of ``sets`` has one column's name per joint. Names with words such as "actual" come first,
+    those with "desired" or "command" last. In a tie, an InputError lists the possible sets.
     """
 
     def rank(names: Sequence[str]) -> int:
@@ -376,7 +375,7 @@ def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
 
 
 def words_of(name: str, joints: Sequence[str]) -> set[str]:
-    """Split the name of a column, without the name of a joint, into words in lower case.
+    """Split a column's name, apart from a joint's name in it, into words in lower case.
 
     The words, such as "velocity" or "desired", say what the column contains.
     """
@@ -387,15 +386,18 @@ def words_of(name: str, joints: Sequence[str]) -> set[str]:
 
 
 def _holds(name: str, joint: str) -> bool:
-    """Check whether a column's name contains a joint's name, with no letter or digit next to it."""
+    """Test whether a joint's name is part of a column's name, as a word of its own.
+
+    No letter or digit may be next to it.
+    """
     return re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", name) is not None
 
 
 def _whole(table: Table, n: int) -> str | None:
     """Find the name of an array (T, n) with the positions of all n joints; None if there is none.
 
-    A wider array may begin with the joints of another arm. InputError is raised if all arrays are
-    wider, or if there are several different arrays.
+    InputError is raised if all candidates have other widths, because a wider array can begin with
+    the joints of another arm, or if there are several different arrays.
     """
     known = [name for name in _TABLES if table.widths.get(name, 0) > 1]
     found = [name for name in known if table.widths[name] == n]
@@ -419,9 +421,9 @@ def _checked(
 ) -> JointLog:
     """Make a log without rows that lack a number or repeat the time of the preceding row.
 
-    ``values`` (T, n + k) are the joints, in ``units`` (n,), and the levels. ``table`` is the file
-    that was read, with which an error names the line; None for arrays. InputError is raised if time
-    runs backwards, or fewer than three rows remain.
+    ``values`` (T, n + k) are the joints in the file's ``units`` (n,), and k levels. ``table`` is
+    the file that was read, with which an error names the line; None for arrays. InputError is
+    raised if time runs backwards, or fewer than three rows remain.
     """
     rows = np.flatnonzero(np.isfinite(t) & np.isfinite(values).all(axis=1))
     steps = np.diff(t[rows])

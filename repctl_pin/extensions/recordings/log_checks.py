@@ -23,7 +23,7 @@ _TOO_FAST = 5.0
 
 
 def unit_notes(task: Task, log: JointLog) -> list[str]:
-    """Check the units, times and joint order of a log; return notes, which are sentences.
+    """Check the units, times and joint order of a log; return notes, each a sentence.
 
     Values that look like degrees, or do not fit this arm, raise an InputError, because a verdict on
     them would be wrong. Slight violations of joint limits, and speeds far above the limits, only
@@ -76,15 +76,15 @@ def _refuse_another_order(task: Task, log: JointLog, found: str) -> None:
 
 
 def _speed_ratio(task: Task, t: Array, q: Array) -> float:
-    """Compute the 99th percentile of joint speed relative to its limit, for the worst joint.
+    """Compute the 99th percentile of joint speed relative to its limit; return the largest.
 
-    If times are in a wrong unit, the ratio is far too large; a few outliers of the log have no such
-    effect.
+    ``t`` (T,) are times, s, and q (T, n) joint positions. In a wrong unit of time, the ratio is far
+    too large; a few outliers of the log have no such effect.
     """
     speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
     return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.velocity_limit))
 
 
 def _beyond(task: Task, q: Array) -> Array:
-    """Compute the largest excess of each joint over its limits (n,), rad or m; 0 if none."""
+    """Compute the largest excess of each joint beyond its limits: (n,), rad or m; 0 if none."""
     return np.maximum(-task.limit_margin(q).min(axis=0), 0.0)

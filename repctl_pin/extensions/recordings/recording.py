@@ -271,7 +271,7 @@ class Recording:
 def thinned(recording: Recording, most: int) -> Recording:
     """Select at most ``most`` frames of a recording, evenly spaced in their order.
 
-    Used for steps whose time grows with the number of frames, but whose result hardly changes.
+    This serves steps whose time grows with the number of frames, but whose result hardly changes.
     """
     some = np.linspace(0, len(recording) - 1, min(most, len(recording))).astype(int)
     other = object.__new__(Recording)
@@ -288,10 +288,10 @@ def forward(task: Task, Q: Array) -> tuple[Array, Array]:
 
 
 def in_blocks(function: Callable[..., Any], *arrays: Array) -> Any:
-    """Evaluate a function of the rows of arrays block by block, to save memory.
+    """Apply a function to arrays (K, …), block by block of rows, to save memory; join the results.
 
     The function takes a block of rows of each array, and returns an array or a tuple of arrays with
-    as many rows. The blocks are joined, so the result is that of one call on all rows.
+    as many rows.
     """
     parts = [function(*(values[at] for values in arrays)) for at in blocks(len(arrays[0]))]
     if isinstance(parts[0], tuple):
@@ -300,7 +300,7 @@ def in_blocks(function: Callable[..., Any], *arrays: Array) -> Any:
 
 
 def blocks(count: int) -> list[slice]:
-    """Split ``count`` rows into blocks of at most 16384; return their slices, in order."""
+    """Return slices that divide ``count`` rows into consecutive blocks of at most 16384."""
     return [slice(i, min(i + _CHUNK, count)) for i in range(0, count, _CHUNK)]
 
 
@@ -481,7 +481,11 @@ def _lerobot_names(file: Path) -> list[str] | None:
 def _arguments(
     table: Table, columns: dict[str, list[str]], places: tuple[int, ...] | None
 ) -> dict[str, Any]:
-    """Read the arguments of :class:`Recording` from the columns of a table, in one pass."""
+    """Read the arguments of :class:`Recording` from columns of a table, by their names.
+
+    ``columns`` has the names of the columns per argument, and ``places`` the index of each joint in
+    a row, as :func:`_find` returns them.
+    """
     made: dict[str, Any] = {}
     if places is not None:  # further numbers, such as a gripper's, may be missing
         name = columns["joints"][0]

@@ -49,7 +49,7 @@ class _Gap:
     session : str
         Name of the session.
     start, end : float
-        Times of the first and of the last frame, s; without times, the numbers of these frames.
+        Times of the first and of the last frame, s; without times, the indices of these frames.
     frames : int
         Number of frames.
     why : str
@@ -81,8 +81,9 @@ class Relabeled:
         Level c of every recorded configuration, rad or m; NaN outside the cell.
     joints : (K, n) array
         New configurations, rad or m; NaN for frames that could not be relabelled.
-    gaps : tuple of Gap
-        Time ranges of the frames that could not be relabelled.
+    gaps : tuple
+        Ranges of consecutive frames that could not be relabelled, each with its attributes
+        ``session``, ``start``, ``end``, ``frames`` and ``why``.
     ambiguity : Ambiguity
         Misfit of a smooth function of the pose at the relabelled frames: that of the recorded
         configurations, if any, and that of the new configurations.
@@ -109,7 +110,7 @@ class Relabeled:
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """True for frames (rows of the recording) that were relabelled: (K,)."""
+        """Mask (K,): True for frames (rows of the recording) that were relabelled."""
         return np.isfinite(self.joints[:, 0])
 
     @property
@@ -143,7 +144,7 @@ class Relabeled:
 
     @property
     def moved(self) -> Array:
-        """New minus recorded configurations (K, n), rad or m; NaN where either is missing."""
+        """New minus recorded configurations: (K, n), rad or m; NaN where either is missing."""
         if self.recording.joints is None:
             return np.full_like(self.joints, np.nan)
         return self.joints - self.recording.joints
@@ -316,8 +317,8 @@ def relabel(
         contains the frames.
     leaf : (r,) array, optional
         Level c, rad or m. By default, the level between 0 and the median of the recorded levels
-        that is nearest to the median without a loss: it must relabel as many frames as c = 0, with
-        a joint-limit margin that is as large, or at least 0.05 rad or m. Without recorded
+        that is nearest to the median and as good as c = 0: it must relabel as many frames, with a
+        joint-limit margin that is as large, or at least 0.05 rad or m. Without recorded
         configurations, c = 0.
     options
         ``samples``, ``held_out`` and ``seed`` of the function's design, see :class:`FitOptions`.
@@ -386,7 +387,7 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 
 
 def _with_further(recording: Recording) -> Recording:
-    """Append the further joints of a data set to the frames of a recording, without times.
+    """Append the further columns of joints of a data set as frames to a recording, without times.
 
     The cell then contains their poses, too, and the level is chosen such that F reaches them.
     """
@@ -398,7 +399,7 @@ def _with_further(recording: Recording) -> Recording:
 
 
 def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
-    """Compute the level c (K, r), rad or m, of each recorded configuration; None without these.
+    """Compute the level c (K, r), rad or m, of each recorded configuration; None without joints.
 
     The level is the position of the elbow along the self-motion; in consistent demonstrations, it
     is constant.
@@ -423,10 +424,9 @@ def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
 def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | None) -> Array:
     """Find the level c (r,) nearest to the median of the recorded levels that is as good as c = 0.
 
-    The elbow then stays near its recorded positions. A level is as good if it relabels as many
-    frames as c = 0, with a limit margin that is as large, or large enough. Levels between the
-    median of ``recorded`` (K, r) and 0 are tried, the nearest to the median first. If none of them
-    is as good, the result is c = 0, for which the function was designed.
+    A level is as good if it relabels as many frames as c = 0, with a limit margin that is as large,
+    or large enough. Levels between the median of ``recorded`` (K, r) and 0 are tried, the nearest
+    to the median first; the last is c = 0, for which the function was designed.
     """
     zero = np.zeros(F.task.r)
     if recorded is None or np.isnan(recorded).all():
@@ -442,7 +442,10 @@ def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | No
 
 
 def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, float]:
-    """Count recorded poses that F reaches at level c; find the smallest limit margin, rad or m."""
+    """Return the number of recorded poses that F reaches at level c, and the smallest limit margin.
+
+    The margin is in rad or m.
+    """
     Q = _labels(F, recording, c)
     Q = Q[np.isfinite(Q[:, 0])]
     return len(Q), float(F.task.limit_margin(Q).min(initial=np.inf))
@@ -451,9 +454,9 @@ def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, floa
 def _result(
     recording: Recording, design: CellDesign, c: Array, recorded: Array | None, Q: Array
 ) -> Relabeled:
-    """Make the result from new configurations Q (K, n), with gaps and ambiguity.
+    """Make the result from the new configurations Q (K, n), with gaps and ambiguity.
 
-    ``c`` is their level (r,), and ``recorded`` the levels (K, r) of the recorded configurations.
+    ``c`` (r,) is their level, and ``recorded`` (K, r) are the levels of the recorded ones.
     """
     before, found = recording.joints, np.isfinite(Q[:, 0])
     U, off = in_blocks(design.cell.coordinates, recording.positions, recording.rotations)
@@ -472,10 +475,10 @@ def _result(
 def _gaps(
     recording: Recording, found: NDArray[np.bool_], inside: NDArray[np.bool_]
 ) -> tuple[_Gap, ...]:
-    """List the ranges of consecutive frames of a session that were not relabelled for one reason.
+    """List the ranges of consecutive frames of one session that were not relabelled for one reason.
 
-    ``found`` (K,) is True for frames with new joints, ``inside`` (K,) for poses in the cell. At a
-    pose in the cell without new joints, these would violate the joint limits.
+    ``found`` (K,) is True for frames with new joints, ``inside`` (K,) for poses in the cell. A pose
+    in the cell is without new joints if these would violate the joint limits.
     """
     reason = np.where(found, 0, np.where(inside, 2, 1))
     order = np.argsort(recording.session, kind="stable")

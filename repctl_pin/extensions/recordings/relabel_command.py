@@ -118,7 +118,7 @@ def run(options: Options) -> int:
 
 
 def _places(options: Options) -> tuple[Path, Path]:
-    """Return the recording's file, and the output folder, in which nothing may be replaced."""
+    """Return the recording's file and the output folder; InputError if a file would be replaced."""
     from .data_sets.data_set import is_data_set, require_new
 
     file = Path(options.file)

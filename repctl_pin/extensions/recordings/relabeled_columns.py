@@ -59,7 +59,7 @@ class Columns(NamedTuple):
 
     @property
     def written(self) -> tuple[str, ...]:
-        """Names of the columns that hold the new joints; for an array, also indices, from 0."""
+        """Names of the columns of new joints; for arrays, also the joints' indices, from 0."""
         return tuple(
             name if len(cells.at) == 1 else f"{name} [{_ranges(cells.at)}]"
             for name, cells in self.new.items()
@@ -135,7 +135,7 @@ def plain_columns(
 
 
 def _ranges(at: Sequence[int]) -> str:
-    """Write indices as ranges, such as ``7–13`` or ``0, 2–4``."""
+    """Write indices as text, with ranges, such as ``7–13`` or ``0, 2–4``."""
     cuts = np.flatnonzero(np.diff(at) != 1) + 1
     parts = np.split(np.asarray(at), cuts)
     return ", ".join(f"{one[0]}–{one[-1]}" if len(one) > 1 else str(one[0]) for one in parts)
@@ -144,11 +144,12 @@ def _ranges(at: Sequence[int]) -> str:
 def _copy(
     source: Table, name: str, known: Sequence[tuple[Sequence[int] | None, Array, Array]]
 ) -> tuple[Array, Sequence[int]] | None:
-    """Find recorded joints in the rows of a file's array; return new joints, and indices in a row.
+    """Make new rows for an array of a file that repeats the recorded joints; None if it does not.
 
-    ``known`` has, for each column of joints, their indices in a row or None, and the recorded and
-    the new joints. The array may have further numbers, such as a gripper's, which are then kept. In
-    a data set, it may have the cosines or sines of the joints. Return None if it has none of these.
+    ``known`` has, for each column of joints, their indices in a row (or None), the recorded and the
+    new joints. Further numbers of the array, such as a gripper's, are kept. In a data set, the
+    array can have the cosines or sines of the joints. Return the new array, and the indices of the
+    joints in its rows.
     """
     width = source.widths[name]
     known = [one for one in known if 1 < one[1].shape[1] <= width]
@@ -169,9 +170,9 @@ def _copy(
 
 
 def _of_old_joints(name: str, joints: Sequence[str]) -> bool:
-    """Test by its name whether a column depends on the recorded joints and must be removed.
+    """Test by its name whether a column depends on the recorded joints, and so must be removed.
 
-    It does if the name contains the name of a joint, or a word such as ``action``, ``qvel`` or
+    The name then contains the name of a joint, or a word such as ``action``, ``qvel`` or
     ``velocity``, but no word for the hand or the gripper.
     """
     rest = words_of(name, joints)
@@ -193,9 +194,9 @@ def _poses(recording: Recording, Q: Array) -> tuple[Array, Array]:
 
 
 def _beside(recording: Recording) -> dict[str, Column]:
-    """Make the columns of time and session of a recording that was not read from a file.
+    """Make the columns of time and session, for a recording that was not read from a file.
 
-    They are written beside the new joints; a column without data is left out.
+    A column without data is left out.
     """
     columns = dict[str, Column]()
     if recording.times is not None:
@@ -206,7 +207,10 @@ def _beside(recording: Recording) -> dict[str, Column]:
 
 
 def _pose_columns(recording: Recording, Q: Array, widths: Mapping[str, int]) -> dict[str, Array]:
-    """Compute those columns of poses that the file has, by name, from the joints Q."""
+    """Compute the columns of poses that are in ``widths``, by name, from the joints Q (K, n).
+
+    ``widths`` are the file's columns, with their numbers per row.
+    """
     p, R = _poses(recording, Q)
     X = np.concatenate([p, Rotation.from_matrix(R).as_quat()], axis=1)
     poses = dict(zip(POSITION + QUATERNION, np.split(X, 7, axis=1), strict=True))

@@ -83,9 +83,9 @@ class Verdict:
     trend : Trend
         Drift of every joint, rad/s or m/s, over the visits from ``begins`` on.
     begins : int
-        Number of the visit at which a later drift begins; 0 for all other kinds.
+        Index of the visit at which a later drift begins; 0 for all other kinds.
     groups : (N,) array of int
-        Number of each visit's configuration. Visits with equal numbers differ by no more than the
+        Index of each visit's configuration. Visits with equal indices differ by no more than the
         noise.
     within : bool
         True if the differences of all visits are within the noise.
@@ -113,9 +113,9 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
     t, q
         Times and configurations.
     deviation, bias : (N, n) arrays
-        Standard deviation and largest bias of each value.
+        Standard deviation and largest bias of each value, rad or m.
     scale : (n,) array
-        Unit of each joint, 1 rad or the arm length in m. Differences of 1e-5 units do not count.
+        Scale of each joint, 1 rad or the arm length, m. Differences below 1e-5 of it do not count.
     """
     (N, n), floor = q.shape, CLOSED * scale
     z = norm.isf((1 - _SURE) / (N * (N - 1) * n))
@@ -147,10 +147,10 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
 
 
 class _Visits(NamedTuple):
-    """Visits to one pose: configurations q (N, n), rad or m, at times t (N,), s.
+    """N visits of one pose: times t (N,), s, and configurations q (N, n), rad or m, with noise.
 
-    r (N, n) is the half-width of the noise interval q ± r of each value. ``least`` (n,) is a lower
-    bound of the standard deviations, rad or m, from which the error of a trend is computed.
+    Each value has the interval q ± r, with r (N, n). ``least`` (n,) is a lower bound of the
+    standard deviations, rad or m, from which the error of a trend is computed.
     """
 
     t: Array
@@ -169,7 +169,10 @@ class _Visits(NamedTuple):
         return _steady(self.t[first:], self.q[first:], self.r[first:], line)
 
     def later(self, groups: NDArray[np.intp]) -> int:
-        """Find the visit from which on the arm drifts after it has repeated; 0 if there is none."""
+        """Find the index of the visit at which a drift begins after equal visits; 0 if none.
+
+        ``groups`` (N,) has the index of each visit's configuration.
+        """
         head = int(np.argmax(groups != 0))
         if not ENOUGH <= head <= len(self.t) - _LATER:
             return 0
@@ -179,11 +182,10 @@ class _Visits(NamedTuple):
 
 
 def _groups(q: Array, r: Array) -> NDArray[np.intp]:
-    """Number the configurations (N,): a visit joins the first group that its intervals overlap.
+    """Return the index of each visit's configuration: (N,), from 0.
 
-    Each visit has an interval q ± r of every joint, with q and r (N, n), where r is the noise.
-    Visits with the same number have the same configuration within the noise: all their intervals
-    overlap in pairs, and so have a common point.
+    A visit joins the first group all of whose intervals q ± r its own overlap, with q and the noise
+    r (N, n). So the visits of a group have the same configuration within the noise.
     """
     low, high = np.empty_like(q), np.empty_like(q)  # of each group
     groups, count = np.zeros(len(q), np.intp), 0
@@ -198,10 +200,11 @@ def _groups(q: Array, r: Array) -> NDArray[np.intp]:
 
 
 def _few(q: Array, r: Array, groups: NDArray[np.intp]) -> bool:
-    """Test whether the arm jumps: it has two configurations, or visits each twice on average.
+    """Test whether the arm jumps between a few separate configurations.
 
-    ``groups`` (N,) numbers the configuration of each visit, whose values are q ± r (N, n). The
-    configurations must be separate: for some joint, the intervals of their visits do not overlap.
+    It has at most two of them, or enters each twice on average. ``groups`` (N,) has the index of
+    each visit's configuration, and q ± r (N, n) are the intervals of its values. Two configurations
+    are separate if, for some joint, the intervals of their visits do not overlap.
     """
     count = groups.max() + 1
     entered = 1 + np.count_nonzero(np.diff(groups))
@@ -215,7 +218,7 @@ def _few(q: Array, r: Array, groups: NDArray[np.intp]) -> bool:
 
 
 def _significant(found: Trend) -> NDArray[np.bool_]:
-    """Test which slopes of a trend are larger than the half-width of their confidence interval."""
+    """Test which slopes of a trend exceed the half-width of their confidence interval: (k,)."""
     return np.abs(found.rate) > found.error
 
 

@@ -2,7 +2,9 @@
 
 A visit is a time at which the hand is within a tolerance of the pose. The configuration of a visit
 is estimated from nearby rows of the log. Two errors are given: the deviation is the scatter due to
-noise, the bias a bound on systematic errors.
+noise, the bias a bound on systematic errors. Distances between poses are in m; a rotation by 1 rad
+counts as a length, ``radian``, m. A gap is a time step of the log that is too long; ``whole``
+(T − 1,) is False there.
 """
 
 from __future__ import annotations
@@ -80,8 +82,8 @@ class Visits:
     noise : (n,) array
         Noise of each joint, standard deviation, rad or m.
     nearest : float
-        Smallest distance at which the hand came back to one of the poses tried, m; a difference of
-        the level by 1 rad counts as a quarter of the arm's length, too.
+        Smallest distance, m, at which the hand came back to one of the tried poses, within the
+        tolerance or not. A difference of a level by 1 rad counts as a quarter of the arm's length.
     deviation : (N, n) array
         Standard deviation of the joints at each visit due to the noise of the log, rad or m.
     bias : (N, n) array
@@ -176,9 +178,10 @@ def find_visits(
 
 
 def _score(there: list[_Pass], each: float, tolerance: float) -> tuple[float, float]:
-    """Score a pose by its visits within a quarter of the tolerance, then by the time there, s.
+    """Score a pose: the number of its visits, and the time that the hand stays there, s.
 
-    The number of visits is doubled if they are rests. ``each`` is the time between two rows of the
+    Only visits within a quarter of the tolerance, m, count; if nearly all visits are rests, their
+    number is doubled. ``there`` are the visits, and ``each`` is the time between two rows of the
     log, s.
     """
     stays = each * np.array([len(one.rows) for one in there])
@@ -190,9 +193,9 @@ def _score(there: list[_Pass], each: float, tolerance: float) -> tuple[float, fl
 class _Pass(NamedTuple):
     """Consecutive rows of a log near one pose: a stay of the hand, or a passage.
 
-    ``run`` are the numbers of the rows near the pose, ``rows`` those within the tolerance. ``at``
-    is the fractional row number at which the hand is nearest to the pose, and ``distance`` the
-    distance there, m, with rotations counted as lengths.
+    ``run`` are the indices of the rows near the pose, ``rows`` those within the tolerance. ``at``
+    is the fractional row index at which the hand is nearest to the pose, and ``distance`` the
+    distance there, m.
     """
 
     run: NDArray[np.intp]
@@ -204,7 +207,6 @@ class _Pass(NamedTuple):
 def _noise_of(Q: Array) -> Array:
     """Estimate the noise of every column of Q (T, n): standard deviations (n,), rad or m.
 
-    A log does not state the precision of its readings, so differences of readings are used.
     Differences of order k of white noise σ have the variance ``(2k choose k) σ²``; the differences
     of a smooth motion vanish as k grows. The result is the smallest estimate of orders 3 to 6. Each
     comes from the median size of the differences, which pauses and gaps hardly change.
@@ -228,10 +230,10 @@ def _quantum(Q: Array) -> Array:
 
 
 def _features(task: Task, Q: Array, radian: float) -> Array:
-    """Convert configurations to points (T, d), m; their distances are those of the hand poses.
+    """Convert configurations Q (T, n) to points (T, d), m, whose distances are those of the poses.
 
-    Rotations count as lengths, ``radian`` (m) per rad; a k-d tree then finds nearby poses. Poses of
-    several hands are near each other only if those of every hand are.
+    A k-d tree then finds nearby poses. Poses of several hands are near each other only if those of
+    every hand are.
     """
     placements = zip(*(task.placements(q) for q in Q), strict=True)
     kinds = [one.kind for one in task.single_tasks]
@@ -244,7 +246,7 @@ def _features(task: Task, Q: Array, radian: float) -> Array:
 
 
 def _coordinates(kind: Kind, placements: Sequence[pin.SE3], radian: float) -> Array:
-    """Convert the placements of one frame to points (T, d), m, as :func:`_features` describes.
+    """Convert T placements of one frame to points (T, d), m, as :func:`_features` describes.
 
     A point has only the coordinates that the kind of task commands. For an axis task, the direction
     of the tool axis takes the place of the rotation matrix.
@@ -260,12 +262,11 @@ def _coordinates(kind: Kind, placements: Sequence[pin.SE3], radian: float) -> Ar
 def _tolerance(
     task: Task, Q: Array, X: Array, noise: Array, radian: float, whole: NDArray[np.bool_]
 ) -> float:
-    """Compute the default tolerance of a hand pose, m, to which ``_FLOOR`` is added.
+    """Compute the default tolerance of a hand pose, m, without the constant ``_FLOOR``.
 
     The tolerance is four times the noise of the distance between two poses, plus the sagitta of the
-    path between two rows: a quick hand can pass a pose at that distance between two rows. ``X`` are
-    the points of :func:`_features`, ``noise`` (n,) is that of the joints, and ``whole`` is False
-    for time steps that are gaps.
+    path between two rows: a quick hand can pass a pose at that distance between two rows. ``X`` (T,
+    d) are the points of :func:`_features`, ``noise`` (n,) is that of the joints.
     """
     some = Q[np.linspace(0, len(Q) - 1, min(len(Q), 32)).astype(int)]
     J = task.jacobians(some)
@@ -276,10 +277,9 @@ def _tolerance(
 
 
 def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
-    """Choose the rows of the log whose poses are tried, spread over time and along the path.
+    """Choose at most 65 rows of the log whose poses are tried, spread over time and along the path.
 
-    ``steps`` (T - 1,) are the distances between rows, m. Return at most 65 row numbers, the first
-    row included.
+    ``steps`` (T − 1,) are the distances between rows, m. The first row is among them.
     """
     way = np.append(0.0, np.cumsum(steps))
     shares = (np.arange(_CANDIDATES) + 0.5) / _CANDIDATES
@@ -289,9 +289,9 @@ def _candidates(t: Array, steps: Array) -> NDArray[np.intp]:
 
 
 def _runs(near: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Split the sorted row numbers ``near``, of rows near a pose, into runs of consecutive rows.
+    """Split sorted row indices ``near`` into runs of consecutive rows.
 
-    Between two runs the hand was away, so each run is a visit of the pose, or a passage nearby.
+    The rows are near a pose, so each run is a visit of the pose, or a passage nearby.
     """
     return np.split(near, np.flatnonzero(np.diff(near) > 1) + 1)
 
@@ -301,10 +301,9 @@ def _closest(
 ) -> _Pass:
     """Find where in a run of consecutive rows the hand is nearest to a pose, also between two rows.
 
-    ``X`` (T, d) are the poses of the log, and ``pose`` (d,) is the given pose, all as points of
-    :func:`_features`. Between two rows the motion is assumed straight; across a gap of the log,
-    where ``whole`` is False, it is unknown. ``run`` are the numbers of the rows; those within
-    ``tolerance``, m, are the ``rows`` of the result.
+    ``X`` (T, d) are the poses of the log and ``pose`` (d,) the given one, as points of
+    :func:`_features`; ``run`` are row indices. Between two rows the motion is assumed straight;
+    across a gap it is unknown. Rows within ``tolerance``, m, are the ``rows`` of the result.
     """
     offsets = X[run] - pose
     distances = np.linalg.norm(offsets, axis=1)
@@ -323,10 +322,10 @@ def _closest(
 
 
 def _second(X: Array, row: int, found: list[_Pass]) -> float:
-    """Compute how near the hand comes, m, to the pose of a row at other times.
+    """Compute the smallest distance, m, at which the hand returns to the pose of a row.
 
-    An audit that finds no return reports this distance. ``found`` are the passes of that pose. The
-    result is infinite if the hand never leaves the pose.
+    ``found`` are the passes of that pose; without another pass, all rows outside them count. The
+    result is inf if the hand never leaves the pose.
     """
     others = [one.distance for one in found if row not in one.run]
     if others:
@@ -336,7 +335,7 @@ def _second(X: Array, row: int, found: list[_Pass]) -> float:
 
 
 def _at(values: Array, at: float) -> Array:
-    """Interpolate values (T, …), one per row of the log, at a fractional row number."""
+    """Interpolate values (T, …), one per row of the log, at a fractional row index."""
     low = min(int(at), len(values) - 2)
     return values[low] + (at - low) * (values[low + 1] - values[low])
 
@@ -344,8 +343,8 @@ def _at(values: Array, at: float) -> Array:
 class _Estimate(NamedTuple):
     """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose, with data on its errors.
 
-    Before the correction, q has the task error ``off`` (m,). ``A`` (n, n) maps the noise of one row
-    of the log to that of q. ``bend`` (n,) bounds the error of regression or interpolation.
+    Before the correction, its task error is ``off`` (m,). ``A`` (n, n) maps the noise of one row of
+    the log to that of q. ``bend`` (n,) bounds the error of regression or interpolation, rad or m.
     """
 
     q: Array
@@ -370,7 +369,7 @@ def _configuration(
 
 
 def _errors(task: Task, made: list[_Estimate], noise: Array, quantum: Array) -> tuple[Array, Array]:
-    """Compute the standard deviations (N, n) and the biases (N, n) of the configurations ``made``.
+    """Compute the standard deviations (N, n) and the biases (N, n), rad or m, of N configurations.
 
     ``quantum`` (n,) is the resolution of the log. The correction by J⁺ removes the part of an error
     that moves the hand, and leaves the part in the null space, by ``P = I − J⁺ J``. It does not

@@ -72,7 +72,7 @@ _KNOWN = ("rest", "anchor", "bound")
 
 
 class BodyGuard:
-    """Test for a governor: do all pairs of bodies keep a distance along a plan?
+    """Test that all pairs of bodies keep a distance along each plan of a governor.
 
     A plan is the motion of the next ticks, which ends at rest; the governor follows it only if the
     guard allows it. The distances at a few configurations are remembered. They bound the distances
@@ -85,14 +85,14 @@ class BodyGuard:
     task
         Task of the governor.
     distance
-        Distance to keep, m; for pairs that are only checked for collisions, it is 0.
+        Distance to keep, m; pairs that are only checked for collisions keep 0.
     unchecked
-        Accept links without a body.
+        True to accept links without a body, whose collisions are not detected.
 
     Attributes
     ----------
     nearest : (str, str) or None
-        Links of the two bodies for which the last plan was refused.
+        Links of the two bodies that were too near along the last refused plan.
     """
 
     def __init__(self, bodies: Bodies, task: Task, distance: float, *, unchecked: bool) -> None:
@@ -102,7 +102,7 @@ class BodyGuard:
         self._connect()
 
     def _connect(self) -> None:
-        """Get the collision model and fill the C struct; neither can be copied."""
+        """Get the collision model, and fill the C struct."""
         from ...model.collision_model import collision_model
 
         self._model = collision_model(self._bodies.task)
@@ -117,7 +117,7 @@ class BodyGuard:
         self._native = required_library("a governor with bodies", holds=True)
 
     def _arrays(self) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Create the arrays of the struct: arrays of integers, and arrays of floats."""
+        """Create the arrays of the C struct, by name: those of integers, and those of floats."""
         pairs, joints = self._reach.shape
         most = min(pairs, _OPEN)
         ints = {"best": np.zeros(pairs), "open": np.zeros(pairs), "which": np.zeros(most)}
@@ -132,7 +132,7 @@ class BodyGuard:
         return ints, reals
 
     def _scalars(self) -> dict[str, Any]:
-        """Collect the sizes and constants of the struct, its tables, and the function to call."""
+        """Collect the sizes and constants of the C struct by name, and the callback of C."""
         pairs, joints = self._reach.shape
         move = int(_MOVE[0] + _MOVE[1] * self._model.tables.bodies)
         scalars: dict[str, Any] = {"pairs": pairs, "joints": joints, "anchors": _ANCHORS}
@@ -142,7 +142,7 @@ class BodyGuard:
         return scalars | {"measure": ctypes.cast(self._measure, ctypes.c_void_p)}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for a copy; the collision model cannot be copied, and is found anew."""
+        """Return the state for a copy, without the collision model, which the copy gets anew."""
         kept = {name: vars(self)[name] for name in ("_bodies", "_distance", "nearest")}
         known = {name: self._own.held[name].copy() for name in _KNOWN}
         return kept | {"known": known, "numbers": (self._own.next, self._own.left)}
@@ -175,7 +175,7 @@ class BodyGuard:
         self.nearest = None
 
     def keeps(self, Q: Array) -> bool:
-        """Test whether all distances are kept along a motion Q (K, n) that is not the governor's.
+        """Test whether all distances are kept along any motion Q (K, n), not only a plan.
 
         Between two samples the joints move on a straight line. The number of measured distances is
         not limited.
@@ -194,7 +194,7 @@ class BodyGuard:
             own.next, own.nodes = after, _NODES
 
     def _keeps_part(self, Q: Array, S: Array) -> bool:
-        """Test whether all distances are kept along at most 32 samples, by halving if needed.
+        """Test whether all distances are kept along at most 32 samples; halve them if needed.
 
         Q and S are as for :meth:`allows`.
         """
@@ -210,26 +210,29 @@ class BodyGuard:
         )
 
     def _refuse_start(self, pair: int, distance: float) -> None:
-        """Raise the InputError for a start at which the pair with the given index is too near."""
+        """Raise the InputError for a start at which the pair with the index ``pair`` is too near.
+
+        ``distance`` is that of the pair, mm.
+        """
         one, other = self._model.names(pair)
         asked, remedy = 1e3 * (self._kept[pair] + _START), "start farther away"
         if self._kept[pair]:
             remedy += ", or use a smaller body_distance"
         raise InputError(
             f"the start is too near to a collision: {one} and {other} are {distance:.3g} mm "
-            f"from each other, and {asked:.3g} mm are required",
+            f"apart, but {asked:.3g} mm are required",
             remedy=remedy,
         )
 
     def begin_tick(self) -> None:
-        """Begin a tick of the control loop: reset the count of its work."""
+        """Reset the work that a tick may take, see :meth:`allows`."""
         self._own.left, self._outside = _WORK, True
 
     def allows(self, Q: Array, S: Array) -> bool:
         """Test whether a plan, the motion of the next ticks to rest, keeps all body distances.
 
-        If not, :attr:`nearest` is the pair that is too near. The plan is also refused if its test
-        would exceed the work that a tick may take. The arm then follows the previous plan, which
+        If not, :attr:`nearest` is the pair that is too near. A plan is also refused if its test
+        would measure more distances than a tick may. The arm then follows the previous plan, which
         ends at rest.
 
         Parameters
@@ -238,8 +241,8 @@ class BodyGuard:
             Samples (K, n) of the plan, from the present to rest. From tick to tick the joints move
             on a straight line.
         S
-            Total travel (K, n), rad or m, of each joint from the first sample to each sample, both
-            directions added up. It bounds how far the bodies move between samples.
+            Travel (K, n), rad or m, of each joint from the first sample to each sample: the sum of
+            its absolute motions. It bounds how far the bodies move between samples.
         """
         if not self._drive.identity:
             Q, S = self._drive.joints(Q), S @ np.abs(self._drive.S).T
@@ -255,9 +258,10 @@ class BodyGuard:
         return allowed == 1
 
     def _measured(self, sample: int, count: int) -> int:
-        """Measure the distances of ``count`` pairs that C chose at a sample.
+        """Measure the distances of the ``count`` pairs that C chose, at sample number ``sample``.
 
-        Return 1, or 0 on error. Errors must not pass through C; :meth:`allows` raises them later.
+        Return 1, or 0 after an error. An exception must not pass through C; :meth:`allows` raises
+        it later.
         """
         try:
             held = self._own.held
@@ -271,10 +275,10 @@ class BodyGuard:
 
 
 def _bodies_of(bodies: Bodies, task: Task, unchecked: bool) -> Bodies:
-    """Return ``bodies`` after a check that they are those of the task's robot and joints.
+    """Check that bodies are those of the task's robot and joints, and return them.
 
-    There must be at least one pair of bodies. With ``unchecked``, links without a body are
-    accepted.
+    An InputError is raised if not, or if there is no pair of bodies. With ``unchecked``, links
+    without a body are accepted.
     """
     require_type(bodies, Bodies, "bodies", "rp.Bodies(task)")
     own = bodies.task
@@ -285,8 +289,8 @@ def _bodies_of(bodies: Bodies, task: Task, unchecked: bool) -> Bodies:
         )
     if not bodies.pairs and not bodies.only_contact:
         raise InputError(
-            "there are no bodies whose distance can be kept: the URDF has no collision geometry "
-            "that moves, and there are no surroundings",
+            "there is no pair of bodies whose distance can change: the URDF has no collision "
+            "geometry that moves, and there are no surroundings",
             remedy="give surroundings=, or omit bodies=",
         )
     if bodies.unchecked and not unchecked:

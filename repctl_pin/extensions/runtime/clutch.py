@@ -1,7 +1,7 @@
 r"""Clutch of teleoperation: from an operator's hand and elbow to targets of the arm.
 
-While the clutch is engaged, the target moves with the hand. While it is released, the hand can move
-freely, like a mouse that is lifted.
+While the clutch is engaged, the arm's target moves with the operator's hand. While the clutch is
+released, there is no target, and the hand can move freely.
 """
 
 from __future__ import annotations
@@ -121,7 +121,7 @@ class Clutch:
         """Compute the target of the arm for a pose of the hand; None while released.
 
         A pose that is not finite, or has no rotation matrix, releases the clutch, so that the arm
-        does not jump to where the tracker finds the hand again. While released, call
+        does not jump when the tracker finds the hand again. While there is no target, call
         ``governor.step(None)``, which stops the arm.
         """
         hand = as_placement(hand, "hand")
@@ -137,11 +137,11 @@ class Clutch:
         return pin.SE3(turn @ at.rotation, at.translation + self._scale * way)
 
     def elbow(self, elbow: ArrayLike) -> Array | None:
-        """Compute the point (3,) for the arm's elbow, m; None while the elbow is released.
+        """Compute the point (3,) for the arm's elbow, m, base frame; None while it is released.
 
-        It is the argument ``elbow`` of :meth:`RepeatableInverse.leaf_toward`. A point that is not
-        finite releases the elbow alone, until :meth:`engage`: ``governor.step(target)`` then keeps
-        the level.
+        ``elbow`` (3,) is the operator's elbow, in the tracker's frame, m. The result is the
+        argument ``elbow`` of :meth:`RepeatableInverse.leaf_toward`. A point that is not finite
+        releases the elbow alone, until :meth:`engage`; the level then stays constant.
         """
         point = _point(elbow, "elbow")
         if self._start is None or self._elbows is None or not np.isfinite(point).all():
@@ -153,7 +153,8 @@ class Clutch:
     def _jumps(self, hand: pin.SE3, turn: Array) -> bool:
         """Test whether the target turned far more than the hand since the last pose.
 
-        Pose ``hand`` and target rotation ``turn`` are stored for the next call.
+        ``hand`` is the pose of the hand, ``turn`` (3, 3) the rotation of the target since the
+        clutch was engaged; both are stored for the next call.
         """
         last_hand, last_turn = self._last
         self._last = hand, turn
@@ -164,7 +165,7 @@ class Clutch:
         return change > _MOST * self._turned * step + 1e-6
 
     def _rotation(self, hand: pin.SE3, hand_0: pin.SE3) -> Array:
-        """Compute the hand's rotation since it was engaged, as a rotation vector (3,), rad.
+        """Compute the rotation of the hand from the pose ``hand_0`` as a rotation vector (3,), rad.
 
         The result is log(R_h R_h0ᵀ) plus full turns, chosen such that it continues the last vector.
         So the target does not jump when the hand has turned by half a turn.
@@ -182,13 +183,13 @@ class Clutch:
 
 
 def _usable(place: pin.SE3) -> bool:
-    """Test whether a placement is finite and has a rotation; lost trackers send other numbers."""
+    """Test whether a placement is finite and its rotation is a rotation matrix."""
     finite = bool(np.isfinite(place.translation).all())
     return finite and is_rotation(place.rotation.ravel().tolist())
 
 
 def _point(value: ArrayLike, name: str) -> Array:
-    """Convert a point to an array (3,); a lost tracker's numbers need not be finite."""
+    """Convert a point to an array (3,); its numbers need not be finite, but there must be three."""
     point = as_numbers(value)
     if point is None or point.shape != (3,):
         raise InputError(f"must be 3 numbers, m; got {shown(value)}", argument=name)

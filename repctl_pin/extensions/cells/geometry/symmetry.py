@@ -1,8 +1,10 @@
 r"""Detection of symmetries of an arm: one joint turns the whole arm, or the tool.
 
-The arm turns about an axis of the base, the tool about its own z axis. Such a joint alone changes
-the angle or the spin of a pose, so a function over a sector need not be designed along that
-coordinate.
+A sector is a cell in cylindrical coordinates: a box in radius, angle and height about an axis, two
+tilts of the tool, and its spin. A joint that turns the whole arm about this axis changes only the
+angle of the frame's pose; a joint that turns the tool about its own z axis, only the spin. So a
+function F, which gives one configuration per pose, need not be designed along that coordinate. An
+axis (2, 3) is a point, m, and a unit direction.
 """
 
 from __future__ import annotations
@@ -32,14 +34,14 @@ in place of it. URDFs write π with as few as two decimals: 3.14 is 1.6e-3 off."
 class Symmetry:
     """A joint that changes only one coordinate of the frame in a sector, at every configuration.
 
-    The pose ``f(q + s e_j)`` is ``f(q)`` with that coordinate increased by ``sign · s``. So a
-    function F, one configuration for each pose, need not be designed along the coordinate: if the
-    coordinate of a pose x increases by y, the configuration becomes ``F(x) + sign · y e_j``.
+    If the joint moves by s, the coordinate increases by ``sign · s``. So F need not be designed
+    along the coordinate: where that of a pose x increases by y, the configuration becomes ``F(x) +
+    sign · y e_j``.
 
     Attributes
     ----------
     coordinate : int
-        Index of the coordinate: 1 for the angle, 5 for the spin.
+        Index of the sector's coordinate: 1 for the angle, 5 for the spin.
     joint : int
         Index j of the joint, counted from 0.
     sign : int
@@ -52,11 +54,7 @@ class Symmetry:
 
 
 def axis_symmetry(task: Task, axis: Array) -> Symmetry | None:
-    """Find the joint that turns the whole arm about an axis; None if there is none.
-
-    The axis (2, 3) is a point, m, and a unit direction. A function over a sector need not be
-    designed along the angle about such an axis.
-    """
+    """Find the joint that turns the whole arm about an axis (2, 3); None if there is none."""
 
     def turned(x: pin.SE3, angle: float) -> pin.SE3:
         R = pin.exp3(angle * axis[1])
@@ -66,10 +64,10 @@ def axis_symmetry(task: Task, axis: Array) -> Symmetry | None:
 
 
 def own_axis(task: Task) -> Array | None:
-    """Find the axis (2, 3) of the joint that turns the whole arm: a point, m, and a direction.
+    """Find the axis (2, 3) of the joint that turns the whole arm; None if no joint does.
 
-    A sector around this axis can use the symmetry. The point is the point of the axis nearest to
-    the base's origin; the direction is upward. Return None if no joint turns the whole arm.
+    Its first row is the point of the axis nearest to the base's origin, m; its second row is the
+    direction, upward.
     """
     q = np.array(task.reference)
     origins, axes = task.joint_origins(q), task.axes(q)
@@ -85,10 +83,10 @@ def own_axis(task: Task) -> Array | None:
 
 
 def last_axis(task: Task) -> tuple[str, Array]:
-    """Compute the axis (2, 3) of the last joint in axes of the frame: a point, m, and a direction.
+    """Return the name of the last joint, which must be revolute, and its axis (2, 3) in frame axes.
 
-    An error message compares this axis with the tool's z axis. Return also the name of the joint,
-    which must be revolute.
+    The point, m, is relative to the frame's origin. An error message compares the axis with the
+    tool's z axis.
     """
     q = np.array(task.reference)
     x = task.placement(q)
@@ -99,7 +97,7 @@ def last_axis(task: Task) -> tuple[str, Array]:
 def difference(one: Array, other: Array) -> tuple[float, float]:
     """Compute the angle between two axes (2, 3), rad, at most π/2, and their distance, m.
 
-    The distance is measured from the first axis to the point of the second axis.
+    The distance is that of the point of the axis ``other`` from the axis ``one``.
     """
     (p, a), (o, b) = one, other
     tilt = np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b))
@@ -107,10 +105,7 @@ def difference(one: Array, other: Array) -> tuple[float, float]:
 
 
 def difference_words(one: Array, other: Array) -> str:
-    """Write how far an axis (2, 3) is tilted and displaced from another; empty if they coincide.
-
-    An axis is a point, m, and a direction.
-    """
+    """Write by how much two axes (2, 3) are tilted and apart; empty if they coincide."""
     tilt, away = difference(one, other)
     parts = [f"tilted by {tilt:.2g} rad"] if tilt > _TOLERANCE else []
     parts += [f"{away:.2g} m away"] if away > _TOLERANCE else []
@@ -118,10 +113,7 @@ def difference_words(one: Array, other: Array) -> str:
 
 
 def tool_symmetry(task: Task) -> Symmetry | None:
-    """Find the joint whose axis is the tool's z axis through the frame's origin, or None.
-
-    A function over a sector need not be designed along the spin, the rotation about that axis.
-    """
+    """Find the joint whose axis is the tool's z axis through the frame's origin, or None."""
 
     def turned(x: pin.SE3, angle: float) -> pin.SE3:
         return pin.SE3(x.rotation @ pin.exp3(np.array([0.0, 0.0, angle])), x.translation)
@@ -134,8 +126,8 @@ def _found(
 ) -> Symmetry | None:
     """Find the first joint that moves the frame as ``turned`` does; None if there is none.
 
-    ``turned(x, angle)`` moves a placement x along the coordinate with the index ``coordinate``. It
-    is compared with the effect of a joint step at a few random configurations.
+    ``turned(x, angle)`` is the placement x with the coordinate number ``coordinate`` increased by
+    an angle, rad. It is compared with a joint step at a few random configurations.
     """
     rng = np.random.default_rng(0)
     Q = task.reference + rng.uniform(-1.0, 1.0, (_CONFIGURATIONS, task.n))
@@ -150,9 +142,9 @@ def _found(
 
 
 def _away(task: Task, x: pin.SE3, y: pin.SE3) -> float:
-    """Compute the largest difference between two placements in the components of the task.
+    """Compute the largest difference between the entries of two placements that the task commands.
 
-    The difference is in m, or in entries of the rotation matrix.
+    Differences of positions are in m; those of rotations are between matrix entries.
     """
     e = [(x.translation - y.translation)[task.rows[: min(3, task.m)]]]
     if task.kind == "pose":

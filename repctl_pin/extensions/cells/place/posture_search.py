@@ -1,7 +1,7 @@
 """Search for the best configuration in the middle of a cell, from which a function is designed.
 
-From the best configuration, the arm can follow straight lines (rays) to all corners of the cell
-with large margins.
+A ray is the motion of the arm, by J⁺ or another inverse, along the straight line from the middle of
+the cell to a corner. From the best configuration, the rays reach all corners with large margins.
 """
 
 from __future__ import annotations
@@ -46,32 +46,33 @@ the nearest to the reference is chosen."""
 
 
 def _in_the_middle(cell: Cell, Q: Array, *, inward: bool = False) -> tuple[Array, Array]:
-    """Move configurations Q (K, n) to the middle of a cell by inverse kinematics.
+    """Move configurations Q (K, n), of any poses, to the middle of a cell by inverse kinematics.
 
-    Return the configurations (K, n), and the task errors that remain (K,), m and rad. With
-    ``inward``, joints also move away from their limits, see :func:`reached`.
+    Return the configurations (K, n), rad or m, and the task errors that remain (K,), m and rad.
+    With ``inward``, joints also move away from their limits, see :func:`reached`.
     """
     return reached(cell, *cell.placements(np.zeros((len(Q), cell.k))), Q, inward=inward)
 
 
 def given(cell: Cell, posture: ArrayLike) -> Array:
-    """Move a configuration given by the user exactly to the middle of the cell, and return it.
+    """Move a configuration (n,) given by the user exactly to the middle of the cell, and return it.
 
-    Both configurations are (n,), rad or m. A design begins at the result.
+    A design begins at the result.
 
     Raises
     ------
     InputError
-        If the middle is not reached from q, or the result is singular or violates a limit.
+        If the middle is not reached from there, or the result is singular or violates a limit.
     """
     task, where = cell.task, cell.where(np.zeros(cell.k))
     q = vector(posture, task.n, "the posture")
     Q, left = _in_the_middle(cell, q[None])
     if left[0] > EXACT:
         raise InputError(
-            f"does not lead to the middle of the cell, {where}",
+            f"does not lead to the middle of the cell, {where}: inverse kinematics from it ends "
+            f"{left[0]:.2g} m or rad away",
             argument="posture",
-            remedy="omit it",
+            remedy="choose a posture nearer to that pose, or omit it",
         )
     if not _regular(cell, Q)[0]:
         raise InputError(
@@ -128,8 +129,8 @@ def _configurations(cell: Cell, seed: int) -> Array:
     there = left < EXACT
     if not there.any():
         raise InputError(
-            f"{where} is out of reach: {task.frame!r} stays "
-            f"{left.min():.3g} m or rad short of it; move the cell nearer"
+            f"{where} is out of reach: the smallest task error found for {task.frame!r} is "
+            f"{left.min():.3g} m or rad; move the cell nearer to the arm, or turn it"
         )
     Q = _unwound(cell, Q[there])
     margins = _margins(cell, Q)
@@ -139,7 +140,8 @@ def _configurations(cell: Cell, seed: int) -> Array:
         beyond = f"{-own[j]:.3g} {unit_of(task.revolute[j : j + 1])}"
         raise InputError(
             f"{where} is reached only outside the limits of "
-            f"{task.joint_names[j]!r}, at best {beyond} beyond them; move the cell, or turn it"
+            f"{task.joint_names[j]!r}, by {beyond} in the best configuration found; move the "
+            "cell, or turn it"
         )
     Q = Q[(margins > 0) & _regular(cell, Q)]
     if not len(Q):
@@ -150,7 +152,8 @@ def _configurations(cell: Cell, seed: int) -> Array:
 def _margins(cell: Cell, Q: Array) -> Array:
     """Evaluate the smallest joint-limit margin (K,) at configurations Q (K, n), rad or m.
 
-    The configurations are in the middle of the cell; its symmetric coordinates narrow the limits.
+    The configurations are in the middle of the cell. A joint that alone moves the frame along a
+    coordinate of the cell must also have room for half of its width, which reduces its margin.
     """
     return np.asarray(cell.limit_margin(Q).min(axis=1))
 
@@ -158,9 +161,7 @@ def _margins(cell: Cell, Q: Array) -> Array:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Candidate:
-    """A configuration in the middle of a cell, and how well the corners are reached from there.
-
-    A ray is the motion along a straight line from the middle to a corner.
+    """A configuration in the middle of a cell, and how well rays from there reach the corners.
 
     Attributes
     ----------
@@ -173,8 +174,8 @@ class Candidate:
     body_distance : float
         Minimum body distance in the middle and at the corners reached, m.
     speed : float
-        Mean squared joint speed per unit of task speed at the corners reached,
-        ``mean ‖G_d E C‖_F²`` with E = ∂x/∂u and C = (EᵀE)^(−1/2).
+        Mean squared joint speed per unit of task speed at the corners reached: ``‖G_d E C‖_F²``
+        with the desired inverse G_d, E = ∂x/∂u in the cell's coordinates u, and C = (EᵀE)^(−1/2).
     """
 
     q: Array
@@ -185,10 +186,10 @@ class Candidate:
 
 
 def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
-    """Evaluate configurations Q (L, n) in the middle of a cell by rays to its corners.
+    """Evaluate configurations Q (K, n) in the middle of a cell by their rays to its corners.
 
-    A ray is the motion of the desired inverse along a straight line. If some of the configurations
-    are free of collisions, those with collisions are left out.
+    The rays are motions of the desired inverse. If some of the configurations are free of
+    collisions, those with collisions are left out of the result.
     """
     bodies, corners = bodies_of(cell.task), cell.corners()
     distances = bodies.distances(Q)
@@ -214,9 +215,10 @@ def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
 def _at_corners(
     desired: Inverse, cell: Cell, ends: Rays, good: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Evaluate squared joint speeds and distances of hulls, m, at the ends of rays: (K,) each.
+    """Evaluate squared joint speeds and distances of convex hulls, m, at the ends of rays.
 
-    They are 0 and infinite where ``good`` (K,) is False.
+    Hulls are the convex hulls of bodies. The results, (K,) each, are 0 and inf where ``good`` (K,)
+    is False.
     """
     speeds, nearest = np.zeros(len(good)), np.full(len(good), np.inf)
     if good.any():
@@ -229,9 +231,10 @@ def _at_corners(
 
 
 def _least_distance(bodies: Bodies, hulls: Array, Q: Array) -> float:
-    """Compute the smallest body distance at Q (K, n), m, given that of hulls, (K,), m.
+    """Compute the smallest body distance over configurations Q (K, n), m.
 
-    Where hulls overlap, the bodies themselves are tested at the deepest of these configurations.
+    ``hulls`` (K,), m, are the distances of the bodies' convex hulls. Where these overlap, the
+    bodies themselves are measured, at a few configurations with the deepest overlap.
     """
     deepest = np.argsort(hulls)[:_TESTED]
     deepest = deepest[hulls[deepest] < 0]
@@ -261,11 +264,10 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
 
 
 def _unwound(cell: Cell, Q: Array) -> Array:
-    """Remove full turns from the revolute joints of configurations Q (K, n) in a cell's middle.
+    """Remove full turns from revolute joints of configurations Q (K, n) in a cell's middle.
 
-    The search begins at random configurations, and a full turn brings a joint nearer to its limit.
     Each joint gets the equivalent angle nearest to the task's reference, if that angle is inside
-    its limits. Rows whose pose would change are returned unchanged.
+    its limits. A row is left as it is if the pose would change.
     """
     task = cell.task
     turns = np.rint((Q - task.reference) / (2 * np.pi)) * task.revolute
@@ -279,18 +281,15 @@ def _unwound(cell: Cell, Q: Array) -> Array:
 
 
 def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
-    """Test which configurations Q (K, n) are far enough from singularities to start rays: (K,).
-
-    A ray is the motion along a straight line from the middle of a cell.
-    """
+    """Test which configurations Q (K, n) are far enough from singularities to begin rays: (K,)."""
     return inverse_condition_number(placed(cell.task, Q)[2]) > SINGULAR
 
 
 def _spread(Q: Array, count: int) -> Array:
     """Select at most ``count`` rows of Q (K, n), each as far as possible from those before it.
 
-    These few represent all configurations, which would take too long to evaluate. Rows closer than
-    0.05 rad or m to a selected row are left out.
+    These few represent all configurations, which would take too long to evaluate. A row closer than
+    0.05 rad or m to a selected row is not selected.
     """
     kept = [0]
     distance = np.linalg.norm(Q - Q[0], axis=1)
@@ -356,10 +355,10 @@ def fitting_start(
 
 
 def _reached(problem: Problem, cell: Cell) -> tuple[float, int]:
-    """Evaluate how well a cell is reached from the start of a problem; return share and faults.
+    """Return the share of a cell's corners that J⁺ reaches from a problem's start, and faults.
 
-    The share is the fraction of the corners that J⁺ reaches, or −1 if the middle is not reached.
-    The number of faults is 0, 1 or 2: a violated limit counts as one, a collision as another.
+    The share is from 0 to 1, or −1 if the middle is not reached. The number of faults is 0, 1 or 2:
+    a violated limit counts as one, a collision as another.
     """
     desired = Pseudoinverse(problem.task)
     try:

@@ -41,9 +41,9 @@ if the range of the radius depends on the height."""
 
 
 def _box_of(cell: Cell) -> Array:
-    """Trace the edges of a cell's range of positions: points (P, 3), m.
+    """Return points (P, 3), m, of a line along all edges of a cell's box of positions.
 
-    The result is a rectangle or a line if some positions are fixed.
+    The line encloses a rectangle or a segment if some positions are fixed.
     """
     if isinstance(cell, Sector):
         return _edges(cell)
@@ -55,10 +55,7 @@ def _box_of(cell: Cell) -> Array:
 
 
 def _edges(sector: Sector) -> Array:
-    """Trace the arcs and edges of a sector's range of positions: points (P, 3), m.
-
-    A sector is a cell in cylindrical coordinates. The points form a single line, which is drawn.
-    """
+    """Return points (P, 3), m, of a line along the edges of a sector's range of positions."""
     there = np.linspace(-1.0, 1.0, _ARC)
     arc, corners = ([*there, *there[::-1]], [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
     traced = [(*corner, angle) for corner in corners for angle in arc]
@@ -131,7 +128,10 @@ def cell_page(
 
 
 def _words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
-    """Explain the words of the page, by name; ``motions`` are those along the sample path."""
+    """Return the texts that explain terms on the page, by term.
+
+    ``motions`` are those along the sample path, by controller.
+    """
     shape = "sector" if isinstance(design.cell, Sector) else "box"
     usual, part = _usual(design), redundant_part(design.task)
     around = ", around an axis of the arm" if shape == "sector" else ""
@@ -166,10 +166,7 @@ def _words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
 
 
 def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
-    """List the label, motion and colour of each controller; the last one is the function.
-
-    ``motions`` has one motion or two: of the desired inverse, if it succeeded, and of the function.
-    """
+    """Return (label, motion, colour) of each controller; the last is the function's."""
     colours = [VERMILLION, BLUE][-len(motions) :]
     return [(*one, colour) for one, colour in zip(motions.items(), colours, strict=True)]
 
@@ -177,10 +174,10 @@ def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
 def _tour_page(
     design: CellDesign, motions: Sequence[tuple[str, Motion, str]], joint: int, name: str
 ) -> str:
-    """Write the animation page of the motions side by side, with the outline of the cell.
+    """Write the page with the animated motions side by side, and the outline of the cell.
 
-    ``motions`` are (label, motion, colour); ``joint`` is the index of the joint whose path is
-    traced, the elbow.
+    ``motions`` are (label, motion, colour). ``joint`` is the index of the joint whose path is
+    drawn, and ``name`` is its name on the page.
     """
     tracks = [playback_of(*one) for one in motions]
     way = motions[0][1].path.points()
@@ -190,9 +187,7 @@ def _tour_page(
 
 
 def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = None) -> Headline:
-    """Write a headline on coverage and extra joint speed, and notes on limits and bodies.
-
-    The limit margin and the body distance are the smallest known in the cell.
+    """Write the headline: coverage and extra joint speed, with notes on limits and bodies.
 
     Parameters
     ----------
@@ -230,9 +225,9 @@ def _covered(design: CellDesign) -> str:
 
 
 def _cost(design: CellDesign) -> Span:
-    """Write the extra joint speed on average and at the worst pose, each over all directions.
+    """Write the extra joint speed, on average and at the worst pose of the cell.
 
-    The speed is relative to the desired inverse, by default J⁺.
+    It is relative to the desired inverse, by default J⁺; all directions of motion count equally.
     """
     mean, worst = (
         ratio_in_percent(share, 2).replace("-", "−")
@@ -245,16 +240,15 @@ def _cost(design: CellDesign) -> Span:
 
 
 def _usual(design: CellDesign) -> str:
-    """Say which control the speed of F is compared with: the usual one, J⁺, or the desired one."""
+    """Return the word for the control with which speeds are compared: usual (J⁺) or desired."""
     return "usual" if type(design.desired) is Pseudoinverse else "desired"
 
 
 def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
-    """Write the smallest known distance from the joint limits, and which joints are left out.
+    """Write the smallest known distance from the joint limits, and which joints it leaves out.
 
-    ``path`` is empty, or has the motion along the sample path, which is then included. A joint is
-    left out if its limit is the end of the range of a sector, about its axis or of the tool's spin:
-    there its distance from the limit is 0 by design.
+    ``path`` is empty, or has the motion along the sample path, which then counts too. A joint is
+    left out if it turns a sector up to its own limits, where its distance from the limit is 0.
     """
     found, unit = design.evaluation, design.task._joint_unit
     margins = [float(motion.limit_margin.min()) for motion in path]
@@ -278,10 +272,7 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
 
 
 def _turned_to_the_end(design: CellDesign) -> list[str]:
-    """List the joints that a sector turns up to their limits, and that no limit margin includes.
-
-    Their limits end a coordinate of the sector with the range ``"all"``.
-    """
+    """List the joints, by name, that a sector turns up to their limits (range ``"all"``)."""
     free = [design.cell.coordinate_names[i] for i in design.cell.free]
     return [
         turn.joint
@@ -293,7 +284,7 @@ def _turned_to_the_end(design: CellDesign) -> list[str]:
 def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
     """Write the smallest known distance between bodies, or that there are none.
 
-    ``path`` is empty, or has the motion along the sample path, which is then included.
+    ``path`` is empty, or has the motion along the sample path, which then counts too.
     """
     unchecked = bodies_of(design.task).not_checked
     more = [Span(f"Collisions not checked: {unchecked}.", "near")] if unchecked else []

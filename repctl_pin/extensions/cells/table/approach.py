@@ -32,14 +32,14 @@ _SHORT = 0.01
 
 
 class Approach(NamedTuple):
-    """Approach axis of a tool's frame.
+    """Axis of a tool's frame that points at the work.
 
     Attributes
     ----------
     axis : str
         The axis: ``x``, ``y``, ``z``, ``-x``, ``-y`` or ``-z`` of the frame.
     why : str
-        Evidence for the axis, such as the axis of the last joint.
+        Text that says how the axis was found, such as from the axis of the last joint.
     """
 
     axis: str
@@ -57,7 +57,7 @@ class Approach(NamedTuple):
 
 
 def approach_axis(task: Task, given: Any = None) -> Approach:
-    """Find the approach axis of a task's frame, or check a given axis.
+    """Find the approach axis of a task's frame, or check a given name such as ``"-z"``.
 
     The tool points along the axis of the last joint, toward the fingers or the frame's origin. If
     these lie beside that axis, the tool points from the joint to them. The approach axis is the
@@ -88,15 +88,15 @@ def with_approach(task: Task, approach: Approach) -> Task:
 
 
 def _named(direction: Array) -> str:
-    """Return the name of the axis, such as ``-z``, nearest to a direction (3,) in frame axes."""
+    """Return the name, such as ``-z``, of the frame axis nearest to a direction (3,)."""
     i = int(np.argmax(np.abs(direction)))
     return f"{'-' if direction[i] < 0 else ''}{'xyz'[i]}"
 
 
 def _fingers(task: Task) -> Array | None:
-    """Compute the mean position (3,) of the joints on the frame's body, m, in axes of the frame.
+    """Compute the mean position (3,) of the fingers' joints, m, in frame axes; None without.
 
-    Joints beyond the end of the arm are taken as those of fingers. Return None if there are none.
+    Joints beyond the end of the arm on the body of the frame are taken for those of fingers.
     """
     model: pin.Model = task.robot.model
     frame = model.frames[frame_id(model, task.frame)]

@@ -3,7 +3,9 @@
 A cell is a box of poses. J⁺, the pseudoinverse of the task Jacobian, moves the arm from the middle
 of a box to its corners. If the arm reaches all corners, the box is a candidate, and the design of a
 function shows whether it fits. A flood finds the poses on a grid that the arm reaches from one
-configuration without a change of branch, one of the separate solutions of inverse kinematics.
+configuration without a change of branch, one of the separate solutions of inverse kinematics. A box
+grows around a middle in ten steps, by tenths of the requested size. A quick design is a design of
+low accuracy, with which boxes are compared.
 """
 
 from __future__ import annotations
@@ -147,12 +149,12 @@ def best_cell(
 ) -> BestCell:
     """Find the best place for a box of poses; without a size, the largest sector around the arm.
 
-    Without a size, the whole table of the arm is found: the largest range of radius and height,
-    around the arm and at every spin of the tool, that one function covers. Floods over a grid of
-    radius and height, from random configurations and from arms with locked joints, show what the
-    arm reaches without a change of branch (of the inverse kinematics). Functions are designed for
-    the largest rectangles of three unlike floods. Sides are cut where a function fails, is too
-    fast, or brings bodies nearer than 5 mm. The best function is returned.
+    Without a size, the result is the largest range of radius and height, around the arm and at
+    every spin of the tool, that one function covers. Floods over a grid of radius and height, from
+    random configurations and from arms with locked joints, show what the arm reaches without a
+    change of branch. Functions are designed for the largest rectangles of three floods with
+    different configurations. A rectangle is reduced where its function fails, exceeds the joint
+    speed, or brings bodies nearer than 5 mm. The best function is returned.
 
     A box fits if one function covers it, inside the joint limits and without collisions. First, J⁺,
     the pseudoinverse of the task Jacobian, must lead from a configuration in the middle along
@@ -228,7 +230,7 @@ def best_cell(
 def _of_size(
     task: Task, R: Array, size: ArrayLike, at: ArrayLike | None, seed: int, progress: bool | Report
 ) -> BestCell:
-    """Find the best place for a box at an orientation, as :func:`best_cell` does with a size."""
+    """Find the best place for a box of the given size, m, with the orientation R (3, 3)."""
     edges = of_positions(task, size, "size")
     if not edges.any():
         raise InputError("must be above 0", argument="size")
@@ -263,7 +265,10 @@ def _whole(
     seed: int,
     progress: bool | Report,
 ) -> BestCell:
-    """Find the largest sector at an orientation, as :func:`best_cell` does without a size."""
+    """Find the largest sector at an orientation, and check the arguments that it requires.
+
+    The arguments are those of :func:`best_cell` without a size.
+    """
     if at is not None:
         raise InputError("requires size=", argument="at")
     if task.m < 5:
@@ -274,8 +279,8 @@ def _whole(
         )
     if _on_workpiece(task):
         raise InputError(
-            f"the largest sector cannot be searched for on {task.robot.base!r}: joints of the task "
-            "move that link",
+            f"the largest sector cannot be searched for: joints of the task move the link "
+            f"{task.robot.base!r}, to which the poses are relative",
             remedy="give the size of a box",
         )
     low, high = _pair(heights, "heights", "m")
@@ -301,7 +306,10 @@ def _on_workpiece(task: Task) -> bool:
 
 
 def _pair(value: Any, name: str, unit: str = "") -> tuple[float, float]:
-    """Check that a value is two increasing numbers, which may be infinite, and return them."""
+    """Check that a value is two increasing numbers (low, high), and return them.
+
+    They may be infinite. ``name`` and ``unit`` are for the error message.
+    """
     try:
         low, high = (float(each) for each in value)
     except (TypeError, ValueError):
@@ -314,12 +322,13 @@ def _pair(value: Any, name: str, unit: str = "") -> tuple[float, float]:
 def _oriented(
     task: Task, orientation: Any, approach: Any, yaw: float
 ) -> tuple[Approach | None, Task, Array]:
-    """Return the approach axis, the task with z as that axis, and the tool's rotation (3, 3).
+    """Return the approach axis, the task with that axis as z, and the tool's rotation (3, 3).
 
-    ``orientation`` is "down", "forward", "up", a rotation matrix, or None for the orientation at
-    the task's reference. ``yaw``, rad, is a further rotation about the base's z axis. The rotation
-    is in base axes. The approach axis is None if it is neither given nor needed. An InputError is
-    raised for other values, or if the task leaves the rotation free.
+    The rotation is in base axes. ``orientation`` is "down", "forward", "up", a rotation matrix, or
+    None for the orientation at the task's reference. ``yaw``, rad, is a further rotation about the
+    base's z axis. The approach axis is None, and the task unchanged, if ``approach`` is None and
+    ``orientation`` is not a word. An InputError is raised for other values, or if the task leaves
+    the rotation free.
     """
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, finite(yaw, "yaw"))
     for name, value in (("orientation", orientation), ("approach", approach)):
@@ -348,10 +357,10 @@ def _oriented(
 def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: Report) -> Grown:
     """Find middles for a box that the arm reaches inside its limits, the best first.
 
-    Random configurations are turned to the orientation of the box without moving the frame's
-    origin. With ``at`` (3,), m, they also move toward that position, each by a different fraction
-    of the distance. Without ``at``, middles from floods around the arm are also tried, except for
-    tasks of few coordinates. Middles beside the best ones follow. An InputError is raised if no
+    Configurations are drawn at random, and turned to the orientation of the box at their position.
+    With ``at`` (3,), m, they also move toward that position, each by a different fraction of the
+    distance. Without ``at``, middles from floods around the arm are also tried, for tasks of more
+    than four coordinates. Further middles are tried beside the best. An InputError is raised if no
     middle is reached.
     """
     p, Q = drawn(box, _DRAWN, rng)
@@ -364,7 +373,7 @@ def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: R
     if not len(found.p):
         raise InputError(
             f"the orientation is reached at none of {_DRAWN} positions within the joint limits; "
-            "turn the tool, or use another kind of task"
+            "give another orientation, or a task that leaves a rotation free"
         )
     wide = rows_of(found, unlike_rows(found.p, box.half_width.max(), _TRIED))
     found = joined([_free(box, found, _LOOKED), _free(box, wide, _TRIED)])
@@ -394,10 +403,10 @@ def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
 
 
 def _free(box: Cell, found: Grown, count: int) -> Grown:
-    """Select the first ``count`` places of ``found`` whose configuration Q has no collision.
+    """Select the first ``count`` middles of ``found`` whose configuration has no collision.
 
-    At most ``8 count`` places are tested, because the test is slow. If all of them have a
-    collision, only the first place is returned.
+    At most ``8 count`` middles are tested, because the test is slow. If all of them have a
+    collision, only the first is returned.
     """
     bodies = bodies_of(box.task)
     free: list[int] = []
@@ -410,14 +419,14 @@ def _free(box: Cell, found: Grown, count: int) -> Grown:
 
 
 class _Fitting(NamedTuple):
-    """Box that one function covers, as its design showed.
+    """Largest box that one function covers, as a design showed.
 
     Attributes
     ----------
     cell : Cell
         The box.
     own : Candidate
-        Configuration in the middle of the box.
+        Configuration in the middle of the box, from which the function was designed.
     reason : str
         Why no function covers a larger box; empty if no larger box was tried.
     """
@@ -428,9 +437,9 @@ class _Fitting(NamedTuple):
 
 
 def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
-    """Choose the middle of the largest box that fits, and a configuration there, or None.
+    """Find the largest box that one function covers, among the middles ``found``; None if none is.
 
-    A few places are tried at a time. The box becomes smaller only after all places have failed.
+    A few middles are tried at a time. The box becomes smaller only after all middles have failed.
     """
     desired = Pseudoinverse(box.task)
     free = _free(box, found, len(found.p))
@@ -508,11 +517,10 @@ def _best_of(
 ) -> tuple[tuple[Cell, Candidate] | None, FailureReason | None]:
     """Choose the best of some places for a box of ``size`` tenths of the requested size.
 
-    Quick designs show at which place and configuration the function has the best margins and the
-    lowest joint speed. With ``search``, other configurations are searched for at the first place. A
-    design of full accuracy confirms that one function covers the box. Return the place, or None if
-    no such design covers the box; and the reason why the first such design failed, None if none
-    did.
+    The places are compared by quick designs: by limit margin, body distance and joint speed. With
+    ``search``, other configurations are searched for at the first place. A design of full accuracy
+    confirms the choice. Return the box and the configuration in its middle, or None if no design
+    covers a box; and the reason why the first design failed, None if none did.
     """
     desired, reason = fit.desired, None
     cells = [_box_at(box, p, size / STEPS) for p in places.p]
@@ -535,7 +543,11 @@ def _best_of(
 
 
 def _largest_steps(desired: Inverse, box: Cell, found: Grown, k: int) -> int:
-    """Find the largest number of steps to which a box grows around middle k and still fits."""
+    """Find the largest number of steps to which a box grows around middle k and still fits.
+
+    A step is a tenth of the requested size. The box fits if J⁺ reaches all corners, see
+    :func:`_fits`.
+    """
     low, high = 0, int(found.steps[k])
     middle = high
     while low < high:
@@ -549,10 +561,10 @@ def _largest_steps(desired: Inverse, box: Cell, found: Grown, k: int) -> int:
 
 
 def _worth(design: object) -> float:
-    """Rate a design by joint speed, body distance and limit margin; higher is better.
+    """Rate a design by joint speed, body distance and limit margin; a higher number is better.
 
-    Distances and margins above a useful value do not raise the rating. It is 0 if the design does
-    not cover the box, or bodies collide.
+    Distances and margins above a useful value do not raise the rating. The rating is 0 if the
+    function does not cover the box, or bodies collide.
     """
     if not isinstance(design, CellDesign) or not design.evaluation.everywhere:
         return 0.0
@@ -568,7 +580,7 @@ def _main_failure(design: CellDesign | tuple[FailureReason, ...]) -> FailureReas
 
 
 def _box_at(box: Cell, p: Array, factor: float = 1.0) -> Cell:
-    """Return the box around another position p (3,), m, with its edges multiplied by a factor."""
+    """Return the box with its middle moved to p (3,), m, and its edges multiplied by a factor."""
     place = pin.SE3(box.placement.rotation, p)
     return Cell(box.task, place, factor * box.half_width)
 

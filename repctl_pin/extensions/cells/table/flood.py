@@ -1,9 +1,10 @@
 """Floods: the nodes of a table that an arm reaches from one configuration without changing branch.
 
 A branch is one of the separate solutions of inverse kinematics. A table is a grid of radius and
-height around the axis of the joint that turns the whole arm. A flood begins at one node with one
-configuration and spreads from neighbour to neighbour. It stops at joint limits, at singularities,
-and where a joint would jump. All floods are computed at once.
+height around the axis of the joint that turns the whole arm. A node is a row of two indices, of
+radius and height; in a flood, a third index before them is the number of the flood. A flood begins
+at one node with one configuration and spreads from neighbour to neighbour. It stops at joint
+limits, at singularities, and where a joint would jump. All floods are computed at once.
 """
 
 from __future__ import annotations
@@ -75,13 +76,16 @@ class Table(NamedTuple):
         return len(self.radii), len(self.heights)
 
     def goals(self, nodes: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Return the positions (K, 3), m, and rotations (K, 3, 3) of nodes (K, 2)."""
+        """Return the positions (K, 3), m, and rotations (K, 3, 3) of the frame at nodes (K, 2)."""
         rho, z = self.radii[nodes[:, 0]], self.heights[nodes[:, 1]]
         p = self.origin + rho[:, None] * self.outward + z[:, None] * self.up
         return p, np.broadcast_to(self.rotation, (len(nodes), 3, 3))
 
     def margins(self, Q: Array) -> Array:
-        """Divide limit margins of counted joints by required margins; return the smallest (K,)."""
+        """Divide limit margins of counted joints by the required margins; return the minimum (K,).
+
+        A configuration, a row of Q (K, n), is inside the limits where the result exceeds 1.
+        """
         least = _MARGIN * np.minimum(1.0, self.task.upper - self.task.lower)
         return np.asarray(
             (self.task.limit_margin(Q) / least)[:, self.counted].min(axis=1, initial=np.inf)
@@ -90,10 +94,10 @@ class Table(NamedTuple):
     def solved(
         self, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bool_], iterations: int
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Solve for the poses of nodes (K, 2) from Q (K, n), with joints ``held`` (K, n) locked.
+        """Solve for the poses of nodes (K, 2) by Newton's method from Q (K, n).
 
-        Return the configurations, and a mask (K,) of those that are exact, inside the limits and
-        not singular.
+        Joints with ``held`` (K, n) True are locked. Return the configurations (K, n), and a mask
+        (K,) of those that are exact, inside the limits and not singular.
         """
         task, Q = self.task, Q.copy()
         p_goal, R_goal = self.goals(nodes)
@@ -117,7 +121,7 @@ class Table(NamedTuple):
         return Q, good
 
     def _push(self, Q: Array, held: NDArray[np.bool_]) -> Array:
-        """Compute a motion (K, n) of the joints that are not locked, away from the joint limits."""
+        """Compute motions (K, n) away from near limits, of joints that are not locked."""
         task = self.task
         inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
         low = np.maximum(0.0, task.lower + inner - Q)
@@ -134,10 +138,10 @@ class Table(NamedTuple):
 
 
 def _newton_step(J: Array, e: Array, push: Array) -> Array:
-    """Compute Newton steps Δq = J⁺ (e − J b) + b (K, n) with self-motion b, shortened if long.
+    """Compute Newton steps Δq = J⁺ (e − J b) + b (K, n), shortened to a maximum joint motion.
 
-    J (K, m, n) are Jacobians, e (K, m) task errors, and b = ``push`` (K, n) is projected on the
-    null space.
+    J (K, m, n) are Jacobians, e (K, m) task errors. The motion b = ``push`` (K, n) acts in the null
+    space of J only.
     """
     JJ = J @ np.swapaxes(J, 1, 2) + 1e-10 * np.eye(J.shape[1])
     rest = (e - np.einsum("Kmn,Kn->Km", J, push))[..., None]
@@ -150,9 +154,9 @@ def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bo
     """Compute S floods of a table: configurations (S, I, J, n), NaN at nodes that are not reached.
 
     Flood i begins at the node ``nodes[i]`` with the configuration ``Q[i]``, (S, 2) and (S, n);
-    ``held`` (S, n) is True for joints that are locked. With locked joints, a node joins a flood
-    only if the step from each of its neighbours is short: such an arm cannot avoid a jump by its
-    self-motion.
+    ``held`` (S, n) is True for joints that are locked. An arm with locked joints cannot avoid a
+    jump by self-motion, so its flood leaves out a node that differs by more than a short step from
+    any neighbour.
     """
     found = np.full((len(Q), *table.shape, table.task.n), np.nan)
     seed = np.arange(len(Q))
@@ -175,7 +179,10 @@ def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bo
 
 
 def _near_neighbours(found: Array, nodes: NDArray[np.intp], Q: Array) -> NDArray[np.bool_]:
-    """Test which Q (K, n) at nodes (K, 3) differ by a short step from all neighbours: (K,)."""
+    """Test which Q (K, n) at nodes (K, 3) are near those of all reached neighbours: (K,).
+
+    Near means that each joint differs by less than one short step.
+    """
     near = np.ones(len(nodes), bool)
     for way in _WAYS:
         beside = nodes + (0, *way)
@@ -187,10 +194,9 @@ def _near_neighbours(found: Array, nodes: NDArray[np.intp], Q: Array) -> NDArray
 
 
 def _neighbours(found: Array, front: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
-    """List the nodes (L, 3) beside a front (K, 3) that floods have not reached, each once.
+    """List the nodes (L, 3) that are neighbours of a front (K, 3) and not reached, each once.
 
-    Nodes are rows of flood, radius and height. Return also the row of the front to which each is
-    adjacent: (L,).
+    Return also, for each, the index of the row of the front from which it is entered: (L,).
     """
     beside = np.concatenate([front + (0, *way) for way in _WAYS])
     parent = np.tile(np.arange(len(front)), len(_WAYS))
@@ -207,7 +213,7 @@ class Rectangles(NamedTuple):
     Attributes
     ----------
     area : (S,) array
-        Area between the outer nodes, in units of the spacing squared.
+        Area between the outer nodes, in units of the nodes' spacing squared.
     first, last : (S, 2) arrays of int
         Indices of radius and height of two opposite corners.
     """
@@ -218,7 +224,7 @@ class Rectangles(NamedTuple):
 
 
 def rectangles(mask: NDArray[np.bool_]) -> Rectangles:
-    """Find the largest rectangle in each of the masks (S, I, J)."""
+    """Find the largest rectangle of True entries in each of the masks (S, I, J)."""
     S, rows, columns = mask.shape
     area = np.zeros(S)
     first, last = np.zeros((S, 2), int), np.zeros((S, 2), int)

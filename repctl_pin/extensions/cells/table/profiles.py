@@ -40,8 +40,8 @@ class Between(NamedTuple):
     first, last : int
         Indices of the lowest and the highest height.
     low, high : (D + 1,) arrays
-        Coefficients of the smallest and the largest radius, relative to that of the first node, in
-        powers of the height, from −1 at the lowest to 1 at the highest.
+        Coefficients of the smallest and the largest radius, minus the radius of the table's first
+        node, in powers of the height, which is −1 at ``first`` and 1 at ``last``.
     """
 
     area: float
@@ -51,7 +51,7 @@ class Between(NamedTuple):
     high: Array
 
     def inside(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
-        """Return a mask (I, J) of the nodes between the polynomials."""
+        """Return a mask, of the given shape (I, J), of the nodes between the polynomials."""
         mask = np.zeros(shape, bool)
         if self.area:
             j = np.arange(self.first, self.last + 1)
@@ -63,11 +63,14 @@ class Between(NamedTuple):
 
     @property
     def middle(self) -> tuple[int, int]:
-        """Node (i, j) nearest to the middle of both radii at the middle height."""
+        """Node (i, j) nearest to the mean of both radii at the middle height."""
         return round((self.low[0] + self.high[0]) / 2), (self.first + self.last) // 2
 
     def sides(self, start: float, spacing: float) -> tuple[Array, Array]:
-        """Return the coefficients of both radii, m, from the radius of the first node, m."""
+        """Return the coefficients of both radii in m.
+
+        ``start`` is the radius of the first node, and ``spacing`` that between nodes, m.
+        """
         least = np.eye(1, len(self.low))[0] * start
         return least + spacing * self.low, least + spacing * self.high
 
@@ -80,9 +83,9 @@ class Between(NamedTuple):
 def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
     """Follow the runs of a mask (I, J) up and down from the middle of a rectangle: (J, 2).
 
-    ``first`` and ``last`` are opposite corners of the rectangle. At each height the run is taken
-    that overlaps most with the one before. The rows are the first and the last node of the run; −1
-    where there is none.
+    A run is a range of radii at one height whose nodes are all True. ``first`` and ``last`` are
+    opposite corners of the rectangle. At each height the run is taken that overlaps most with the
+    run before. A row of the result has the first and the last index of the run, or −1 without one.
     """
     middle = int(first[1] + last[1]) // 2
     found = np.full((mask.shape[1], 2), -1)
@@ -98,7 +101,10 @@ def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp
 
 
 def _overlapping(column: NDArray[np.bool_], low: int, high: int) -> tuple[int, int] | None:
-    """Find the run of a column (I,) that overlaps most with the nodes from ``low`` to ``high``."""
+    """Find the run of a column (I,) that overlaps most with indices ``low`` to ``high``.
+
+    Return its first and last index; None without overlap.
+    """
     edges = np.flatnonzero(np.diff(np.pad(column, 1).astype(int)))
     starts, ends = edges[::2], edges[1::2] - 1
     overlap = np.minimum(ends, high) - np.maximum(starts, low)
@@ -109,10 +115,11 @@ def _overlapping(column: NDArray[np.bool_], low: int, high: int) -> tuple[int, i
 
 
 def largest_between(ends: Array, least: float = 0.0) -> Between:
-    """Find the two polynomials with the largest area inside runs (J, 2), at any heights.
+    """Find the two polynomials with the largest area between them inside runs (J, 2).
 
-    The area of the runs is an upper bound. Ranges of the height are tried in the order of this
-    bound, until it falls below the best area, or to ``least``: then no larger area exists.
+    They may extend over any range of heights. Ranges are tried in the order of the area of their
+    runs, an upper bound, until it falls below the best area, or to ``least``. An area of at most
+    ``least``, in units of the spacing squared, may be missed.
     """
     there = np.flatnonzero(ends[:, 0] >= 0)
     if len(there) <= _SHORT:
@@ -135,7 +142,7 @@ def largest_between(ends: Array, least: float = 0.0) -> Between:
 
 
 def _between(ends: Array, first: int, last: int) -> Between:
-    """Solve the linear program for runs (L, 2) at all heights from the first to the last one."""
+    """Find the two polynomials inside runs (L, 2), at all heights from the first to the last."""
     V = chebyshev.chebvander(np.linspace(-1, 1, len(ends)), _DEGREE)
     weights = np.ones(len(ends))
     weights[[0, -1]] = 0.5

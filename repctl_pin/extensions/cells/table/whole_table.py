@@ -1,10 +1,16 @@
 """Whole table: the largest sector around an arm that one function covers at one orientation.
 
-A table is a grid of radius and height around the arm. A flood is the set of its nodes that the arm
-reaches from one configuration without a change of branch (of the inverse kinematics). Functions are
-designed for sectors: the largest rectangles in the best floods, and the largest parts of the floods
-whose range of radius depends on the height. A window is a range of the angle around the arm in
-which bodies keep a distance.
+A table is a grid of radius and height around the arm, at the angle 0. A flood is the set of its
+nodes that the arm reaches from one configuration without a change of branch (of the inverse
+kinematics). Functions are designed for sectors: the largest rectangles in the best floods, and the
+largest parts of the floods whose range of radius depends on the height. A window is a range of the
+angle around the arm in which bodies keep a distance; an opening is a window of one flood, with the
+nodes that it leaves.
+
+Symmetries are the joints that alone turn the whole arm, or the tool; ``line`` (2, 3) is the axis of
+the first, a point, m, and a direction. The joint speed of a node is squared, ``‖∂F/∂u C‖_F²`` of a
+function (array ``own``) or of J⁺ (``usual``). Its limits (``limits``) are the maximum extra joint
+speed on average and at the worst node. A quick design has low accuracy, and serves to rank sectors.
 """
 
 from __future__ import annotations
@@ -98,7 +104,9 @@ _SETTLED = 40
 
 
 class LockedJoints(NamedTuple):
-    """Best arm with r locked joints, a trivial repeatable controller, and its coverage of a sector.
+    """An arm with r of its joints locked, and which part of a sector it covers.
+
+    With r joints locked, an arm is not redundant, so it is a trivial repeatable controller.
 
     Attributes
     ----------
@@ -109,7 +117,7 @@ class LockedJoints(NamedTuple):
     share : float
         Share of the sector's radii and heights that the arm covers, on a grid of 3 cm.
     extra, worst : float
-        Extra joint speed relative to J⁺, on average and at the worst node.
+        Extra joint speed relative to J⁺, as a fraction, on average and at the worst node.
     area : float
         Area of radius and height, m², that the arm covers without collision: its largest rectangle
         in a given sector, or its own sector.
@@ -154,11 +162,12 @@ class WholeTable(NamedTuple):
         Area, radius times height, of all nodes that any flood reaches, and of the largest rectangle
         in a flood without collision, m².
     affordable : float
-        Area of the largest rectangle in which joint speed can meet its limits, m².
+        Upper bound, m²: area of the largest rectangle in which some function can keep the limits of
+        joint speed.
     floods : list of (I, J) arrays of bool
-        For each flood that was tested, the nodes that it reaches without collision.
+        For each flood that was tested, a mask of the nodes that it reaches without collision.
     table : Table
-        The nodes.
+        Grid of the nodes.
     """
 
     design: CellDesign
@@ -200,7 +209,7 @@ class WholeTable(NamedTuple):
         return text
 
     def _obstruction(self) -> str:
-        """Write why the sector is not larger."""
+        """Write why the sector is not larger, as the end of a sentence."""
         design = self.design
         if self.area > _MUCH * self.affordable:
             return f"joint speed meets its limits in at most {self.affordable:.2g} m²"
@@ -211,7 +220,7 @@ class WholeTable(NamedTuple):
 
 
 def _at_bodies(design: CellDesign) -> bool:
-    """Test whether bodies end the sector of a design."""
+    """Test whether the sector of a design ends where bodies come near each other."""
     return bool(design.body_distance < 2 * design.requested_body_distance)
 
 
@@ -223,7 +232,7 @@ def area_of(cell: Cell) -> float:
 
 
 class _Floods(NamedTuple):
-    """S floods, with the largest rectangle of each.
+    """S floods of a table.
 
     Attributes
     ----------
@@ -241,11 +250,14 @@ class _Floods(NamedTuple):
 
     @property
     def reached(self) -> NDArray[np.bool_]:
-        """Nodes that each flood reaches, (S, I, J)."""
+        """Masks (S, I, J) of the nodes that each flood reaches."""
         return np.isfinite(self.Q[..., 0])
 
     def middles(self, found: Rectangles) -> tuple[NDArray[np.intp], Array]:
-        """Return the nodes (S, 2) and configurations (S, n) in the middles of rectangles."""
+        """Return nodes (S, 2) and configurations (S, n) in the middles of S rectangles.
+
+        There is one rectangle per flood; without it, the result is where the flood begins.
+        """
         nodes = (found.first + found.last) // 2
         empty = found.area == 0
         nodes[empty] = self.nodes[empty]
@@ -268,11 +280,12 @@ def whole_table(
     task
         The task.
     rotation : (3, 3) array
-        Orientation of the frame where the angle is 0, along x of the base.
+        Orientation of the frame at the angle 0, where the radius is along x of the base.
     heights
-        Lowest and highest position of the frame above the base, m.
+        Lowest and highest position of the frame, m, above the point of the arm's axis that is
+        nearest to the base's origin.
     most_extra
-        Maximum extra joint speed, on average and at the worst pose.
+        Maximum extra joint speed relative to J⁺, on average and at the worst pose.
     seed
         Random seed.
     report
@@ -299,7 +312,7 @@ def whole_table(
         raise InputError(
             f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
             f"at this orientation{_colliding(table, floods)}",
-            remedy="turn the tool, give the size of a box, or use another kind of task",
+            remedy="give another orientation, the size of a box, or another kind of task",
         )
     fit = CellFit(
         Pseudoinverse(task),
@@ -345,9 +358,9 @@ def whole_table(
 def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
     """Find middles for a box in floods around the arm: positions (K, 3), m, and Q (K, n).
 
-    At these middles, on four sides of the arm, a flood reaches the largest share of a sector that
-    contains the box. So the arm reaches most poses of the box without a change of branch. The
-    result is empty if no joint turns the whole arm about a vertical axis.
+    On four sides of the arm, they are the nodes around which a flood reaches the largest share of
+    the box, so that the arm reaches most of its poses without a change of branch. The result is
+    empty if no joint turns the whole arm about a vertical axis.
     """
     task, heights = box.task, (-np.inf, np.inf)
     try:
@@ -376,10 +389,10 @@ def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array
 def _at_side(
     table: Table, symmetries: tuple[Symmetry, ...], nodes: NDArray[np.intp], Q: Array, angle: float
 ) -> tuple[Array, Array]:
-    """Turn nodes (K, 2) and configurations Q (K, n) about the arm's axis; the tool does not turn.
+    """Turn nodes (K, 2) with configurations Q (K, n) about the arm's axis by an angle, rad.
 
-    So the tool keeps its orientation. Return positions (K, 3), m, and configurations (K, n), whose
-    joints may be beyond their limits.
+    The tool turns back, so that its orientation is constant. Return positions (K, 3), m, and
+    configurations (K, n), whose joints can exceed their limits.
     """
     back = -angle * float(np.sign(table.rotation[2, 2]))
     for one, turn in zip(symmetries, (angle, back), strict=False):
@@ -389,10 +402,10 @@ def _at_side(
 
 
 def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float, z: float) -> Array:
-    """Evaluate the fraction of a box's nodes that each of S floods reaches, per middle: (S, I, J).
+    """Evaluate the share of a box around each node that each of S floods reaches: (S, I, J).
 
-    These nodes have the radii and heights of a box around the middle, with half-widths x (along the
-    radius), y and z, m.
+    The box has half-widths x (along the radius), y and z, m. The share is that of the nodes with
+    the radii and heights of the box, from the masks ``reached`` (S, I, J).
     """
     S, rows, columns = reached.shape
     total = np.zeros((S, rows + 1, columns + 1))
@@ -409,10 +422,11 @@ def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float,
 
 
 class _Place(NamedTuple):
-    """Sector, configuration in its middle (n,), and the upper bound ``most`` of its rating.
+    """Sector, and configuration (n,) in its middle, for which a function can be designed.
 
-    ``window`` is the range of the sector's angle in which bodies are apart; None for a whole turn.
-    ``rating`` is that of the quick design ``design``, see :func:`_rating`; 0 without a design.
+    ``most`` is an upper bound of its rating. ``window`` is the range of the sector's angle in which
+    bodies keep their distance; None for a whole turn. ``design`` is a quick design with the rating
+    ``rating``, see :func:`_rating`; None and 0 before.
     """
 
     cell: Cell
@@ -431,7 +445,11 @@ def _sectors(
     line: Array,
     symmetries: tuple[Symmetry, ...],
 ) -> list[_Place]:
-    """Choose the best sectors with different configurations in their middles, the best first."""
+    """Choose the rectangles with the best bounds of the rating as sectors, the best first.
+
+    ``found`` has one rectangle per opening. Sectors with nearly equal configurations in their
+    middles are left out.
+    """
     middles = (found.first + found.last) // 2
     postures = floods.Q[openings.flood, middles[:, 0], middles[:, 1]]
     rating = found.area * SPACING**2 * _turns(table, floods, openings, found, symmetries)
@@ -450,10 +468,11 @@ def _places(
     rating: Array,
     sector: Callable[[int, tuple[float, float]], Cell],
 ) -> list[_Place]:
-    """Make the places of the sectors with the best rating (K,) and unlike postures (K, n).
+    """Make the places with the best ratings (K,) of K openings, the best first.
 
-    There is at most one sector per opening. ``sector`` makes that of the opening k, given the
-    angles by which its middle is turned about the arm's axis and the tool's, rad.
+    A place is left out if its posture, of ``postures`` (K, n), is near that of a better place.
+    ``sector(k, turns)`` makes the sector of the opening k, turned by two angles, rad: about the
+    arm's axis, and about the tool's.
     """
     order = np.argsort(-rating, kind="stable")[: int((rating > 0).sum())]
     order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
@@ -474,8 +493,8 @@ def _place(
 ) -> _Place:
     """Make the place of a sector in the opening k from a configuration q (n,) in its middle.
 
-    ``most`` is the upper bound of its rating. ``sector`` makes the sector, given the angles by
-    which its middle is turned about the arm's axis and the tool's, rad.
+    ``most`` is the upper bound of its rating. ``sector(turns)`` makes the sector, turned by two
+    angles, rad: about the arm's axis, and about the tool's.
     """
     window, at = None, 0.0
     if openings.half[k] < np.pi:
@@ -498,8 +517,8 @@ def _shaped_places(
 ) -> list[_Place]:
     """Choose the best sectors whose range of radius depends on the height, the best first.
 
-    They lie in nodes at which joint speed can meet the limits, as in :func:`_affordable`, and are
-    larger in area than ``worth``, m².
+    They contain only nodes at which joint speed can meet its limits, as in :func:`_affordable`, and
+    are larger in area than ``worth``, m².
     """
     own, usual = speeds[:, openings.flood]
     least = worth / SPACING**2
@@ -526,11 +545,11 @@ def _shaped_places(
 def _affordable_between(
     mask: NDArray[np.bool_], own: Array, usual: Array, limits: Required, least: float = 0.0
 ) -> Between:
-    """Find the largest range of radius by height in one opening (I, J) that meets the limits.
+    """Find the largest range of radius by height in one opening that keeps the speed limits.
 
-    ``own`` and ``usual`` (I, J) are the squared joint speeds of a function and of J⁺. The dearest
-    nodes are left out until the mean over the range meets its limit. A range of at most the area
-    ``least``, in units of the spacing squared, may be missed.
+    ``mask``, ``own`` and ``usual`` are (I, J). Nodes with the largest extra joint speed are left
+    out until the mean over the range meets its limit. A range of at most the area ``least``, in
+    units of the spacing squared, may be missed.
     """
     best = Between.none()
     with np.errstate(invalid="ignore"):
@@ -549,10 +568,9 @@ def _affordable_between(
 def _larger_design(
     fit: CellFit, places: list[_Place], limits: Required, design: CellDesign
 ) -> CellDesign:
-    """Return the design of the first place that has a function, if it is larger than a design.
+    """Design the places in turn; return the first design if it is larger than the given one.
 
-    It must be larger in area, and also if the range around the arm counts. Else the given design
-    is returned.
+    It must be larger in area, and also in :func:`_worth`. Otherwise return the given design.
     """
     worth = _worth(design)
     for place in places:
@@ -571,11 +589,11 @@ def _larger_design(
 def _central(
     task: Task, symmetries: tuple[Symmetry, ...], q: Array, angle: float | None = None
 ) -> tuple[Array, tuple[float, float]]:
-    """Move the joints that alone turn the arm and the tool to the middles of their ranges.
+    """Turn the arm, and then the tool, to the middle of the range of the joint that turns it.
 
     With an ``angle``, rad, the arm is turned by this angle instead. Floods do not check the limits
-    of these joints. Return the configuration (n,), and the angles by which the frame is turned
-    about the arm's axis and the tool about its own, rad.
+    of these joints. Return the configuration (n,), and the angles, rad, by which the frame was
+    turned about the arm's axis, and the tool about its own.
     """
     q, turns = q.copy(), [0.0, 0.0]
     if angle is not None:
@@ -589,12 +607,12 @@ def _central(
 
 
 def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectangles:
-    """Find the largest rectangle of each opening in which joint speed can meet the limits.
+    """Find the largest rectangle of each opening in which joint speed can keep its limits.
 
-    No function through the configurations of a flood has a lower joint speed than ``G E``, with
-    E = ∂x/∂u. G is J⁺, except in the columns of symmetric coordinates, along which one joint moves
+    No function through the configurations of a flood has a lower joint speed than ``G E``, with E =
+    ∂x/∂u. G is J⁺, except in the columns of symmetric coordinates, along which one joint moves
     alone. Nodes with the highest joint speed are left out until the mean over the rectangle meets
-    its limit. ``speeds`` is the result of :func:`_speeds`.
+    its limit. ``speeds`` (2, S, I, J) is the result of :func:`_speeds`.
     """
     own, usual = speeds[:, openings.flood]
     with np.errstate(invalid="ignore"):
@@ -611,16 +629,16 @@ def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectang
 
 
 def _speeds(floods: _Floods, cell: Cell) -> Array:
-    """Evaluate the squared joint speeds of a function and of J⁺ in S floods: (2, S, I, J)."""
+    """Evaluate the squared joint speeds in S floods, of a function and of J⁺: (2, S, I, J)."""
     speeds = np.full((2, *floods.reached.shape), np.nan)
     speeds[:, floods.reached] = _least_speeds(cell, floods.Q[floods.reached])
     return speeds
 
 
 def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
-    """Evaluate the mean extra joint speed over the rectangle of each of S floods: (S,).
+    """Evaluate the mean extra joint speed, as a fraction, over one rectangle per opening: (K,).
 
-    ``own`` and ``usual`` (S, I, J) are the squared joint speeds of a function and of J⁺.
+    ``own`` and ``usual`` are (K, I, J).
     """
     extra = np.zeros(len(own))
     for k, ((i, j), (i_end, j_end)) in enumerate(zip(found.first, found.last + 1, strict=True)):
@@ -630,9 +648,9 @@ def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
 
 
 def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report) -> list[_Place]:
-    """Rank places by a quick design of each, the best first.
+    """Rate places by a quick design of each; return them, the best first.
 
-    Places that cannot be more than 20 % better than the best so far get no design.
+    A place that cannot be more than 20 % better than the best so far is not designed.
     """
     ranked: list[_Place] = []
     for k, place in enumerate(places):
@@ -651,9 +669,9 @@ def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report
 
 
 def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Report) -> CellDesign:
-    """Design the first sector that one function covers without a collision.
+    """Design a function for the first place that one function covers without a collision.
 
-    InputError is raised if there is no such sector.
+    InputError is raised if there is no such place.
     """
     for k, place in enumerate(ranked):
         report("the function", 0.75 + 0.08 * k)
@@ -666,16 +684,16 @@ def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Repo
     name = fit.desired.task.robot.name
     raise InputError(
         f"no function covers a sector of {name} at this orientation{_failed(ranked, limits)}",
-        remedy="turn the tool, or give the size of a box",
+        remedy="give another orientation, or the size of a box",
     )
 
 
 def _farther_from_bodies(
     fit: CellFit, place: _Place, limits: Required, report: Report, design: CellDesign
 ) -> CellDesign:
-    """Design a function that itself keeps away from bodies; return it if it is worth more.
+    """Design a function that keeps away from bodies; return it if it is better, else ``design``.
 
-    The first ``design`` has minimum joint speed only, and bodies end its sector.
+    The given ``design`` has minimum joint speed only, and its sector ends at bodies.
     """
     away = replace(fit, body_distance=_AWAY * limits.distance)
     with suppress(InputError):
@@ -685,14 +703,17 @@ def _farther_from_bodies(
 
 
 def _worth(design: CellDesign) -> float:
-    """Rate a final design by the area of its sector and its range of angle and spin, m²."""
+    """Rate a final design: the area of its sector, m², times 0.5 to 1 for its range of angle.
+
+    The narrower range of the arm's angle and of the tool's spin counts.
+    """
     cell = design.cell
     turns = [cell.widths[one.coordinate] / np.pi for one in design.function.chart.cell.removed]
     return area_of(cell) * (0.5 + 0.5 * float(min(turns, default=1.0)))
 
 
 def _failed(ranked: list[_Place], limits: Required) -> str:
-    """Write why the first place with a quick design fails, to complete an error message."""
+    """Write why the first place with a quick design fails; the text completes an error message."""
     design = next((place.design for place in ranked if place.design is not None), None)
     if design is None:
         return ""
@@ -706,11 +727,11 @@ def _failed(ranked: list[_Place], limits: Required) -> str:
 
 
 def _rating(cell: Cell, design: CellDesign | None, limits: Required) -> float:
-    """Rate a quick design by area, range around the arm, body distance and joint speed.
+    """Rate a quick design by area, range around the arm, body distance and joint speed, m².
 
-    Later cuts at bodies lower the rating by 10 % where bodies are near, and by 15 % where they
-    collide at some angle. A sector of half a turn gets three quarters of the rating of a full one.
-    Without a quick design, the rating is half of the area, m², so that the place is still tried.
+    It is the area, times 0.5 to 1 for the range of angle and spin, divided by 1 plus the extra
+    joint speed. Where bodies are too near, the sector is reduced later, so the rating is 10 %
+    lower, or 15 % with a collision. Without a design, the rating is half of the area.
     """
     if design is None:
         return 0.5 * area_of(cell)
@@ -731,10 +752,10 @@ def _turns(
     found: Rectangles,
     symmetries: tuple[Symmetry, ...],
 ) -> Array:
-    """Rate the range around the arm of the largest rectangle of each opening: (K,), 0.5 to 1.
+    """Rate the range around the arm of one rectangle per opening: (K,), 0.5 to 1 for a full turn.
 
-    The sector has the range of the joint that turns the arm or the tool, minus the variation of
-    that joint over the rectangle, and at most the window's. A full turn is rated 1.
+    A joint that turns the arm or the tool has its own range, minus its variation over the
+    rectangle; the smallest of these ranges and of the window's counts.
     """
     task, share = table.task, openings.half / np.pi
     for k, flood in enumerate(openings.flood):
@@ -745,9 +766,9 @@ def _turns(
 
 
 def _turn_share(task: Task, symmetries: tuple[Symmetry, ...], Q: Array, share: float) -> float:
-    """Return the share of a full turn that is left around the arm at Q (K, n), at most ``share``.
+    """Return the share of a full turn that is left around the arm, at most ``share``.
 
-    It is the range of the joint that turns the arm or the tool less its variation over Q.
+    A joint that turns the arm or the tool has its own range, minus its variation over Q (K, n).
     """
     for one in symmetries:
         left = task.upper[one.joint] - task.lower[one.joint] - np.ptp(Q[:, one.joint])
@@ -761,7 +782,7 @@ def _symmetries(task: Task) -> tuple[Array, tuple[Symmetry, ...]]:
     Raises
     ------
     InputError
-        If there is no such axis; the table around the arm is then not a sector.
+        If there is no such axis, or if it is tilted.
     """
     line = own_axis(task)
     name = task.robot.name
@@ -775,8 +796,8 @@ def _symmetries(task: Task) -> tuple[Array, tuple[Symmetry, ...]]:
     if difference(line, VERTICAL)[0] > NEAR:
         tilt = np.degrees(difference(line, VERTICAL)[0])
         raise InputError(
-            f"the axis about which {name} turns is tilted by {tilt:.0f}° from the vertical: the "
-            "tool would not keep its orientation on the way around it",
+            f"the axis about which {name} turns is tilted by {tilt:.0f}° from the vertical, so the "
+            "tool cannot keep its orientation around the arm",
             remedy="give the size of a box",
         )
     around = axis_symmetry(task, line)
@@ -793,7 +814,10 @@ def _drawn(
     heights: tuple[float, float],
     rng: np.random.Generator,
 ) -> tuple[Table, NDArray[np.intp], Array]:
-    """Draw random configurations and bring each to the nearest node: (K, 2) and (K, n)."""
+    """Draw random configurations, and move each to the nearest node of a new table.
+
+    Return the table, the nodes (K, 2) and the configurations (K, n) there.
+    """
     Q = random_configurations(task, _DRAWN, rng)
     p = placed(task, Q)[0] - line[0]
     z = p @ line[1]
@@ -809,7 +833,7 @@ def _drawn(
     if not good.any():
         raise InputError(
             f"the orientation is reached at none of {_DRAWN} positions within the joint limits",
-            remedy="turn the tool, or use another kind of task",
+            remedy="give another orientation, or a task that leaves a rotation free",
         )
     return table, nodes[good], Q[good]
 
@@ -823,9 +847,9 @@ def _grid(
     rho: Array,
     z: Array,
 ) -> Table:
-    """Create the table whose nodes cover the radii rho and heights z (K,), m, within ``heights``.
+    """Create the table that covers the radii ``rho`` and the heights ``z``, (K,) each, m.
 
-    ``line`` (2, 3) is the axis of the radii: a point, m, and a direction.
+    Heights outside ``heights`` (lowest, highest), m, are left out.
     """
     low, high = max(heights[0], z.min()), min(heights[1], z.max())
     counted = np.ones(task.n, bool)
@@ -853,7 +877,10 @@ def _grid(
 def _locked_floods(
     table: Table, nodes: NDArray[np.intp], Q: Array, rng: np.random.Generator
 ) -> _Floods:
-    """Flood a table with r random joints locked, at 0 or at values of random configurations."""
+    """Flood a table with r joints locked, chosen at random, at 0 or at their random values.
+
+    The floods begin at random rows of nodes (K, 2) and Q (K, n).
+    """
     task = table.task
     rows = rng.integers(len(Q), size=_LOCKED)
     joints = np.flatnonzero(table.counted)
@@ -869,7 +896,10 @@ def _locked_floods(
 
 
 def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Floods) -> _Floods:
-    """Flood a table from dissimilar random configurations, and from middles of locked floods."""
+    """Flood a table without locked joints, from unlike rows of nodes (K, 2) and Q (K, n).
+
+    Further floods begin in the middles of the largest rectangles of the floods ``locked``.
+    """
     counted = table.counted
     kept, distance = [0], np.linalg.norm((Q - Q[0])[:, counted], axis=1)
     while len(kept) < min(_SEEDS, len(Q)):
@@ -888,7 +918,7 @@ def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Flood
 
 
 class _Openings(NamedTuple):
-    """K windows of all floods, with the nodes that are free of collisions at all their angles.
+    """K windows of floods, with the nodes that are free of collisions at all their angles.
 
     Attributes
     ----------
@@ -899,7 +929,7 @@ class _Openings(NamedTuple):
     mask : (K, I, J) array of bool
         Nodes of the flood at which bodies are apart at all these angles.
     clear : (L, I, J) array of bool
-        Nodes of each flood that was tested at which bodies are apart at some angle.
+        For each of L floods that were tested, nodes at which bodies are apart at some angle.
     """
 
     flood: NDArray[np.intp]
@@ -910,7 +940,7 @@ class _Openings(NamedTuple):
 
 
 def _whole_turns(floods: _Floods) -> _Openings:
-    """Make the window of a whole turn for each flood, as if there were no bodies."""
+    """Make one opening per flood: the window of a whole turn, as if there were no bodies."""
     S = len(floods.Q)
     return _Openings(np.arange(S), np.zeros(S), np.full(S, np.pi), floods.reached, floods.reached)
 
@@ -918,7 +948,7 @@ def _whole_turns(floods: _Floods) -> _Openings:
 def _best_clear(
     table: Table, floods: _Floods, bound: Array, symmetries: tuple[Symmetry, ...]
 ) -> tuple[float, _Openings]:
-    """Choose the body distance to keep, m; return it with the windows that keep it.
+    """Choose the body distance to keep, m; return it with the openings that keep it.
 
     ``bound`` (S,) is the rating of each flood without regard to bodies, see :func:`_values`.
     """
@@ -934,9 +964,9 @@ def _best_clear(
 def _opened(
     table: Table, floods: _Floods, bound: Array, distance: float, symmetries: tuple[Symmetry, ...]
 ) -> _Openings:
-    """Find the best windows of floods at a body distance, m.
+    """Find the best openings of floods in which bodies keep a distance, m.
 
-    The test of bodies is slow, so it leaves out floods that can neither have a better rating than
+    The test of bodies is slow, so floods are left out that can have neither a better rating than
     others nor a larger rectangle. ``bound`` (S,) is the rating of each flood without bodies.
     """
     parts: list[list[Any]] = []
@@ -963,17 +993,16 @@ def _opened(
 def _values(
     table: Table, floods: _Floods, openings: _Openings, symmetries: tuple[Symmetry, ...]
 ) -> Array:
-    """Rate K windows, ranges of the sector's angle in which bodies are apart: (K,), m².
+    """Rate K openings: the area of the largest rectangle, times 0.5 to 1 for the range of angle.
 
-    The rating is the area of the largest rectangle, m², times a share that grows with the range;
-    larger is better. See :class:`_Floods` and :class:`_Openings`.
+    The area is in units of the nodes' spacing squared.
     """
     found = rectangles(openings.mask)
     return found.area * _turns(table, floods, openings, found, symmetries)
 
 
 def _colliding(table: Table, floods: _Floods) -> str:
-    """Name the two links that are most often nearest at the nodes of floods with a collision.
+    """Name the two links that collide most often at the nodes of floods, and how often.
 
     The text completes an error message; it is empty if there is no collision.
     """
@@ -989,7 +1018,7 @@ def _colliding(table: Table, floods: _Floods) -> str:
 
 
 def _unlike(table: Table, floods: _Floods) -> _Floods:
-    """Select the floods with the largest rectangles and different configurations in their middles.
+    """Select floods with large rectangles and unlike configurations in their middles.
 
     Joints that do not move the task, such as the last one of an axis task, make no difference.
     """
@@ -1003,10 +1032,10 @@ def _unlike(table: Table, floods: _Floods) -> _Floods:
 def _near(
     table: Table, on: NDArray[np.intp], Q: Array, distance: float, angles: tuple[float, float]
 ) -> NDArray[np.bool_]:
-    """Test at which of the nodes ``on`` (K, 2), with the configurations Q (K, n), bodies are near.
+    """Test at which nodes ``on`` (K, 2), with Q (K, n) there, bodies are always near: (K,).
 
-    They must be nearer than ``distance``, m, at all of a range of angles around the arm. ``angles``
-    are the first and the last one, rad. They are tested at one node in each block of 3 × 3 nodes.
+    That is, they are nearer than ``distance``, m, at every angle around the arm from the first to
+    the last of ``angles``, rad. One node in each block of 3 × 3 nodes is tested.
     """
     near = np.flatnonzero(bodies_of(table.task)._nearer(Q, distance))
     _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)
@@ -1025,11 +1054,11 @@ def _sector(
     turns: tuple[float, float] = (0.0, 0.0),
     found: Between | None = None,
 ) -> Cell:
-    """Make the sector between two nodes; its symmetric coordinates get the range ``"all"``.
+    """Make the sector between the nodes ``first`` and ``last``, with the range "all" of its angle.
 
-    ``line`` (2, 3) is its axis, and ``first`` and ``last`` are the nodes. Its middle is turned by
-    two angles about the arm's axis and the tool's approach axis, rad. With ``found``, its range of
-    radius depends on the height.
+    If a joint turns the tool, the range of the spin is "all", too. The middle of the sector is
+    turned by two angles, rad: about the arm's axis, and about the tool's approach axis. With
+    ``found``, the range of radius depends on the height.
     """
     low = np.array([table.radii[first[0]], table.heights[first[1]]])
     high = np.array([table.radii[last[0]], table.heights[last[1]]])
@@ -1074,14 +1103,14 @@ def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
 
 
 def _angles(table: Table, cell: Sector) -> tuple[float, float]:
-    """Return the first and the last angle of a sector, rad, relative to the angle of a table."""
+    """Return the first and the last angle of a sector, rad, from the angle 0 of a table."""
     p = cell.placement.translation - table.origin
     middle = np.arctan2(np.cross(table.up, table.outward) @ p, table.outward @ p)
     return float(middle - cell.widths[ANGLE]), float(middle + cell.widths[ANGLE])
 
 
 def _at_zero(table: Table, design: CellDesign) -> Array:
-    """Turn the configuration (n,) in a design's middle to the angle and the spin of a table."""
+    """Turn the configuration (n,) in a design's middle to the angle and spin of a table."""
     q = design.posture.copy()
     for one in design.function.chart.cell.removed:
         p, R, _ = placed(table.task, q[None])
@@ -1096,10 +1125,10 @@ def _at_zero(table: Table, design: CellDesign) -> Array:
 def _best_locked(
     table: Table, locked: _Floods, design: CellDesign, limits: Required
 ) -> LockedJoints | None:
-    """Find the locked flood that covers most of a design's sector, or None if none covers any.
+    """Find the arm with locked joints that covers most of a design's sector; None if none does.
 
-    Floods within the limits of joint speed come first. Among floods that cover the same share, the
-    one with the lowest joint speed is chosen.
+    ``locked`` are floods with locked joints. Arms that keep the limits of joint speed come first;
+    among arms that cover the same share, the one with the lowest joint speed is chosen.
     """
     cell = design.function.chart.cell
     assert isinstance(cell, Sector), "a table is a sector"
@@ -1164,10 +1193,10 @@ def _locked_speeds(table: Table, locked: _Floods, k: int, cell: Sector) -> Array
 def _locked_joints(
     table: Table, locked: _Floods, k: int, cell: Sector, inside: NDArray[np.bool_], distance: float
 ) -> LockedJoints | None:
-    """Evaluate the arm of the locked flood k on the nodes ``inside`` (I, J), a mask.
+    """Evaluate the arm of the locked flood k on the nodes of a mask ``inside`` (I, J).
 
-    Nodes at which bodies are nearer than ``distance``, m, are left out. Return None if no node is
-    left.
+    Nodes at which bodies are always nearer than ``distance``, m, are left out. Return None if no
+    node is left.
     """
     clear = locked.reached[k] & inside
     on = np.argwhere(clear)
@@ -1195,7 +1224,10 @@ def _locked_arm(
 
 
 def _locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, float]:
-    """Evaluate the extra joint speed, mean and worst, of an arm with locked joints at Q (K, n)."""
+    """Evaluate the extra joint speed, mean and maximum, of an arm with locked joints at Q (K, n).
+
+    ``held`` (n,) is True for locked joints. The result is a fraction of the joint speed of J⁺.
+    """
     mine, least = _locked_squares(cell, Q, held)
     return float(np.sqrt(mine.mean() / least.mean()) - 1), float(np.sqrt((mine / least).max()) - 1)
 
@@ -1207,7 +1239,7 @@ def _locked_squares(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[Arra
 
 
 def _least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
-    """Evaluate the minimum squared joint speed of a function at Q (K, n), and that of J⁺: (K,).
+    """Evaluate minimum squared joint speeds at Q (K, n), of a function and of J⁺: (K,) each.
 
     Along each coordinate that symmetries remove, the function moves one joint only.
     """
@@ -1219,7 +1251,7 @@ def _least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
 
 
 def _unit_twists(cell: Cell, Q: Array) -> tuple[Array, Array, Array]:
-    """Evaluate J, E = ∂x/∂u of all coordinates, and C = (EᵀE)^(−1/2), at Q (K, n)."""
+    """Evaluate at Q (K, n): J, E = ∂x/∂u of all coordinates u of a cell, and C = (EᵀE)^(−1/2)."""
     p, R, J = placed(cell.task, Q)
     E = cell._all_twists(cell._measured(p, R), R)[:, :, [*cell.moved, *cell._removed]]
     squares, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
@@ -1227,5 +1259,5 @@ def _unit_twists(cell: Cell, Q: Array) -> tuple[Array, Array, Array]:
 
 
 def _squares(own: Array, usual: Array) -> tuple[Array, Array]:
-    """Sum the squared joint speeds (K, n, k) of a function and of J⁺: (K,) each."""
+    """Sum squared joint motions (K, n, k), of a function and of J⁺, over joints and coordinates."""
     return (own**2).sum(axis=(1, 2)), (usual**2).sum(axis=(1, 2))

@@ -31,21 +31,24 @@ STEP = 2 * np.pi / _ANGLES
 
 
 class Shut(NamedTuple):
-    """Angles at which the nodes of a flood cannot be used.
+    """Angles around the arm, M in number, at which nodes of a flood cannot be used.
 
     Attributes
     ----------
     near : (M, I, J) array of bool
-        True where bodies are nearer than a distance, at M angles around the arm.
+        True where bodies are nearer than the distance to keep, or the flood does not reach.
     out : (M, I, J) array of bool
-        True where the joint that turns the arm is beyond its limits.
+        True where the joint that turns the arm is beyond its limits, or the flood does not reach.
     """
 
     near: NDArray[np.bool_]
     out: NDArray[np.bool_]
 
     def at(self, angle: float) -> NDArray[np.bool_]:
-        """Return the nodes (I, J) that cannot be used at the tested angle nearest to ``angle``."""
+        """Return a mask (I, J) of the nodes that cannot be used at ``angle``, rad.
+
+        It is the mask of the nearest angle that was tested.
+        """
         k = round(angle / STEP) % _ANGLES
         return np.asarray(self.near[k] | self.out[k])
 
@@ -63,7 +66,7 @@ class Shut(NamedTuple):
 
 
 class Windows(NamedTuple):
-    """Windows of a flood, the widest first, with the nodes that are free at all their angles.
+    """W windows of a flood, the widest first, with the nodes that are free at all their angles.
 
     Attributes
     ----------
@@ -79,10 +82,10 @@ class Windows(NamedTuple):
 
 
 def shut(table: Table, flood: Array, distance: float) -> Shut:
-    """Find the nodes and angles of a flood (I, J, n) at which bodies are nearer than a distance, m.
+    """Find where bodies are nearer than a distance, m, at the nodes of a flood (I, J, n).
 
-    Pairs of bodies that the joint that turns the arm does not move relative to each other are
-    tested once per node. The others are tested at each angle, at one node per block of nodes.
+    Pairs of bodies that do not move relative to each other when the arm turns are tested once per
+    node. The other pairs are tested at each angle, at one node per block of nodes.
     """
     task, bodies, joint = table.task, bodies_of(table.task), table.around.joint
     on = np.argwhere(np.isfinite(flood[..., 0]))
@@ -103,10 +106,10 @@ def shut(table: Table, flood: Array, distance: float) -> Shut:
 
 
 def windows(there: Shut) -> Windows:
-    """List the windows of a flood that have different nodes; of equal ones, the widest.
+    """List the windows with different sets of nodes; of windows with equal sets, only the widest.
 
-    In the window of a whole turn, angles beyond the limits of the joint that turns the arm are left
-    out. All angles of a narrower window are inside these limits.
+    A window of a whole turn leaves out angles beyond the limits of the joint that turns the arm.
+    All angles of a narrower window are inside these limits.
     """
     rows = [np.arange(_ANGLES)]
     masks = [~(there.near & ~there.out).any(axis=0) & ~there.out.all(axis=0)]

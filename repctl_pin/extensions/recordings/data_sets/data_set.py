@@ -25,7 +25,7 @@ HDF5 = (".hdf5", ".h5")
 
 
 def is_data_set(path: Path) -> bool:
-    """Test whether a path is that of a data set: a folder, or an HDF5 file by its suffix."""
+    """Test whether a path is that of a data set: an existing folder, or an HDF5 file."""
     return path.is_dir() or path.suffix.lower() in HDF5
 
 
@@ -35,13 +35,13 @@ class DataSet(Table):
     Attributes
     ----------
     joints : str or None
-        Name of the column of joints; None if it is unknown.
+        Name of the column of joints; None if it is not known yet.
     sessions : str
         Name of the column with the number of each frame's demonstration.
     times : str or None
         Name of the column of times, s, from the start of each demonstration; None if there is none.
     commands : str or None
-        What the actions command, as the data set says: ``hand`` or None.
+        ``hand`` if the data set says that its actions command the hand; None if it does not say.
     simulator : tuple of str
         Names of columns of a simulator's state, which depends on the recorded joints.
     """
@@ -53,7 +53,7 @@ class DataSet(Table):
     simulator: tuple[str, ...] = ()
 
     def labels(self, name: str) -> list[str] | None:
-        """Return the names of the numbers in a column; None if the data set does not name them."""
+        """Return the names of the numbers in each row of a column; None if they have no names."""
         return None
 
     @property
@@ -63,14 +63,17 @@ class DataSet(Table):
 
     @abstractmethod
     def write(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> None:
-        """Write the data set to a path at which nothing exists."""
+        """Write the data set to a path at which nothing exists, as :meth:`save` describes."""
 
     def actions(self) -> tuple[str, ...]:
         """Return the names of the columns of actions."""
         return tuple(name for name in self.widths if _ACTION.search(name))
 
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
-        """Write the data set, see :meth:`Table.save`: beside the path, then renamed.
+        """Write a copy of the data set with changed columns: beside the path, then renamed.
+
+        ``new`` has the changed numbers by name of their column; the columns ``removed`` are left
+        out.
 
         Raises
         ------
@@ -87,9 +90,10 @@ class DataSet(Table):
 
 
 def require_new(source: Path, path: Path) -> None:
-    """Raise InputError if a data set cannot be written to a path: it exists, or lies in the source.
+    """Raise InputError if a data set cannot be written to ``path``.
 
-    So no data set is replaced, and none is copied into itself.
+    It must not exist, nor lie in the folder ``source``, so that no data set is replaced or copied
+    into itself.
     """
     if os.path.lexists(path):
         raise InputError(

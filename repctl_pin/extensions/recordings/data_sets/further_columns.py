@@ -1,6 +1,7 @@
 """Further columns of joint positions in a data set: those of actions and of next observations.
 
-Relabelling evaluates the same function at the same level for them, so that all columns agree.
+Next observations are those of the following frame. Relabelling evaluates the same function at the
+same level for these columns as for the joints, so that all columns agree.
 """
 
 from __future__ import annotations
@@ -70,7 +71,10 @@ def further_joints(
 def require_positions(
     table: DataSet, labels: Sequence[str] | None, places: tuple[int, ...], task: Task
 ) -> None:
-    """Raise InputError if the array of joints also has other numbers that depend on the joints."""
+    """Raise InputError if the column of joints has further numbers that depend on the joints.
+
+    ``labels`` are the names of its numbers, ``places`` the indices of the joints among them.
+    """
     for at, label in enumerate(labels or ()):
         if at not in places and any(joint in label for joint in task.joint_names):
             raise InputError(
@@ -82,9 +86,10 @@ def require_positions(
 def _places(
     table: DataSet, task: Task, name: str, places: tuple[int, ...], commands: str | None
 ) -> tuple[int, ...] | None:
-    """Find the indices of the joints in a row of actions.
+    """Find the indices of the task's joints in a row of the column ``name``.
 
-    Return None for an array with another name than ``action`` whose numbers are not named as
+    ``places`` are those in the column of joints, and ``commands`` is "joints" if the actions are
+    joint positions. Return None for a column other than the actions whose numbers have no names of
     joints.
     """
     own, labels = task.joint_names, table.labels(name)
@@ -98,20 +103,20 @@ def _places(
         raise InputError(
             f"{table.file}: {name!r} has {table.widths[name]} numbers per row, but the joints are "
             f"at {places[0]} to {places[-1]} in {table.joints!r}",
-            remedy="write the actions in the same order",
+            remedy=f"write {name!r} with the joints at the same indices as in {table.joints!r}",
         )
     if name not in ("action", "actions"):
         return None
     what = f"are {', '.join(labels)}" if labels else "have no names"
     raise InputError(
-        f"{table.file}: the numbers of {name!r} {what}, and may not be joints",
+        f"{table.file}: it is not known whether {name!r} are joint positions: its numbers {what}",
         remedy="use action='joints' (--action joints) if they are joint positions in the order of "
         "the joints, or 'hand' if they command the hand",
     )
 
 
 def _require_near(table: DataSet, task: Task, name: str, A: Array, Q: Array) -> None:
-    """Raise InputError if actions A (K, n) are not joint positions near the recorded Q (K, n)."""
+    """Raise InputError unless actions A (K, n) are joint positions near the recorded Q (K, n)."""
     away = np.median(np.abs(A - Q), axis=0)
     worst = int(np.argmax(away))
     if away[worst] > _AWAY:

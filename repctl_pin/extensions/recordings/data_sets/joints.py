@@ -15,9 +15,10 @@ from .robomimic import RobomimicData
 def open_data_set(
     path: Path, task: Task, joints: Sequence[str] | None = None
 ) -> tuple[DataSet, Sequence[str] | None]:
-    """Open a data set; return it, and the names of the numbers in its array of joints, if given.
+    """Open a data set; return it, and the names of the numbers in its column of joints, if given.
 
-    ``joints`` are these names; for an HDF5 file, a single name is that of the array of joints.
+    ``joints`` are these names; for an HDF5 file, a single name is that of the array of joints
+    itself. Without names, the second result is None.
     """
     if path.is_dir():
         return LeRobotData(path), joints
@@ -30,9 +31,6 @@ def joints_of(
     table: DataSet, task: Task, given: Sequence[str] | None = None
 ) -> tuple[str, tuple[int, ...]]:
     """Find the column of joints of a data set, and the index of each of the task's joints in a row.
-
-    ``given`` are the names of the numbers in that column. By default, the names in LeRobot's
-    description are used, and an array of robomimic must have the joints in the order of the task.
 
     Raises
     ------
@@ -59,7 +57,7 @@ def joints_of(
 
 
 def require_known(name: str, lerobot: Sequence[str], task: Task) -> None:
-    """Raise InputError if none of LeRobot's names of an array's numbers is a joint of the task.
+    """Raise InputError if none of LeRobot's names of numbers in a column is a joint of the task.
 
     Even if their count fits, the numbers could then belong to another arm.
     """
@@ -74,9 +72,10 @@ def require_known(name: str, lerobot: Sequence[str], task: Task) -> None:
 
 
 def places_of(name: str, width: int, task: Task, given: Sequence[str] | None) -> tuple[int, ...]:
-    """Find the indices of the task's joints in the rows of an array, each of ``width`` numbers.
+    """Find the indices of the task's joints in the rows of the column ``name``, of given width.
 
-    ``given`` are the names of the numbers. Without names, the array must have one number per joint.
+    ``width`` is the count of numbers per row, and ``given`` are their names. Without names, the
+    column must have exactly one number per joint.
     """
     own = task.joint_names
     if given is None and width == task.n:
@@ -102,5 +101,8 @@ def places_of(name: str, width: int, task: Task, given: Sequence[str] | None) ->
 
 
 def stem(name: str, own: Sequence[str]) -> str:
-    """Return a joint's name without LeRobot's suffix, unless the robot's joint has that suffix."""
+    """Return a joint's name without LeRobot's suffix ``.pos``, unless that name is a joint's own.
+
+    ``own`` are the names of the robot's joints.
+    """
     return name if name in own else name.removesuffix(".pos")

@@ -68,7 +68,7 @@ def read_info(folder: Path) -> dict[str, Any]:
 
 
 def labels_of(info: Mapping[str, Any], name: str) -> list[str] | None:
-    """Return the names of the numbers in a column, of ``meta/info.json``; None if it has none."""
+    """Return the names of the numbers in a column, from ``meta/info.json``; None if it has none."""
     names = info["features"].get(name, {}).get("names")
     if isinstance(names, dict) and len(names) == 1:  # {"motors": […]}
         names = next(iter(names.values()))
@@ -116,7 +116,7 @@ class LeRobotData(DataSet):
                 )
 
     def same_format(self, path: Path) -> bool:
-        """Test whether a path is that of a folder: it ends in none of ``FORMATS``."""
+        """Test whether a path can be that of a folder: it has no suffix of a table's file."""
         return path.suffix.lower() not in FORMATS
 
     def labels(self, name: str) -> list[str] | None:
@@ -189,7 +189,7 @@ class LeRobotData(DataSet):
             write_whole(path / "meta" / "info.json", text)
 
     def _require_known_statistics(self) -> None:
-        """Raise InputError for a file of statistics that cannot be computed for the new joints."""
+        """Raise InputError if there is a file of statistics that cannot be computed again."""
         for file in sorted([*self.file.glob("*stats*"), *self.file.glob("meta/*stats*")]):
             name = file.relative_to(self.file).as_posix()
             if name not in _OF_STATISTICS:
@@ -204,7 +204,7 @@ def _in_tables(feature: Mapping[str, Any]) -> bool:
 
 
 def _width_of(feature: Mapping[str, Any]) -> int:
-    """Count the numbers per row of a feature; 0 for text, images, and matrices."""
+    """Count the numbers per row of a feature; 0 unless it is a vector of numbers."""
     shape = feature.get("shape")
     if feature.get("dtype") not in _NUMBERS or not isinstance(shape, (list, tuple)):
         return 0
@@ -222,14 +222,17 @@ def _opened(file: Path) -> Any:
 
 
 def _part(new: Mapping[str, NewCells], rows: slice) -> dict[str, NewCells]:
-    """Select the given rows of the new columns, by name."""
+    """Select rows of all new columns; return them by name."""
     return {name: NewCells(c.values[rows], c.at, c.rows[rows]) for name, c in new.items()}
 
 
 def _rewrite(
     file: Path, target: Path, new: Mapping[str, NewCells], removed: Collection[str]
 ) -> None:
-    """Write a copy of a Parquet file with new columns, with equal row groups and compression."""
+    """Write a copy of a Parquet file with the columns ``new`` and without those ``removed``.
+
+    Row groups and compression stay as they are.
+    """
     import pyarrow.parquet
 
     source, tables, start = _opened(file), [], 0
@@ -285,7 +288,7 @@ def _updated(
 
 
 def _statistic(key: str, X: Array, file: Path) -> Array:
-    """Compute a statistic of numbers (K, w) by its name in LeRobot, such as ``std`` or ``q01``."""
+    """Compute a statistic per column of X (K, w), by its name in LeRobot, such as ``q01``."""
     if key in _STATISTICS:
         return np.asarray(_STATISTICS[key](X))
     if key[0] == "q" and key[1:].isdecimal() and len(key) == 3:
@@ -299,7 +302,7 @@ def _statistic(key: str, X: Array, file: Path) -> Array:
 def _lines(
     file: Path, columns: Mapping[str, Array], episodes: Column, removed: Collection[str]
 ) -> str:
-    """Recompute the statistics of each demonstration; return them as lines of JSON."""
+    """Recompute the statistics of each demonstration; return the new file's text, JSON lines."""
 
     def line(text: str) -> str:
         try:
@@ -331,7 +334,7 @@ def _require_rows(rows: Column, episode: object, file: Path) -> None:
 def _update_episodes(
     file: Path, columns: Mapping[str, Array], episodes: Column, removed: Collection[str]
 ) -> None:
-    """Rewrite the table of demonstrations with new statistics; each column has one statistic."""
+    """Rewrite the table of demonstrations with new statistics, which are one column each."""
     import pyarrow
     import pyarrow.parquet
 

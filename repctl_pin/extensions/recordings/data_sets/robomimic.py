@@ -30,7 +30,7 @@ _HAND = ("OSC_", "IK_")
 class RobomimicData(DataSet):
     """An HDF5 file of robomimic.
 
-    ``array`` is the name of the array of joints; by default, it is found by its name and by its
+    ``array`` is the name of the array of joints. By default, it is found by a usual name and by its
     width, the number ``n`` of the arm's joints.
     """
 
@@ -155,9 +155,9 @@ def _arrays(group: Any, file: Path, prefix: str = "") -> Iterator[tuple[str, Any
 def _sizes(
     data: Any, demos: list[str], sets: Mapping[str, Mapping[str, Any]], file: Path
 ) -> tuple[Array, dict[str, Any]]:
-    """Count the frames of the demonstrations; return running sums, and robosuite's ``env_kwargs``.
+    """Count the frames of each demonstration; return running sums, and robosuite's ``env_kwargs``.
 
-    InputError is raised if an attribute of the file says another count.
+    InputError is raised if an attribute of the file has another count.
     """
     sizes = []
     for demo in demos:
@@ -214,7 +214,7 @@ def _types(configuration: Any) -> Iterator[str]:
 
 
 def _require_own(dataset: Any, file: Path) -> None:
-    """Raise InputError if an array shares its numbers with another name or another file."""
+    """Raise InputError if an array of the file shares its storage with another name or file."""
     import h5py
 
     shared = h5py.h5o.get_info(dataset.id).rc > 1 or dataset.is_virtual or dataset.external

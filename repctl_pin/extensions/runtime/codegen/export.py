@@ -1,7 +1,7 @@
 """Export of a repeatable inverse or a cell function as C files for a robot's control loop.
 
-Test vectors, which are inputs with Python's results for them, are also exported, to check a build
-on the robot's computer.
+Test vectors, which are inputs with Python's results for them, are also exported. They check a build
+on the robot's computer. Ω is the region of joint space, or the cell of poses, of the design.
 """
 
 from __future__ import annotations
@@ -109,7 +109,8 @@ def export_c(
         stem = other.stem.removesuffix("_kdl")
         if name not in (stem, other.stem) and where.joinpath("test_vectors.h").exists():
             raise InputError(
-                f"{where} already contains the inverse {stem!r}; choose another folder"
+                f"{where} already contains the export {stem!r}: an export requires a folder of "
+                "its own; choose another folder"
             )
     for file in texts:
         _refuse_foreign(where / file)
@@ -124,9 +125,9 @@ def _texts(
 ) -> dict[str, str]:
     """Compose the texts of all exported files, by file name.
 
-    ``name`` is the prefix of the files and of the C functions, ``source`` has the texts of the C
-    header and the C source, and the test vectors lie in ``region``; None stands for the control's
-    own region."""
+    ``name`` is the prefix of the files and of the C functions, and ``source`` has the main texts.
+    The test vectors lie in ``region``; with None, in the inverse's own Ω.
+    """
     if isinstance(control, InverseFunction):
         inverse = control.inverse
         declared, functions = (filled("function.hpp", name, {}), _function_vectors(control, name))
@@ -161,7 +162,7 @@ def _texts(
 
 
 def _signed(file: str, text: str) -> str:
-    """Put a comment line before a file's text: origin, version and checksum of the text.
+    """Put a comment line before the text of ``file``: origin, version and checksum of the text.
 
     The checksum prevents a later export from overwriting an edited file.
     """
@@ -195,8 +196,7 @@ def _refuse_foreign(path: Path) -> None:
 def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
     """Choose the configuration (n,) at which the example and the test vectors begin.
 
-    It is the configuration in the cell's middle or the centre of the region Ω of joint space;
-    without both, the task's reference configuration.
+    It is F at the cell's middle, or the centre of Ω; without either, the task's reference.
     """
     if isinstance(region, Cell) and isinstance(inverse.potentials, CellPotentials):
         return InverseFunction(inverse.potentials.chart)(region.placement)
@@ -204,12 +204,12 @@ def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
 
 
 def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
-    """Write the closed path of the example ``loop.c``: C text of its two directions and radii.
+    """Write the closed path of the example ``loop.c`` as C text: ``along`` (2 rows) and ``radii``.
 
-    ``p = p_0 + (r_1 (cos − 1), r_2 sin)`` keeps the orientation. If there is a cell, the path lies
-    inside. In a sector, which is a cell around the base, the orientation turns with the angle.
-    There the path is in the plane of radius and height, unless the task is in two coordinates, and
-    so leaves the orientation free.
+    The path ``p = p_0 + r_1 a_1 (cos s − 1) + r_2 a_2 sin s``, with the rows a_1 and a_2 of
+    ``along`` and the radii r_1 and r_2, m, has a constant orientation. It lies inside a cell. In a
+    sector, whose orientation turns with the angle, it is in the plane of radius and height. A
+    planar task, which leaves the orientation free, uses radius and angle instead.
     """
     axes = [int(axis) for axis in inverse.task.rows if axis < 3]
     along, most = np.eye(3)[axes], np.full(len(axes), np.inf)
@@ -234,7 +234,7 @@ def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
 def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str) -> str:
     """Write a test vector, and Python's results for it, as the C initialiser of a struct.
 
-    ``said`` has the results and statuses by name, as :func:`.vectors.answers` returns them.
+    ``said`` is the result of :func:`.vectors.answers`: a dict of results and status codes by name.
     """
     task = inverse.task
     limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit
@@ -272,9 +272,9 @@ def _optional(given: Array | None, size: int) -> tuple[int, Array]:
 
 
 def _function_vectors(function: InverseFunction, name: str) -> str:
-    """Write the C test vectors of a cell's function q = F(x; c), with Python's results.
+    """Write C test vectors of a cell's function q = F(x; c): targets, levels, statuses and q.
 
-    The targets are poses inside and outside the cell; outside, the status is OUTSIDE.
+    Targets lie inside and outside the cell; outside, the status is OUTSIDE.
     """
     rows = []
     for target, leaf in targets(function):

@@ -18,9 +18,9 @@ _GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
 
 
 def governor_source(task: Task, name: str) -> tuple[str, str, str]:
-    """Write the governor's parts of the C header, the C source and the C++ header.
+    """Write the governor's parts of the C header, the C source and the C++ header, in this order.
 
-    The governor stays within the limits at run time; ``name`` is the prefix of the exported names.
+    ``name`` is the prefix of the exported names.
     """
     structs, types = _structs("governor.h", name)
     acceleration, jerk = limits_of_file(task, "acceleration"), limits_of_file(task, "jerk")
@@ -37,7 +37,7 @@ def governor_source(task: Task, name: str) -> tuple[str, str, str]:
 
 
 def torque_code(task: Task, name: str) -> tuple[str, str]:
-    """Write the torque law's parts of the C header and the C source.
+    """Write the torque law's parts of the C header and the C source, in this order.
 
     ``name`` is the prefix of the exported names.
     """
@@ -56,10 +56,10 @@ _ENDINGS = "h", "c", "hpp"
 
 
 def _structs(file: str, name: str) -> tuple[str, str]:
-    """Write the structs of a library header under the names of an exported header.
+    """Write the structs of the library header ``file`` under the names of an exported header.
 
-    ``State`` becomes ``name_state``, so that two exports can be linked together. Return these
-    structs, and the C lines (typedefs and macros) that map the library's names to them.
+    A struct ``State`` becomes ``name_state``, so that two exports can be linked together. Return
+    the structs, and the C lines (typedefs and macros) that define the library's names by them.
     """
     text = pasted(file)
     inner = text[text.index("#ifndef EXPORTED\n") : text.index("#endif")]

@@ -43,10 +43,9 @@ def kdl_header(
 
 
 def _rates(task: Task) -> str:
-    """Write the C++ lines that compute ẋ of the task from the tip's twist in base axes.
+    """Write the C++ lines that convert the tip's twist (v, ω), in base axes, to ẋ of the task.
 
-    KDL gives six numbers (v, ω). A task commands some of them, or ω about the tool's own x and y
-    axes.
+    A task commands some of the six numbers, or ω about the tool's own x and y axes.
     """
     lines = [f"        xdot[{i}] = v_in({row});" for i, row in enumerate(task.rows) if row < 3]
     if task.kind == "pose":
@@ -63,7 +62,7 @@ def _rates(task: Task) -> str:
 def quoted(text: str) -> str:
     """Write a text, such as the name of a joint, as a C string literal.
 
-    Bytes of its UTF-8 text other than letters, digits and ``_`` become octal escapes.
+    Bytes other than ASCII letters, digits and ``_`` become octal escapes.
     """
     return '"' + "".join(map(_escaped, text.encode("utf-8", "surrogatepass"))) + '"'
 

@@ -39,10 +39,10 @@ _MEANING = {
 
 
 class Source(NamedTuple):
-    """Texts of the C header and the C source file, and parts of the C++ header.
+    """Texts of the C header ``header`` and the C source file ``code``, and parts of the C++ header.
 
-    ``governor`` and ``closing`` are the C++ parts of the governor and of the closing radius; empty
-    if left out.
+    ``governor`` and ``closing`` are the C++ text of the governor and of the closing radius; empty
+    if they are left out.
     """
 
     header: str
@@ -132,7 +132,10 @@ def write_source(
 
 
 def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounded | None:
-    """Check that an inverse and its Ω can be written as C, and return Ω; InputError if not."""
+    """Check that an inverse and its region can be written as C, and return the region.
+
+    By default, the region is the inverse's own Ω. An InputError is raised if C cannot hold them.
+    """
     task = inverse.task
     if task.r < 1:
         raise InputError(
@@ -153,10 +156,10 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
 
 
 def _frame_sizes(arm: Any) -> dict[str, str | int]:
-    """Write a frame's sizes for C: task rows, joints, and the largest number of joints per frame.
+    """Return the sizes of one frame for C: task rows, joints, and maximum joints of any frame.
 
     For one frame, the sizes are numbers, so that the compiler can unroll loops. For several frames,
-    they are members of each frame's struct ``arm``.
+    the first two are members of each frame's struct ``arm``.
     """
     if arm.frames == 1:
         return {"rows": "M", "joints": arm.joints, "most": arm.joints}
@@ -176,10 +179,10 @@ def _function_code(function: InverseFunction, name: str) -> str:
 def _native_files(
     inverse: RepeatableInverse, region: Bounded | None
 ) -> tuple[list[str], list[str]]:
-    """Name the headers and sources of the library that a chart requires; none without a cell.
+    """Name the headers and the sources of the native library that a chart requires.
 
-    A chart consists of the polynomials of a cell's function. An inverse has a chart if it belongs
-    to such a function, or its region Ω is a cell.
+    A chart consists of the polynomials of a cell's function. Both lists are empty unless the
+    inverse belongs to such a function, or its region is a cell.
     """
     if isinstance(inverse.potentials, CellPotentials) or isinstance(region, Cell):
         return ["chart.h"], ["chart.c"]
@@ -187,11 +190,11 @@ def _native_files(
 
 
 def _closing_source(closes: ClosingRadius | None, task: Task, name: str) -> tuple[str, str, str]:
-    """Write the closing radius' parts of the C header, the C source and the C++ header.
+    """Write the parts on the closing radius: of C header, C source and C++ header, in this order.
 
     The closing radius is the distance from a start or a path within which closed paths are proved
-    to close in the joints. Without it, the three texts are empty. InputError is raised if the
-    radius is not proved, or belongs to another kind of task.
+    to close in the joints. The texts are empty if it is None. An InputError is raised if the radius
+    is not proved, or belongs to another kind of task.
     """
     if closes is None:
         return "", "", ""
@@ -216,15 +219,14 @@ def _closing_source(closes: ClosingRadius | None, task: Task, name: str) -> tupl
 
 
 def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | None:
-    """Return the region that ``name_inside`` checks in C: the given one, else the design's."""
+    """Return the region that ``name_inside`` checks in C: if None is given, the inverse's own."""
     return inverse.region if region is None else region
 
 
 def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
-    """Test whether an inverse belongs to the function over this cell of poses.
+    """Test whether an inverse is that of the function over this very cell.
 
-    Only then can the cell be the inverse's region in C, because C tests poses with the polynomials
-    of that function.
+    Only then can the cell be its region in C, because C tests poses with the chart of the function.
     """
     if not isinstance(inverse.potentials, CellPotentials):
         return False
@@ -267,7 +269,7 @@ def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) 
 
 
 def _of(region: Bounded | None) -> str:
-    """Describe a region of joint space or a cell in one line, for a C comment."""
+    """Describe Ω in one line, for a C comment."""
     if isinstance(region, Cell):
         return f"the cell {comment(repr(region))}"
     return "none given" if region is None else comment(str(region).replace("±", "+-"))
