@@ -27,12 +27,13 @@ export class Callouts {
     return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${formatLength(off)}`;
   }
 
-  // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far
-  // it was off, m, and when.
-  say(read = null) {
+  // Say how far they are off, and what from, which `atEnd`, at the end of a cycle, is the start;
+  // while time runs, what `read` says of an arm: how far it was off, m, and when.
+  say(atEnd, read = null) {
     const { leading, hands: names } = this.scene;
     this.sets.forEach(({ arm, part, hands }, k) => {
-      const from = this.measuredFrom(arm, k);
+      const from = this.measuredFrom(arm, k, atEnd);
+      const short = this.isNarrow(k);
       const [off, when] = read ? read(arm) : [arm.partOff(), from];
       const lost = Boolean(arm.lost) && !leading;
       part.box.style.visibility = lost ? "hidden" : "";
@@ -40,13 +41,11 @@ export class Callouts {
       setText(part.value, this.words(off || 0));
       part.value.className = tint(off || 0);
       part.box.title = `${(off || 0).toPrecision(3)} m`;
-      const short = this.panes.place(k).width < SHORT;
       hands.forEach((hand, f) => {
         const name = short ? names[f].split(",")[0] : names[f];
         const away = arm.handOff(f);
         hand.box.style.visibility = lost ? "hidden" : "";
-        const of = this.isFromGrey(arm) ? `from the ${this.other(arm)} one` : "from cycle\u00a01";
-        setText(hand.value, `${name} ${formatLength(away)} ${of}`);
+        setText(hand.value, `${name} ${formatLength(away)} ${this.inShort(arm, atEnd)}`);
         hand.box.title = `${away.toPrecision(3)} m ${from}`;
       });
     });
@@ -54,22 +53,24 @@ export class Callouts {
   }
 
   // What the number of an arm is measured from.
-  measuredFrom(arm, k) {
-    const { leading } = this.scene;
+  measuredFrom(arm, k, atEnd) {
+    if (this.scene.leading === "leads" && arm.repeats) return "the other is measured from here";
+    const short = this.inShort(arm, atEnd);
+    if (this.isNarrow(k) || (!atEnd && this.isFromGrey(arm))) return short;
     const grey = arm.ghostSpot() ? ", in grey" : "";
-    if (leading === "slides") return `from the start${grey}`;
-    if (leading && arm.repeats) return "the other is measured from here";
-    if (this.narrow.matches || this.panes.place(k).width < SHORT)
-      return this.isFromGrey(arm) ? `from the ${this.other(arm)} one` : "from cycle\u00a01";
-    const first = "its place in cycle\u00a01";
-    if (arm.repeats) return `from ${first}`;
-    return `from ${this.isFromGrey(arm) ? "the repeatable arm" : first}${grey}`;
+    return `${atEnd ? short : "from its place in cycle\u00a01"}${grey}`;
   }
 
-  // The repeatable arm by its colour, or by its name where it is not seen.
-  other(arm) {
+  // The same where there is little room. The repeatable arm is named by its colour where it is seen.
+  inShort(arm, atEnd) {
+    if (atEnd) return "from its start";
+    if (!this.isFromGrey(arm)) return "from cycle\u00a01";
     const seen = arm.ghost.visible && arm.shades.some(({ visible }) => visible);
-    return seen ? "grey" : "repeatable";
+    return `from the ${seen ? "grey" : "repeatable"} arm`;
+  }
+
+  isNarrow(k) {
+    return this.narrow.matches || this.panes.place(k).width < SHORT;
   }
 
   // Whether the numbers of an arm compare it with the repeatable arm, which is drawn in grey.
