@@ -774,8 +774,8 @@ def test_a_loop_is_drawn_with_either_hand(
     assert "together 14 joints, 2 redundant" in caption
     slider = driver.find_element("id", "elbow-name").get_attribute("textContent")
     assert re.match("Move the (left|right) ", slider), slider
-    for time, whence in ((2, ["its start"] * 2), (1.5, ["the grey arm", "cycle\u00a01"])):
-        driver.execute_script("repctl.seek(arguments[0])", time)
+    for cycles, whence in ((2, ["its start"] * 2), (1.5, ["the grey arm", "cycle\u00a01"])):
+        driver.execute_script("repctl.seek(arguments[0])", cycles)
         callouts = [
             e.get_attribute("textContent")
             for e in driver.find_elements("css selector", ".callout.hand")

@@ -61,7 +61,7 @@ export class Callouts {
     return `${atEnd ? short : "from its place in cycle\u00a01"}${grey}`;
   }
 
-  // The same where there is little room. The repeatable arm is named by its colour where it is seen.
+  // The same in few words. The repeatable arm is named by its colour where it is seen.
   inShort(arm, atEnd) {
     if (atEnd) return "from its start";
     if (!this.isFromGrey(arm)) return "from cycle\u00a01";
