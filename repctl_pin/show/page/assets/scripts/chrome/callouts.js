@@ -49,7 +49,6 @@ export class Callouts {
         hand.box.title = `${away.toPrecision(3)} m ${from}`;
       });
     });
-    if (!this.scene.leading) this.place(); // else the picture that follows places them
   }
 
   // What the number of an arm is measured from.
@@ -85,13 +84,8 @@ export class Callouts {
     this.spots = spots;
     this.rooms = [];
     if (byId("panes").classList.contains("quiet")) return;
-    const size = ({ offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h }) => ({
-      x,
-      y,
-      w,
-      h,
-    });
     // all are read before any is moved
+    const size = (node) => panes.sizeOf(node);
     const sizes = this.sets.map(({ part, hands }, k) => ({
       label: size(panes.frames[k].firstChild),
       box: size(part.box),
@@ -190,7 +184,10 @@ function putCallout(callout, { w }, at, radius, room, places) {
     const cut = Math.max(1 - radius / far, 0);
     return [from, { x: from.x + cut * (at.x - from.x), y: from.y + cut * (at.y - from.y) }];
   };
-  const cost = (place) => room.covers(place) + room.crosses(...rule(place));
+  const cost = (place, most) => {
+    const covered = room.covers(place);
+    return covered < most ? covered + room.crosses(...rule(place)) : covered;
+  };
   callout.side = room.best(places, cost, callout.side);
   const place = places[callout.side];
   const [from, to] = rule(place);
