@@ -4,6 +4,7 @@ refuses."""
 from __future__ import annotations
 
 import json
+import re
 from decimal import ROUND_FLOOR, Decimal
 from html import unescape
 from itertools import product
@@ -94,6 +95,19 @@ def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
     assert [arm["label"] for arm in scene["arms"]] == ["J⁺", "One function, q = F(x)"]
     assert scene["arms"][1]["drift"][-1] < 1e-9 < scene["arms"][0]["drift"][-1]
     assert scene["paths"][0] == 16  # the edges of the cell
+    the_dialog_explains_what_stands_on_the_page(page, inner)
+
+
+def the_dialog_explains_what_stands_on_the_page(page: str, inner: str) -> None:
+    """Every name of the rows in numbers, and no word of a study, whose files are not there."""
+    numbers = page.partition("<h2>In numbers</h2>")[2].partition("</section>")[0]
+    rows = {name.casefold() for name in re.findall("<dt>(.*?)</dt>", numbers)}
+    dialog = inner.partition("<dialog")[2].partition("</dialog>")[0]
+    names = {name.casefold() for name in re.findall("<dt>(.*?)</dt>", dialog)}
+    assert rows - {"cell", "middle", "stopped"} <= names and "the box, or cell" in names
+    assert {"extra joint speed", "leaf margin", "limit margin", "coverage"} <= rows
+    for word in ("study", "control.json", "motion.csv", "First line", "Joint speed</dt>"):
+        assert word not in dialog, word
 
 
 def test_a_proof_that_is_not_reached_is_not_called_one(

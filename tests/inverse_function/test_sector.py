@@ -1039,6 +1039,10 @@ def test_the_edges_of_a_sector(drawn: tuple[rp.CellDesign, Path, Figure]) -> Non
     sector, file = drawn[0].cell, drawn[1]
     page = unescape(file.read_text("utf-8"))
     inner = page.partition('srcdoc="')[2].partition('"></iframe>')[0]
+    dialog = inner.partition("<dialog")[2].partition("</dialog>")[0]
+    names = [f"<dt>{name}</dt>" for name in ("Angle", "Radius", "Symmetry", "The sector, or cell")]
+    assert all(name in dialog for name in names) and "the whole table" in dialog
+    assert "<dt>Spin</dt>" not in dialog  # which this task leaves open
     scene, _, numbers = read(inner)
     edges, way = scene["paths"]
     joints = scene["series"][-len(scene["arms"]) :]  # after the paths

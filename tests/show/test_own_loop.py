@@ -774,15 +774,15 @@ def test_a_loop_is_drawn_with_either_hand(
     assert "together 14 joints, 2 redundant" in caption
     slider = driver.find_element("id", "elbow-name").get_attribute("textContent")
     assert re.match("Move the (left|right) ", slider), slider
-    callouts = [
-        e.get_attribute("textContent")
-        for e in driver.find_elements("css selector", ".callout.hand")
-    ]
-    assert callouts == [
-        f"{hand} hand 0 from {what}"
-        for what in ("the grey one", "cycle\u00a01")
-        for hand in ("left", "right")
-    ]
+    for cycles, whence in ((2, ["its start"] * 2), (1.5, ["the grey arm", "cycle\u00a01"])):
+        driver.execute_script("repctl.seek(arguments[0])", cycles)
+        callouts = [
+            e.get_attribute("textContent")
+            for e in driver.find_elements("css selector", ".callout.hand")
+        ]
+        assert callouts == [
+            f"{hand} hand 0 from {what}" for what in whence for hand in ("left", "right")
+        ]
     assert driver.execute_script("return repctl.own.rings.map((row) => row.length)") == [2, 2]
     driver.execute_script(_LEAD, mirrored)
     assert said(driver).startswith("After one cycle of your loop both hands are back. "), said(

@@ -110,7 +110,8 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
             said = {f"{name} {words}" for words in written(value)}
             assert part[k] in said, (time, value)
             # a narrow pane leaves out what is free; an arm that hides the grey one is named
-            whence = ("the (grey|repeatable) one", "cycle\N{NO-BREAK SPACE}1")[k]
+            within = ("the (grey|repeatable) arm", "cycle\N{NO-BREAK SPACE}1")[k]
+            whence = "its start" if time == done else within
             assert re.fullmatch(f"hand({free})? 0 from {whence}", hand[k]), hand[k]
             assert np.ptp(study.task.positions(np.array(at)), axis=0).max() < 1e-3
             assert reading[k] in written(ends[done]) and reading[k] in bar

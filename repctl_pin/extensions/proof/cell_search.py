@@ -159,7 +159,11 @@ class _CellSearch:
             ),
             (leaf_margins(chart, points) - self.leaf, "the leaf margin there is {leaf:.4g}"),
             (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
-            (-away.max(axis=1), "F is {away:.2g} rad or m too far from q_ref to be proved unique"),
+            (
+                -away.max(axis=1),
+                "F leaves the neighbourhood of q_ref in which it is proved unique, by {away:.2g} "
+                "(rad or m)",
+            ),
             ((high - low).max(axis=1) - 2 * _SMALLEST, "a box too small to halve is undecided"),
         ):
             where = int(np.argmin(short))

@@ -29,7 +29,7 @@ import gzip
 import json
 import re
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from importlib.util import find_spec
@@ -63,7 +63,11 @@ SCRIPTS = (
 
 
 def page(
-    scene: dict[str, Any], commands: Sequence[bytes], motion: Sequence[Array], headline: Headline
+    scene: dict[str, Any],
+    commands: Sequence[bytes],
+    motion: Sequence[Array],
+    headline: Headline,
+    words: Mapping[str, str] | None = None,
 ) -> str:
     """Write the animation page, with the viewer, the bodies and the motion inside.
 
@@ -78,6 +82,8 @@ def page(
         expects; T and W differ between arrays.
     headline
         Headline above the animation.
+    words
+        Words that the dialog explains, with their meanings; by default those of a study.
     """
     numbers, unit = differences(motion)
     scene = {**scene, "series": [series.shape for series in motion], "resolution": unit}
@@ -88,6 +94,7 @@ def page(
         caption=scene["caption"],
         headline=headline,
         scene=scene,
+        words=words,
         data=Markup(_as_script(scene)),
         viewer=Markup(_viewer()),
         commands=Markup(pack(b"".join(struct.pack("<I", len(c)) + c for c in commands))),

@@ -277,6 +277,7 @@ def animation_page(
     own: dict[str, Any] | None = None,
     hands: Sequence[str] = ("hand",),
     joints: JointRows | None = None,
+    words: Mapping[str, str] | None = None,
 ) -> str:
     """Write a self-contained HTML page with one pane per arm: an animation, or the live viewer.
 
@@ -315,6 +316,8 @@ def animation_page(
         Display names of the traced frames.
     joints
         Joint positions for a plot over time; None for no plot.
+    words
+        Terms that the page's dialog explains, with their meanings; by default those of a study.
 
     Returns
     -------
@@ -347,7 +350,7 @@ def animation_page(
     }
     motion = [np.reshape(p, (len(p), np.size(p) // max(1, len(p)))) for p in [*parts, *paths]]
     motion += [] if joints is None else [rows * _JOINT for rows in joints.rows]
-    return page(scene, commands, motion, headline)
+    return page(scene, commands, motion, headline, words)
 
 
 def _links(own: dict[str, Any] | None, arm: Arm) -> list[Any]:

@@ -24,10 +24,10 @@ from ....show.report import framed, picture, versions
 from ....show.text.headline import NEAR, Headline
 from ....show.text.lines import Span, capital
 from ....show.text.parts import redundant_part
-from ....strategies import Pseudoinverse
 from ..cell_design_result import CellDesign
 from ..geometry.cell import Cell
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
+from .cell_words import cell_words, dialog_words, usual
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
@@ -99,7 +99,7 @@ def cell_page(
     task, joint = design.task, elbow(design.task, design.posture)
     words = (
         "Slices through the centre of the cell (+). First: the smallest joint-limit margin. "
-        f"Second: joint speed relative to the {_usual(design)} control at the same configurations."
+        f"Second: joint speed relative to the {usual(design)} control at the same configurations."
     )
     if isinstance(design.cell, Sector) and design.evaluation.turns and design.cell.tilted:
         words += " Third: range of the angle that is inside the joint's limits at every tilt."
@@ -107,7 +107,9 @@ def cell_page(
     if motions:
         cycles = next(iter(motions.values())).cycles
         shown = _coloured(motions)
-        animation = _tour_page(design, shown, joint, f"{cycles} cycles of a sample path")
+        animation = _tour_page(
+            design, shown, joint, f"{cycles} cycles of a sample path", dialog_words(design, motions)
+        )
         still = picture(still_figure(shown), _STILL)
     return render(
         "cell.html",
@@ -121,48 +123,10 @@ def cell_page(
         tour=" ".join([_OF_THE_TOUR, *(f"{capital(note)}." for note in notes)]),
         slices=None if slices is None else framed(slices, words),
         figures=design.figures(),
-        words=_words(design, motions),
+        words=cell_words(design, motions),
         command=command,
         details={"joints": ", ".join(task.joint_names), "seed": str(design.seed)} | versions(),
     )
-
-
-def _words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
-    """Return the texts that explain terms on the page, by term.
-
-    ``motions`` are those along the sample path, by controller.
-    """
-    shape = "sector" if isinstance(design.cell, Sector) else "box"
-    usual, part = _usual(design), redundant_part(design.task)
-    around = ", around an axis of the arm" if shape == "sector" else ""
-    covered = "" if design.evaluation.everywhere else ", where the function covers it"
-    outline = ": its outline bounds the positions" if motions else ""
-    words = {
-        f"The {shape}, or cell": f"the hand poses for which it was made{around}{outline}. "
-        "The line under the first sentences names its size.",
-        f"One {part} per pose": "The joints depend only on where the hand is, q = F(x), not on "
-        f"the way there. Wherever the hand goes in the {shape}{covered}, at each pose it has the "
-        "same joints again.",
-        "Joint limits, limit margin": "the distance of the nearest joint from the end of its range",
-    }
-    if motions:
-        blue = "Blue is the function, whose joints come back."
-        if len(motions) > 1:
-            blue = f"Orange is the {usual} control, whose joints need not come back. {blue}"
-        words["Sample path"] = f"a closed path through the {shape}, as an example. {blue}"
-    if design.proof:
-        words["Proved"] = (
-            "The bounds that the rows above call proved hold at every pose of the "
-            f"{shape}. Other margins and distances are the smallest found."
-        )
-    else:
-        tried = "--prove tries to prove" if design.proof is None else "No proof was reached of"
-        words["Tested, not proved"] = (
-            "Margins and distances are the smallest found: at poses all over "
-            f"the {shape}, and by a search between them. Smaller ones may exist. {tried} the leaf "
-            "margin and the limit margin."
-        )
-    return words
 
 
 def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
@@ -172,17 +136,26 @@ def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
 
 
 def _tour_page(
-    design: CellDesign, motions: Sequence[tuple[str, Motion, str]], joint: int, name: str
+    design: CellDesign,
+    motions: Sequence[tuple[str, Motion, str]],
+    joint: int,
+    name: str,
+    words: Mapping[str, str],
 ) -> str:
     """Write the page with the animated motions side by side, and the outline of the cell.
 
     ``motions`` are (label, motion, colour). ``joint`` is the index of the joint whose path is
-    drawn, and ``name`` is its name on the page.
+    drawn, and ``name`` is its name on the page. ``words`` are the terms that the page's dialog
+    explains, with their meanings.
     """
     tracks = [playback_of(*one) for one in motions]
     way = motions[0][1].path.points()
     return playback_page(
-        [TracedChain(design.task, joint)], tracks, paths=[_box_of(design.cell), way], name=name
+        [TracedChain(design.task, joint)],
+        tracks,
+        paths=[_box_of(design.cell), way],
+        name=name,
+        words=words,
     )
 
 
@@ -234,14 +207,9 @@ def _cost(design: CellDesign) -> Span:
         for share in (design.extra_speed, design.extra_speed_worst)
     )
     return Span(
-        f"For this, joint speed is {mean} above that of the {_usual(design)} control on average, "
+        f"For this, joint speed is {mean} above that of the {usual(design)} control on average, "
         f"{worst} at worst. "
     )
-
-
-def _usual(design: CellDesign) -> str:
-    """Return the word for the control with which speeds are compared: usual (J⁺) or desired."""
-    return "usual" if type(design.desired) is Pseudoinverse else "desired"
 
 
 def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:

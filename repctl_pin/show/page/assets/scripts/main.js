@@ -128,11 +128,14 @@ async function main() {
     const { cycles } = clock;
     const leading = own && own.lead;
     const full = scene.live ? LIVE_FULL : fullDrift(arms);
-    byId("drift-to").textContent = scene.live
-      ? `${formatLength(full)} and more from cycle 1`
-      : `${formatLength(full)} from the grey arm`;
     const cycle = Math.min(Math.floor(clock.time), cycles - 1);
     const part = clock.time - cycle;
+    // the grey arm stands at the start at the end of a cycle, and while the slider moves the arms
+    const atEnd = leading ? scene.leading === "slides" : part === 0 || part >= 1;
+    const grey = box("ghost").checked ? ", in grey" : "";
+    const from = atEnd ? `from its start${grey}` : "from the grey arm";
+    byId("drift-to").textContent =
+      `${formatLength(full)} ${scene.live ? "and more from cycle 1" : from}`;
     const done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
       if (leading) arm.stand(1, 0);
@@ -152,7 +155,7 @@ async function main() {
       arm.mark(arm.past.node.position);
     }
     if (scene.live || leading) {
-      if (leading) callouts.say();
+      if (leading) callouts.say(atEnd);
       viewer.set_dirty();
       return;
     }
@@ -162,6 +165,7 @@ async function main() {
     }
     const times = chart.show(done, cycle, part);
     callouts.say(
+      atEnd,
       clock.playing && part < 1 ? (arm) => [chart.after(arm, cycle, part), times] : null,
     );
     tell(done, part);

@@ -39,6 +39,10 @@ export async function setStage(viewer, scene) {
       at += count;
     }
 
+  // the bodies as they were sent are not drawn themselves
+  const library = viewer.scene_tree.find(["library"]).object;
+  library.parent.remove(library);
+
   const tips = arms.flatMap((arm) =>
     Array.from({ length: arm.chains }, (_, k) => [
       arm.point("tip", k, 0),

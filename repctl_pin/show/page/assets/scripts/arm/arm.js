@@ -22,6 +22,7 @@ export class ArmView {
       moving: [],
       still: [],
       meshes: [],
+      part: [],
       gain: 1,
       reference: null,
       rims: [],
@@ -33,6 +34,9 @@ export class ArmView {
     });
     this.group = new T.Group();
     this.group.name = data.label;
+    // of all bodies that stand where they are compared with
+    this.back = paint([1, 1, 1, 1]);
+    Object.assign(this.back, inStencil(OF_ARM));
     data.shapes.forEach((shape, s) => {
       const body =
         shape.body === null
@@ -55,11 +59,7 @@ export class ArmView {
       mesh.plain = mesh.material;
       mesh.grey = shape.standing ? mesh.plain : paint([1, 1, 1, 1]);
       for (const material of [mesh.plain, mesh.grey].flat())
-        Object.assign(material, {
-          stencilWrite: true,
-          stencilRef: OF_ARM,
-          stencilZPass: T.ReplaceStencilOp,
-        });
+        Object.assign(material, inStencil(OF_ARM));
       const place = new T.Group();
       Object.assign(place, { name: shape.name, shape: s });
       place.add(mesh);
@@ -453,17 +453,27 @@ export class ArmView {
     this.tint.color.set(tone("--ghost"));
     this.edge.uniforms.color.value.set(tone("--ghost"));
     this.rim.uniforms.color.value.set(tone("--ink"));
-    for (const place of [...this.moving, ...this.still])
+    this.back.color.copy(grey);
+    const painted = (place, share, named) => {
       for (const mesh of place.children) {
-        mesh.material = on ? mesh.grey : mesh.plain;
-        if (mesh.grey !== mesh.plain) mesh.grey.color.copy(grey);
+        mesh.material = mesh.plain;
+        if (!on || mesh.grey === mesh.plain) continue;
+        // one material is set up once for all that have it
+        mesh.material = share > 0 || named ? mesh.grey : this.back;
+        if (mesh.material === mesh.grey) mesh.grey.color.copy(grey).lerp(full, share);
       }
-    if (on)
-      this.moving.forEach((place, k) => {
-        const share = Math.min(1, this.off[k] / most);
-        for (const mesh of place.children) mesh.grey.color.copy(grey).lerp(full, share);
-      });
+    };
+    this.still.forEach((place) => painted(place, 0, false));
+    this.moving.forEach((place, k) =>
+      painted(place, Math.min(1, this.off[k] / most), this.part.includes(k)),
+    );
   }
+}
+
+// What a material writes where it is seen.
+function inStencil(mark) {
+  const { ReplaceStencilOp } = MeshCat.THREE;
+  return { stencilWrite: true, stencilRef: mark, stencilZPass: ReplaceStencilOp };
 }
 
 // A point relative to a group, with the group's own turn and place taken off.

@@ -27,12 +27,13 @@ export class Callouts {
     return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${formatLength(off)}`;
   }
 
-  // Say how far they are off, and what from; while time runs, what `read` says of an arm: how far
-  // it was off, m, and when.
-  say(read = null) {
+  // Say how far they are off, and what from, which `atEnd`, at the end of a cycle, is the start;
+  // while time runs, what `read` says of an arm: how far it was off, m, and when.
+  say(atEnd, read = null) {
     const { leading, hands: names } = this.scene;
     this.sets.forEach(({ arm, part, hands }, k) => {
-      const from = this.measuredFrom(arm, k);
+      const from = this.measuredFrom(arm, k, atEnd);
+      const short = this.isNarrow(k);
       const [off, when] = read ? read(arm) : [arm.partOff(), from];
       const lost = Boolean(arm.lost) && !leading;
       part.box.style.visibility = lost ? "hidden" : "";
@@ -40,36 +41,35 @@ export class Callouts {
       setText(part.value, this.words(off || 0));
       part.value.className = tint(off || 0);
       part.box.title = `${(off || 0).toPrecision(3)} m`;
-      const short = this.panes.place(k).width < SHORT;
       hands.forEach((hand, f) => {
         const name = short ? names[f].split(",")[0] : names[f];
         const away = arm.handOff(f);
         hand.box.style.visibility = lost ? "hidden" : "";
-        const of = this.isFromGrey(arm) ? `from the ${this.other(arm)} one` : "from cycle\u00a01";
-        setText(hand.value, `${name} ${formatLength(away)} ${of}`);
+        setText(hand.value, `${name} ${formatLength(away)} ${this.inShort(arm, atEnd)}`);
         hand.box.title = `${away.toPrecision(3)} m ${from}`;
       });
     });
-    if (!this.scene.leading) this.place(); // else the picture that follows places them
   }
 
   // What the number of an arm is measured from.
-  measuredFrom(arm, k) {
-    const { leading } = this.scene;
+  measuredFrom(arm, k, atEnd) {
+    if (this.scene.leading === "leads" && arm.repeats) return "the other is measured from here";
+    const short = this.inShort(arm, atEnd);
+    if (this.isNarrow(k) || (!atEnd && this.isFromGrey(arm))) return short;
     const grey = arm.ghostSpot() ? ", in grey" : "";
-    if (leading === "slides") return `from the start${grey}`;
-    if (leading && arm.repeats) return "the other is measured from here";
-    if (this.narrow.matches || this.panes.place(k).width < SHORT)
-      return this.isFromGrey(arm) ? `from the ${this.other(arm)} one` : "from cycle\u00a01";
-    const first = "its place in cycle\u00a01";
-    if (arm.repeats) return `from ${first}`;
-    return `from ${this.isFromGrey(arm) ? "the repeatable arm" : first}${grey}`;
+    return `${atEnd ? short : "from its place in cycle\u00a01"}${grey}`;
   }
 
-  // The repeatable arm by its colour, or by its name where it is not seen.
-  other(arm) {
+  // The same in few words. The repeatable arm is named by its colour where it is seen.
+  inShort(arm, atEnd) {
+    if (atEnd) return "from its start";
+    if (!this.isFromGrey(arm)) return "from cycle\u00a01";
     const seen = arm.ghost.visible && arm.shades.some(({ visible }) => visible);
-    return seen ? "grey" : "repeatable";
+    return `from the ${seen ? "grey" : "repeatable"} arm`;
+  }
+
+  isNarrow(k) {
+    return this.narrow.matches || this.panes.place(k).width < SHORT;
   }
 
   // Whether the numbers of an arm compare it with the repeatable arm, which is drawn in grey.
@@ -84,13 +84,8 @@ export class Callouts {
     this.spots = spots;
     this.rooms = [];
     if (byId("panes").classList.contains("quiet")) return;
-    const size = ({ offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h }) => ({
-      x,
-      y,
-      w,
-      h,
-    });
     // all are read before any is moved
+    const size = (node) => panes.sizeOf(node);
     const sizes = this.sets.map(({ part, hands }, k) => ({
       label: size(panes.frames[k].firstChild),
       box: size(part.box),
@@ -189,7 +184,10 @@ function putCallout(callout, { w }, at, radius, room, places) {
     const cut = Math.max(1 - radius / far, 0);
     return [from, { x: from.x + cut * (at.x - from.x), y: from.y + cut * (at.y - from.y) }];
   };
-  const cost = (place) => room.covers(place) + room.crosses(...rule(place));
+  const cost = (place, most) => {
+    const covered = room.covers(place);
+    return covered < most ? covered + room.crosses(...rule(place)) : covered;
+  };
   callout.side = room.best(places, cost, callout.side);
   const place = places[callout.side];
   const [from, to] = rule(place);

@@ -104,6 +104,8 @@ export class Panes {
   // Where a pane is on the stage: left, top, width, height, in pixels; as measured last, since to
   // ask lays the page out.
   measure() {
+    this.sizes = new Map();
+    this.tall = byId("panes").clientHeight;
     this.places = this.frames.map(
       ({ offsetLeft: left, offsetTop: top, clientWidth: width, clientHeight: height }) => ({
         left,
@@ -115,6 +117,19 @@ export class Panes {
   }
   place(k) {
     return this.places[k];
+  }
+
+  // Where a label of words stands before it is moved, and its size, in pixels: as measured when
+  // words of this form, whose digits are equally wide, were there last.
+  sizeOf(node) {
+    const { className } = document.body;
+    const form = `${node.className} ${node.textContent}`.replace(/\d/g, "0");
+    const key = `${this.frames.indexOf(node.parentNode)} ${className} ${form}`;
+    if (!this.sizes.has(key)) {
+      const { offsetLeft: x, offsetTop: y, offsetWidth: w, offsetHeight: h } = node;
+      this.sizes.set(key, { x, y, w, h });
+    }
+    return this.sizes.get(key);
   }
 
   // Where a point is seen in a pane, in pixels from its corner; and the line of sight through such
@@ -140,11 +155,13 @@ export class Panes {
 
   render() {
     const { renderer, scene, camera, controls } = this.viewer;
-    const tall = byId("panes").clientHeight;
+    const { tall } = this;
     controls.update();
     renderer.setScissorTest(true);
-    // once for all panes
-    scene.updateMatrixWorld();
+    // once for all panes, and not of what is hidden in all
+    for (const arm of this.arms) arm.group.visible = true;
+    placeVisible(scene);
+    camera.updateWorldMatrix(true, false);
     scene.autoUpdate = false;
     this.arms.forEach((arm, k) => {
       const { left, top, width, height } = this.place(k);
@@ -160,4 +177,13 @@ export class Panes {
     if (this.drawn) this.drawn();
     this.viewer.needs_render = false;
   }
+}
+
+// Place what is seen below a node in the world.
+function placeVisible(node) {
+  if (!node.visible) return;
+  if (node.matrixAutoUpdate) node.updateMatrix();
+  if (node.parent) node.matrixWorld.multiplyMatrices(node.parent.matrixWorld, node.matrix);
+  else node.matrixWorld.copy(node.matrix);
+  for (const child of node.children) placeVisible(child);
 }

@@ -47,9 +47,16 @@ export class Room {
   }
 
   // The index of the cheapest place, by `cost`; of equal ones the first, or the one of last time.
+  // A cost need not be computed further once it is no less than its second argument.
   best(places, cost, last) {
-    const costs = places.map((place, k) => cost(place) + 3 * k - (k === last ? 2 : 0));
-    return costs.indexOf(Math.min(...costs));
+    let best = 0;
+    let least = Infinity;
+    places.forEach((place, k) => {
+      const more = 3 * k - (k === last ? 2 : 0);
+      const all = cost(place, least - more) + more;
+      if (all < least) [best, least] = [k, all];
+    });
+    return best;
   }
 }
 

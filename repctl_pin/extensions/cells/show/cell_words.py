@@ -1,0 +1,118 @@
+"""Words of the page of a function over a cell, by name, with their meanings.
+
+The page lists them, and so does the dialog of its animation, in place of the words of a study.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from ....motion import Motion
+from ....show.text.lines import capital
+from ....show.text.parts import redundant_part
+from ....strategies import Pseudoinverse
+from ..cell_design_result import CellDesign
+from ..geometry.sector import Sector
+
+_OF_A_SECTOR = {
+    "radius": "distance of the hand from the axis of the sector",
+    "height": "position of the hand along that axis, from the middle",
+    "angle": "turn of the hand around that axis, from the middle",
+    "tilt about x": "turn of the tool about its x axis, from the middle",
+    "tilt about y": "turn of the tool about its y axis, from the middle",
+    "spin": "turn of the tool about its z axis, from the middle",
+}
+"""Meanings of the coordinates of a sector, in the order of the task."""
+
+_COMMANDS = {
+    "Your own arm": "`repctl cell my_arm.urdf --half-width 0.1`, on Linux or macOS, after "
+    "`pip install` of the folder of repctl_pin",
+    "cell.json": "the file in which `repctl cell` saves the function, beside its page",
+    "ROS 2": "`repctl ros2 cell.json --ros-args -p acceleration:=5.0` (rad/s²): a node that turns "
+    "hand poses into joint commands by that file. With your own arm, add `--robot my_arm.urdf`.",
+}
+"""Meanings that stand in the dialog only."""
+
+
+def usual(design: CellDesign) -> str:
+    """Say which control the speed of F is compared with: the usual one, J⁺, or the desired one."""
+    return "usual" if type(design.desired) is Pseudoinverse else "desired"
+
+
+def cell_words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
+    """Explain the words of the page, by name; ``motions`` are those along the sample path."""
+    return _of_the_sentences(design, motions) | _of_the_figures(design) | _of_the_evidence(design)
+
+
+def dialog_words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
+    """Explain the words of the page and its files, for the dialog of its animation."""
+    return cell_words(design, motions) | _COMMANDS
+
+
+def _of_the_sentences(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
+    """Explain the words of the first sentences, and of the sample path if there is one."""
+    sector, part = isinstance(design.cell, Sector), redundant_part(design.task)
+    shape = "sector" if sector else "box"
+    around = ", around an axis of the arm" if sector else ""
+    covered = "" if design.evaluation.everywhere else ", where the function covers it"
+    outline = ": its outline bounds the positions" if motions else ""
+    table = " `--down` without a size finds the largest sector, the whole table." if sector else ""
+    words = {
+        f"The {shape}, or cell": f"the hand poses for which it was made{around}{outline}. "
+        f"The line under the first sentences names its size.{table}",
+        f"One {part} per pose": "The joints depend only on where the hand is, q = F(x), not on "
+        f"the way there. Wherever the hand goes in the {shape}{covered}, at each pose it has the "
+        "same joints again.",
+    }
+    if motions:
+        blue = "Blue is the function, whose joints come back."
+        if len(motions) > 1:
+            blue = f"Orange is the {usual(design)} control, whose joints need not come back. {blue}"
+        words["Sample path"] = f"a closed path through the {shape}, as an example. {blue}"
+    return words
+
+
+def _of_the_figures(design: CellDesign) -> dict[str, str]:
+    """Explain the rows in numbers and the coordinates of a sector, by their names there."""
+    words = {}
+    if isinstance(design.cell, Sector):
+        moved = [name for name, w in zip(_OF_A_SECTOR, design.cell.widths, strict=False) if w]
+        words = {capital(name): _OF_A_SECTOR[name] for name in moved}
+        words["Symmetry"] = (
+            "A joint that turns the whole arm, or the tool alone, changes nothing between them. So "
+            "the function needs fewer coordinates."
+        )
+    return words | {
+        "Posture": "the joints in the middle of the cell",
+        "Degree": "of the polynomials from which the function is computed",
+        "Extra joint speed": f"joint speed of the function relative to the {usual(design)} control "
+        "at the same configurations, minus 1, over all directions of the hand or in the worst one",
+        "Mean ‖∂F − G_d‖²": "the mean that the design makes small: squared differences between the "
+        f"joint velocities of the function and of the {usual(design)} control",
+        "Held-out poses": "random poses of the cell that the design did not use",
+        "Limit margin": "the distance of the nearest joint from the end of its range",
+        "Body distance": "the smallest distance of links that are not neighbours. Without a "
+        "collision shape in the URDF, a body is not checked.",
+        "σ_min(J)": "the smallest singular value of the Jacobian, 0 at a singularity of the arm",
+        "Leaf margin": "the distance from a configuration at which the potentials of the function "
+        "no longer determine the joints: 1 at best and 0 there",
+        "Residual": "how far the hand is from its pose at the joints of the function, at most",
+        "Coverage": "the share of the held-out poses at which the function has joints inside "
+        "their limits",
+    }
+
+
+def _of_the_evidence(design: CellDesign) -> dict[str, str]:
+    """Explain what is proved of the margins, or that nothing is."""
+    shape = "sector" if isinstance(design.cell, Sector) else "box"
+    if design.proof:
+        return {
+            "Proved": "The bounds that are called proved hold at every pose of the "
+            f"{shape}. Other margins and distances are the smallest found."
+        }
+    tried = "`--prove` tries to prove" if design.proof is None else "No proof was reached of"
+    return {
+        "Tested, not proved": "Margins and distances are the smallest found: at poses all over "
+        f"the {shape}, and by a search between them. Smaller ones may exist. {tried} the leaf "
+        "margin and the limit margin."
+    }
