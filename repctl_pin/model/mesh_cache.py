@@ -14,6 +14,7 @@ import os
 import zipfile
 from collections.abc import Callable
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,13 @@ _LARGEST_CACHE = 500_000_000
 Arrays = dict[str, NDArray[Any]]
 
 
-def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
+_Stamp = tuple[int, int, int]
+"""Number, time and size of a file, of which one differs if it is replaced or written."""
+
+
+def cached(
+    path: Path, variant: str, make: Callable[[], Arrays], *, textures: bool = False
+) -> Arrays:
     """Return the arrays of a mesh file from the cache, or make them and add them to it.
 
     Parameters
@@ -49,6 +56,8 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
         Text for all else on which the arrays depend, such as the scale.
     make
         Function that reads the file. Its errors are raised, and nothing is cached.
+    textures
+        True if the arrays depend on textures; of a COLLADA file that names some, nothing is cached.
 
     Returns
     -------
@@ -57,7 +66,7 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
         of a file that changes while it is read.
     """
     before = _stamp(path)
-    kept = _kept(path, variant)
+    kept = None if before is None else _kept(path, before, variant, textures)
     if kept is None:
         return make()
     with suppress(OSError, ValueError, EOFError, zipfile.BadZipFile, InputError):
@@ -68,7 +77,7 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
             os.utime(kept)
         return found
     made = make()
-    if before is None or _stamp(path) != before:
+    if _stamp(path) != before:
         return made
     content = io.BytesIO()
     np.savez(content, **made)
@@ -79,8 +88,8 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
     return made
 
 
-def _stamp(path: Path) -> tuple[int, int, int] | None:
-    """Return what differs if a file is replaced or written: its number, time and size."""
+def _stamp(path: Path) -> _Stamp | None:
+    """Return what differs if a file is replaced or written; None if there is no file."""
     with suppress(OSError):
         known = path.stat()
         return known.st_ino, known.st_mtime_ns, known.st_size
@@ -101,20 +110,34 @@ def _shrink(folder: Path) -> None:
                 file.unlink()
 
 
-def _kept(path: Path, variant: str) -> Path | None:
+def _kept(path: Path, stamp: _Stamp, variant: str, textures: bool) -> Path | None:
     """Return the file in which the arrays of a mesh file are cached; None if they are not.
 
     Files in formats that need other files, and files that are too large, are not cached; without a
-    home folder, no file is. ``variant`` is as in :func:`cached`.
+    home folder, no file is. ``variant`` and ``textures`` are as in :func:`cached`.
     """
     kind = path.suffix.lower()
     if kind not in _COMPLETE:
         return None
     try:
-        content = read_bytes(path, _LARGEST)
+        content, textured = _content(path, stamp)
         base = Path(os.environ.get("XDG_CACHE_HOME", ""))
         base = base if base.is_absolute() else Path.home() / ".cache"
     except (InputError, RuntimeError):  # too large; there is no home folder
         return None
-    key = hashlib.sha256(f"{_VERSION} {kind} {variant} ".encode() + content).hexdigest()
+    if textures and textured:
+        return None
+    key = hashlib.sha256(f"{_VERSION} {kind} {variant} {content}".encode()).hexdigest()
     return base / "repctl_pin" / "meshes" / f"{key}.npz"
+
+
+@lru_cache(maxsize=512)
+def _content(path: Path, _: _Stamp) -> tuple[str, bool]:
+    """Hash the content of a mesh file, and test whether it is COLLADA that can name textures.
+
+    A file is read once for all of its variants, until its stamp changes.
+    """
+    content = read_bytes(path, _LARGEST)
+    # a zero byte: UTF-16, in which the name is not found
+    named = b"init_from" in content or b"\0" in content
+    return hashlib.sha256(content).hexdigest(), path.suffix.lower() == ".dae" and named
