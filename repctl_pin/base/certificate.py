@@ -452,7 +452,7 @@ def _pieces(part: Any) -> Iterator[str]:
     elif isinstance(part, np.ndarray) and part.ndim:
         yield from _pieces(list(part))
     elif isinstance(part, (np.ndarray, np.generic)):
-        yield from _pieces(part.item())
+        yield from _pieces(part.tolist())
     elif isinstance(part, (list, tuple)):
         yield "["
         for one in part:
