@@ -442,10 +442,8 @@ def fingerprint(*parts: Any) -> str:
 
     Equal numbers give the same hash, whether they are integers, floats or 0 and −0.
     """
-    digest = hashlib.sha256()
-    for piece in _pieces(parts):
-        digest.update(piece.encode("utf-8", "surrogatepass") + b"\0")
-    return digest.hexdigest()
+    text = "".join(f"{piece}\0" for piece in _pieces(parts))
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def _pieces(part: Any) -> Iterator[str]:
@@ -454,9 +452,13 @@ def _pieces(part: Any) -> Iterator[str]:
     A part is a number, a text, None, an array, or a sequence of parts, put in brackets.
     Equal numbers of different types give the same text.
     """
-    if isinstance(part, (np.ndarray, np.generic)):
-        part = part.tolist()
-    if isinstance(part, (list, tuple)):
+    if isinstance(part, np.ndarray) and part.ndim == 1 and part.dtype == float:
+        yield from ("[", *map(repr, (part + 0.0).tolist()), "]")
+    elif isinstance(part, np.ndarray) and part.ndim:
+        yield from _pieces(list(part))
+    elif isinstance(part, (np.ndarray, np.generic)):
+        yield from _pieces(part.tolist())
+    elif isinstance(part, (list, tuple)):
         yield "["
         for one in part:
             yield from _pieces(one)

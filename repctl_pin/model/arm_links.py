@@ -13,7 +13,7 @@ import numpy as np
 from ..base.arguments import Array
 from .end_effectors import arm_ends, is_sensor, task_links
 from .mechanism import Mechanism
-from .model import frame_id, frame_placements, path_between
+from .model import frame_id, frame_placements, link_frames, path_between
 from .task import Task
 
 
@@ -32,7 +32,8 @@ def arm_links(task: Task) -> frozenset[str]:
     joints = {
         j for j in range(model.njoints) if j in on_the_way or frame in model.supports[j].tolist()
     }
-    return frozenset(link for link in robot.description.links if _joint(task, link) in joints)
+    frames = link_frames(model)
+    return frozenset(link for link in robot.description.links if frames[link].parentJoint in joints)
 
 
 def other_ends(task: Task) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ import os
 import zipfile
 from collections.abc import Callable
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,13 @@ _LARGEST_CACHE = 500_000_000
 Arrays = dict[str, NDArray[Any]]
 
 
-def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
+_Stamp = tuple[int, int, int]
+"""Inode, modification time in ns, and size of a file; one of them changes if it is replaced."""
+
+
+def cached(
+    path: Path, variant: str, make: Callable[[], Arrays], *, textures: bool = False
+) -> Arrays:
     """Return the arrays of a mesh file from the cache, or make them and add them to it.
 
     Parameters
@@ -50,6 +57,8 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
     make
         Function that reads the file and returns the arrays. If it raises an error, nothing is
         cached.
+    textures
+        True if the arrays depend on textures. A COLLADA file that names some is not cached then.
 
     Returns
     -------
@@ -57,7 +66,7 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
         The arrays by name. If the cache cannot be read or written, ``make`` is called each time.
     """
     before = _stamp(path)
-    kept = _kept(path, variant)
+    kept = None if before is None else _kept(path, before, variant, textures)
     if kept is None:
         return make()
     with suppress(OSError, ValueError, EOFError, zipfile.BadZipFile, InputError):
@@ -68,7 +77,7 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
             os.utime(kept)
         return found
     made: dict[str, Any] = make()  # Any: a keyword could be allow_pickle, which is a bool
-    if before is None or _stamp(path) != before:
+    if _stamp(path) != before:
         return made
     content = io.BytesIO()
     np.savez(content, **made)
@@ -79,7 +88,7 @@ def cached(path: Path, variant: str, make: Callable[[], Arrays]) -> Arrays:
     return made
 
 
-def _stamp(path: Path) -> tuple[int, int, int] | None:
+def _stamp(path: Path) -> _Stamp | None:
     """Return (inode, modification time in ns, size) of a file, which change if it is replaced.
 
     Return None if the file cannot be accessed.
@@ -104,20 +113,34 @@ def _shrink(folder: Path) -> None:
                 file.unlink()
 
 
-def _kept(path: Path, variant: str) -> Path | None:
+def _kept(path: Path, stamp: _Stamp, variant: str, textures: bool) -> Path | None:
     """Return the path, in the cache, for the arrays of a mesh file; it need not exist yet.
 
     Return None for a file that must not be cached: its format can refer to other files, or it is
-    over 30 MB, or there is no home folder. ``variant`` is as in :func:`cached`.
+    over 30 MB, or there is no home folder. ``variant`` and ``textures`` are as in :func:`cached`.
     """
     kind = path.suffix.lower()
     if kind not in _COMPLETE:
         return None
     try:
-        content = read_bytes(path, _LARGEST)
+        content, textured = _content(path, stamp)
         base = Path(os.environ.get("XDG_CACHE_HOME", ""))
         base = base if base.is_absolute() else Path.home() / ".cache"
     except (InputError, RuntimeError):  # too large; there is no home folder
         return None
-    key = hashlib.sha256(f"{_VERSION} {kind} {variant} ".encode() + content).hexdigest()
+    if textures and textured:
+        return None
+    key = hashlib.sha256(f"{_VERSION} {kind} {variant} {content}".encode()).hexdigest()
     return base / "repctl_pin" / "meshes" / f"{key}.npz"
+
+
+@lru_cache(maxsize=512)
+def _content(path: Path, _: _Stamp) -> tuple[str, bool]:
+    """Hash the content of a mesh file, and test whether it is COLLADA that can name textures.
+
+    A file is read once for all of its variants, until its stamp changes.
+    """
+    content = read_bytes(path, _LARGEST)
+    # a zero byte: UTF-16, in which the name is not found
+    named = b"init_from" in content or b"\0" in content
+    return hashlib.sha256(content).hexdigest(), path.suffix.lower() == ".dae" and named

@@ -7,7 +7,7 @@ import logging
 import math
 import re
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import get_ident
@@ -77,6 +77,9 @@ Surfaces = dict[Path, Surface | InputError]
 _ALONE = (".stl", ".dae", ".ply", ".off", ".glb")
 """Formats whose files depend on no other files, except for textures."""
 
+_CACHED = (".stl", ".dae", ".off")
+"""Formats whose surfaces are cached on disk; those of .dae files only without textures."""
+
 _KEPT_FACES = 300_000
 _kept: dict[tuple[Path, int, int], Surface] = {}
 """Surfaces read last, by file, modification time and ``most``; the terminal and the page share
@@ -94,7 +97,7 @@ def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
     changed = path.stat().st_mtime_ns if path.is_file() else 0
     key = path, changed, most
     if key not in _kept:
-        surface = _cached(path, most) if _has_no_textures(path) else _read(path, most)
+        surface = _cached(path, most) if path.suffix.lower() in _CACHED else _read(path, most)
         if path.suffix.lower() not in _ALONE:
             return surface
         if sum(len(each.faces) for each in _kept.values()) > _KEPT_FACES:
@@ -103,26 +106,13 @@ def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
     return _kept[key]
 
 
-def _has_no_textures(path: Path) -> bool:
-    """Test by its format whether a mesh file depends on no texture files.
-
-    Only then does its content determine its colours, so that it can be cached.
-    """
-    kind = path.suffix.lower()
-    if kind == ".dae" and path.is_file():
-        with suppress(InputError, OSError):
-            data = _read_bytes(path)
-            # a zero byte: UTF-16, in which the name is not found
-            return b"init_from" not in data and b"\0" not in data
-    return kind in (".stl", ".off")
-
-
 def _cached(path: Path, most: int) -> Surface:
     """Return the result of :func:`_read` from the mesh cache on disk, or read the file."""
     arrays = cached(
         path,
         f"surface of at most {most} triangles",
         lambda: {name: np.asarray(values) for name, values in vars(_read(path, most)).items()},
+        textures=True,
     )
     return Surface(arrays["points"], arrays["normals"], arrays["colors"], arrays["faces"])
 

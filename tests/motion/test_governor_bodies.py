@@ -222,14 +222,86 @@ def test_other_motions_are_judged_too(task: rp.Task) -> None:
     assert governed(task).keeps_distance(np.zeros((2, 3)))
 
 
-def test_a_fault_of_the_geometry_stops_the_arm(
-    task: rp.Task, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("dt", "raised"), [(DT, RuntimeError("a\nb")), (0.02, KeyboardInterrupt()), (DT, MemoryError())]
+)
+def test_a_fault_of_the_geometry_loses_no_command(
+    task: rp.Task, dt: float, raised: BaseException, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """In the middle of a motion; the tick, repeated, is the tick that the fault interrupted."""
+    governor = rp.Governor(
+        control(task, Q0, rp.Polynomial(Q0, 2, 0.5)),
+        dt,
+        LIMITS,
+        bodies=rp.Bodies(task),
+        body_distance=D,
+    )
+    governor.start(Q0)
+    target, calls = beyond(task, 0.1, 0.3), 0
+    for _ in range(3 + int(0.1 / dt)):
+        last, _ = governor.step(target)
+    untouched = pickle.loads(pickle.dumps(governor))
+
+    def fails(*arguments: object, **options: object) -> None:
+        nonlocal calls
+        calls += 1
+        raise raised
+
+    faults = 0
+    for _ in range(int(0.4 / dt)):
+        with monkeypatch.context() as patch:
+            patch.setattr(governor._guard, "allows", fails)
+            calls = 0
+            try:
+                governor.step(target)
+            except (rp.RepctlError, KeyboardInterrupt) as error:
+                assert isinstance(error, KeyboardInterrupt) or "\n" not in str(error)
+                assert calls == 1
+                faults += 1
+                assert (governor.q == last).all()
+            else:
+                last, _ = untouched.step(target)
+                assert (governor.q == last).all()
+                continue
+        (now, status), (last, other) = governor.step(target), untouched.step(target)
+        assert (now == last).all() and status is other
+        assert governor.nearest_bodies == untouched.nearest_bodies
+    assert faults > 3
+
+
+def test_a_failed_start_changes_nothing(task: rp.Task, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The governor goes on from its command, and the guard with it.
+
+    A guard that starts within 1 mm of the distance to keep lets these bodies come as near again.
+    """
+    bodies = rp.Bodies(task)
+    governor = governed(task, bodies=bodies, body_distance=D, margin=2.0)
+    near = np.linspace([-0.2, 1.0, -0.5], [0.59, 1.0, -0.5], 9000)
+    near = near[np.argmin(np.abs(bodies.distances(near) - D - 3e-4))]
+    assert D + 2e-4 < bodies.distances(near[None])[0] < D + 4e-4
+    governor.start(near - [0.03, 0.02, 0.0])
+    untouched = pickle.loads(pickle.dumps(governor))
+    with monkeypatch.context() as patch:
+        patch.setattr(type(governor._guard), "keeps", lambda self, Q: False)
+        with pytest.raises(rp.InputError, match="on the straight motion back"):
+            governor.start(near + [0, 0.05, 0])
+    leaf = control(task, Q0, rp.Polynomial(Q0, 2, 0.5)).leaf(near)
+    for _ in range(500):
+        ours, theirs = (g.step(task.placement(near), leaf=leaf) for g in (governor, untouched))
+        assert (ours[0] == theirs[0]).all() and ours[1] is theirs[1]
+    assert ours[1] is rp.Status.BODIES
+
+
+def test_a_question_about_another_motion_leaves_the_nearest_bodies(task: rp.Task) -> None:
     governor = governed(task, bodies=rp.Bodies(task), body_distance=D)
-    monkeypatch.setattr(governor._guard, "allows", lambda Q, S: 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        governor.step(beyond(task, 0.1, 0.0))
-    assert (governor.q == Q0).all()
+    for _ in range(800):
+        _, status = governor.step(beyond(task, 0.0, 0.3))
+        if status is rp.Status.BODIES:
+            break
+    before = governor.nearest_bodies
+    assert before is not None
+    governor.keeps_distance(np.linspace(Q0, [0.3, 2.9, 2.9], 40))
+    assert governor.nearest_bodies == before
 
 
 def test_what_it_refuses(task: rp.Task, tmp_path: Path) -> None:

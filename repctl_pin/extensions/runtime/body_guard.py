@@ -143,17 +143,27 @@ class BodyGuard:
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state for a copy, without the collision model, which the copy gets anew."""
-        kept = {name: vars(self)[name] for name in ("_bodies", "_distance", "nearest")}
-        known = {name: self._own.held[name].copy() for name in _KNOWN}
-        return kept | {"known": known, "numbers": (self._own.next, self._own.left)}
+        kept = {name: vars(self)[name] for name in ("_bodies", "_distance")}
+        return kept | {"remembered": self.remembered()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        known, (after, left) = state.pop("known"), state.pop("numbers")
+        remembered = state.pop("remembered")
         vars(self).update(state)
         self._connect()
-        for name, values in known.items():
+        self.recall(remembered)
+
+    def remembered(self) -> dict[str, Any]:
+        """Copy what the guard knows about distances, for :meth:`recall`."""
+        known = {name: self._own.held[name].copy() for name in _KNOWN}
+        numbers = {"next": self._own.next, "left": self._own.left}
+        return {"known": known, "nearest": self.nearest} | numbers
+
+    def recall(self, remembered: dict[str, Any]) -> None:
+        """Restore the result of :meth:`remembered`."""
+        for name, values in remembered["known"].items():
             self._own.held[name][...] = values
-        self._own.next, self._own.left = after, left
+        self._own.next, self._own.left = remembered["next"], remembered["left"]
+        self.nearest = remembered["nearest"]
 
     def start(self, q: Array) -> None:
         """Begin at rest at q (n,); measure and remember all distances there.
@@ -181,17 +191,16 @@ class BodyGuard:
         not limited.
         """
         S = np.vstack([np.zeros(Q.shape[1]), np.abs(np.diff(Q, axis=0)).cumsum(axis=0)])
-        own, held = self._own, self._own.held
-        known, after = (held["anchor"].copy(), held["bound"].copy()), own.next
+        own, before = self._own, self.remembered()
         # what is remembered holds for ways from the present; here nothing is known
-        held["bound"][...] = -np.inf
+        own.held["bound"][...] = -np.inf
         own.nodes, self._outside = _ENDLESS, False
         try:
             parts = range(0, max(len(Q) - 1, 1), ROOM - 1)
             return all(self._keeps_part(Q[k : k + ROOM], S[k : k + ROOM]) for k in parts)
         finally:
-            held["anchor"][...], held["bound"][...] = known
-            own.next, own.nodes = after, _NODES
+            self.recall(before)
+            own.nodes = _NODES
 
     def _keeps_part(self, Q: Array, S: Array) -> bool:
         """Test whether all distances are kept along at most 32 samples; halve them if needed.

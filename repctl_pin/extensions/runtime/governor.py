@@ -25,7 +25,7 @@ from ...base.arguments import (
     shown,
 )
 from ...base.certificate import ClosingRadius, beyond
-from ...base.errors import InputError
+from ...base.errors import InputError, RepctlError
 from ...model.bodies import Bodies
 from ...model.chain_formulas import Placement
 from ...model.several_frames import one_frame
@@ -330,6 +330,8 @@ class Governor:
             than ``body_distance``, or if the frame is at least 10⁶ m from the base.
         SingularityError
             If J_V = [J; Vᵀ], with the gradients V of h, is singular at q.
+
+        After an error, a governor that had started goes on from its last command.
         """
         q = self._task.check(q, "the start", beyond=RECOVERABLE)
         inside = np.clip(q, self._lower, self._upper)
@@ -340,6 +342,20 @@ class Governor:
                 "start inside Ω, or use an inverse without a region"
             )
         self._inverse(inside)
+        state = self._state.copy()
+        remembered = {} if self._guard is None else self._guard.remembered()
+        try:
+            self._begin_at(q, inside)
+        except BaseException:
+            self._state[...] = state
+            if self._guard is not None:
+                self._guard.recall(remembered)
+            raise
+        self._q[...] = q
+        self._on, self._said = True, Status.OK
+
+    def _begin_at(self, q: Array, inside: Array) -> None:
+        """Begin in guard and C at q (n,), from which the arm first moves to ``inside`` (n,)."""
         if self._guard is not None:
             self._guard.start(inside)
             way = np.linspace(q, inside, ROOM)
@@ -350,7 +366,6 @@ class Governor:
                     "straight motion back",
                     remedy="move the joints within their limits by hand",
                 )
-        self._on = False
         self._begin[...] = q
         status = Status(self._native.call_governor_start(self._address))
         if status is Status.BAD_NUMBER:
@@ -359,8 +374,6 @@ class Governor:
                 remedy="correct the joint origins in the URDF",
             )
         assert status is Status.OK, status  # all else was refused above
-        self._q[...] = q
-        self._on, self._said = True, Status.OK
 
     def step(
         self,
@@ -399,6 +412,9 @@ class Governor:
         InputError
             If an argument has the wrong type or size. Numbers that are not finite raise no error,
             but stop the arm, with ``Status.BAD_NUMBER``.
+        RepctlError
+            If the body distances of a plan could not be computed. The command and the whole state
+            of the governor are then as before the call.
         """
         self._check_started()
         if target is not None and twist is not None:
@@ -426,12 +442,20 @@ class Governor:
         """Compute the next configuration and its status with a guard of body distances.
 
         ``given`` has a bit for each of target, twist and leaf that is given. Errors of the guard
-        must not pass through C, so they are raised after the call.
+        must not pass through C, so they are raised after the call. After an error the tick has not
+        been: the command is the last one that was returned.
         """
+        state, q = self._state.copy(), self._q.copy()
         self._error: BaseException | None = None
-        status = self._native.call_governor_step(self._address, given)
-        if self._error is not None:
-            raise self._error
+        try:
+            status = self._native.call_governor_step(self._address, given)
+            if self._error is not None:
+                raise self._error
+        except BaseException:
+            self._state[...], self._q[...] = state, q
+            raise
+        finally:
+            self._error = None
         self._said = _STATUS[status]
         return self._q.copy(), self._said
 
@@ -439,15 +463,17 @@ class Governor:
         """Tell C whether the guard allows the plan of ``count`` samples that C wrote: 1 or 0.
 
         C calls this in the middle of a tick; ``first`` is 1 for the first plan of the next motion.
-        Errors are kept, and raised by :meth:`_guarded_step`.
+        The first error of a tick is kept, and raised by :meth:`_guarded_step`.
         """
+        if self._error is not None:
+            return 0
         try:
             assert self._guard is not None
             if first:
                 self._guard.begin_tick()
             return int(self._guard.allows(self._samples[:count], self._ways[:count]))
         except BaseException as error:  # it must not pass through C
-            self._error = error
+            self._error = _unmeasured(error)
             return 0
 
     def _check_started(self) -> None:
@@ -456,6 +482,22 @@ class Governor:
             raise InputError(
                 "the governor has not started; call start(q) with the present configuration"
             )
+
+
+def _unmeasured(error: BaseException) -> BaseException:
+    """Make the one-line error of a tick in which the guard failed.
+
+    An error of this package and an interruption stay what they are.
+    """
+    if isinstance(error, RepctlError) or not isinstance(error, Exception):
+        return error
+    failed = RepctlError(
+        f"the body distances of a plan were not found ({type(error).__name__}: {error}), and the "
+        "command is still the last one",
+        remedy="stop the robot, or repeat the tick",
+    )
+    failed.__cause__ = error
+    return failed
 
 
 def _as_twists(twist: ArrayLike, task: Task) -> Array:

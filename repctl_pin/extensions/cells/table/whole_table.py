@@ -1171,11 +1171,11 @@ def _larger(
     floods = _unlike(table, locked)
     best = None
     for k, flood in enumerate(floods.Q):
-        speeds = _locked_speeds(table, floods, k, cell)
+        own, usual = _locked_speeds(table, floods, k, cell)
         # without bodies first, because they are slow to test
-        if _affordable_between(floods.reached[k], *speeds, exact, least).area > least:
+        if _affordable_between(floods.reached[k], own, usual, exact, least).area > least:
             clear = shut(table, flood, limits.distance).free(_angles(table, cell))
-            found = _affordable_between(clear, *speeds, exact, least)
+            found = _affordable_between(clear, own, usual, exact, least)
             if found.area > least:
                 one = _locked_arm(table, floods, k, cell, found.inside(table.shape))
                 best, least = one._replace(area=found.area * SPACING**2), found.area
