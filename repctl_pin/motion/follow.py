@@ -220,7 +220,9 @@ def _locked(
             "omit feedback="
         )
     if not isinstance(strategy, RepeatableInverse):
-        raise InputError("a leaf lock requires a repeatable inverse, such as design.inverse")
+        raise InputError(
+            "integrator=LeafLock() requires a repeatable inverse, such as design.inverse"
+        )
     return _Method(locked_steps(strategy, path, grid, q0, period, lock))
 
 

@@ -365,12 +365,14 @@ def _descended(cost: _Cost, Q: Array) -> Array:
         while trial is None or (cost.value(trial) >= value and scale * size > _SURE):
             scale /= 2
             if scale * size < _SURE / 10:
-                raise SingularityError(f"the minimum was not found: {_NEAR}")
+                raise SingularityError(f"the minimum of the joint speed was not found: {_NEAR}")
             trial = cost.moved(Q + scale * step)
         Q, value = trial, cost.value(trial)
         if size < _FLAT or decrease < _ROUNDING * value:
             return Q
-    raise SingularityError(f"the minimum was not found in {_ITERATIONS} steps: {_NEAR}")
+    raise SingularityError(
+        f"the minimum of the joint speed was not found in {_ITERATIONS} iterations: {_NEAR}"
+    )
 
 
 def _within_limits(cost: _Cost, Q: Array) -> Array:

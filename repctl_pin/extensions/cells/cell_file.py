@@ -395,7 +395,8 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
     """
     if not content.degrees:
         raise InputError(
-            "a cell's file must name at least one degree that was tried; design the cell again"
+            "a cell's file must name at least one polynomial degree that was tried; "
+            "design the cell again"
         )
     degree = as_int(content.degree, "the degree of a cell's polynomials", 0, _MOST_DEGREE)
     # the cell, and coefficients of the due shape

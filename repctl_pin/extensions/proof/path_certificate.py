@@ -171,6 +171,8 @@ def _ray_ends(inverse: RepeatableInverse, path: TaskPath, shares: Array, q0: Arr
             reached.append(inverse.solve(path.placement(s % 1.0), q0))
         except InputError as error:
             raise InputError(
-                f"the straight line to the pose at {s:.0%} of the path stops ({error})"
+                f"the arm cannot follow the straight line from q0 to the pose at {s:.0%} of the "
+                f"path ({error})",
+                remedy="use a smaller path, or another start",
             ) from None
     return np.array(reached)
