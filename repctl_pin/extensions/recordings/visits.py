@@ -479,7 +479,11 @@ def _near(t: Array, low: int) -> NDArray[np.intp]:
 
 
 def _bend(Q: Array) -> Array:
-    """Estimate the error (n,), rad or m, of interpolation between at most six neighbouring rows."""
+    """Estimate the error (n,), rad or m, of interpolating between the middle rows of Q (K, n).
+
+    Q has at most six consecutive rows of the log. With six, the error is that of a cubic, from
+    fourth differences; with fewer, that of a straight line, from second differences.
+    """
     if len(Q) == 6:
         return np.asarray(np.abs(np.diff(Q, 4, axis=0)).max(axis=0) * 3 / 128, float)
     return np.asarray(np.abs(np.diff(Q, 2, axis=0)).max(axis=0, initial=0.0) / 8, float)

@@ -63,7 +63,11 @@ _LEAST = 0.05
 
 
 class Window(NamedTuple):
-    """Range of the angle around the arm: direction of its middle (3,), and half-width, rad."""
+    """Range of the angle around the arm.
+
+    ``outward`` (3,) is the unit vector, base axes, from the arm's axis toward the middle of the
+    range, and ``half`` its half-width, rad.
+    """
 
     outward: Array
     half: float
