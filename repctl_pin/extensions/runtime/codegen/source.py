@@ -1,7 +1,8 @@
 """C99 header and source file of a repeatable inverse or a cell function.
 
 The files are templates filled with sizes, numbers and code of the native library. Ω is the region
-of joint space, or the cell of poses, for which the inverse was designed.
+of joint space, or the cell of poses, for which the inverse was designed. The function of a cell is
+q = F(x; c), with the pose x and the level c, which is the position along the self-motion.
 """
 
 from __future__ import annotations
