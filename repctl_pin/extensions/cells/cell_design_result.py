@@ -6,7 +6,8 @@ and height about an axis, two tilts of the tool, and its spin. u are the coordin
 the cell, from −1 to 1. A chart consists of polynomials in u: q_ref approximates a configuration at
 the pose, n_ref the null space of J there. s is the position along the self-motion of the pose,
 measured from q_ref. The controller of the function holds s constant; a leaf is the set of
-configurations with one value of s.
+configurations with one value of s. G_d is the desired inverse, such as J⁺. Extra joint speed is the
+joint speed relative to that of G_d, minus 1. Held-out poses are poses that the fit did not use.
 """
 
 from __future__ import annotations

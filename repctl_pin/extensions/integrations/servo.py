@@ -1,7 +1,9 @@
 """Servo: one joint command per tick, from targets and measured joints; independent of ROS.
 
 A tick is one period of the control loop. A leaf is the set h(q) = c on which a repeatable inverse
-keeps the arm; its level c is the position of the elbow along the self-motion.
+keeps the arm; its level c is the position of the elbow along the self-motion. The potentials are h,
+and Ω is the region of the design. A governor computes each command within the limits. A clutch
+couples the arm's target to the hand of an operator.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ the cell, the joints stay in a box,
 with A_h the last r columns of A and Δ a bound of the change of J_V on the box of half-widths h. The
 motion ends at F_k(c). A wider box, in which Φ is injective, contains the ends of the neighbouring
 cells, so they agree on common faces: one continuous function F(x₀, c). The theory, "Hand and
-elbow", has the theorem.
+elbow", has the theorem. Ω is the region of joint space of the design.
 """
 
 from __future__ import annotations

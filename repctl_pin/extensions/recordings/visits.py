@@ -4,7 +4,8 @@ A visit is a time at which the hand is within a tolerance of the pose. The confi
 is estimated from nearby rows of the log. Two errors are given: the deviation is the scatter due to
 noise, the bias a bound on systematic errors. Distances between poses are in m; a rotation by 1 rad
 counts as a length, ``radian``, m. A gap is a time step of the log that is too long; ``whole``
-(T − 1,) is False there.
+(T − 1,) is False there. Levels are what was commanded beside the pose: positions along the
+self-motion, such as the position of the elbow.
 """
 
 from __future__ import annotations

@@ -11,7 +11,9 @@ is no longer a function of the pose. A function covers a pose if it has a config
 the joint limits, and no fold separates the pose from the middle of the cell. The potentials of a
 chart are equal to s. A leaf is a set of configurations with one value of s; the function F is the
 leaf s = 0. A coordinate of a sector, which is a cell around an axis, is symmetric if a single joint
-moves the frame along it.
+moves the frame along it. Extra joint speed is the joint speed relative to that of G_d, minus 1. The
+leaf margin is the distance from an algorithmic singularity, at which the controller of the function
+fails.
 """
 
 from __future__ import annotations

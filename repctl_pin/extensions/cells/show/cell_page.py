@@ -3,7 +3,8 @@
 The function gives one configuration for each pose of the cell, a box of poses or a sector. A sector
 is a cell in cylindrical coordinates around an axis. One joint may turn the whole arm along its
 angle, another the tool along its spin. Their ranges are given in rad or as ``"all"``, which extends
-to the limits of that joint.
+to the limits of that joint. Extra joint speed is the joint speed relative to that of the desired
+inverse, such as J⁺, minus 1.
 """
 
 from __future__ import annotations

@@ -7,7 +7,9 @@ configuration without a change of branch, one of the separate solutions of inver
 grows around a middle in ten steps, by tenths of the requested size. A quick design is a design of
 low accuracy, with which boxes are compared. A :class:`Grown` has many middles, with a configuration
 at each and the size to which a box grew there. A :class:`Candidate` is one configuration in the
-middle of a box, with figures of the motions from there to the corners.
+middle of a box, with figures of the motions from there to the corners. A sector is a cell in
+cylindrical coordinates around the arm: radius, angle and height, two tilts of the tool, and its
+spin.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ nodes that the arm reaches from one configuration without a change of branch (of
 kinematics). Functions are designed for sectors: the largest rectangles in the best floods, and the
 largest parts of the floods whose range of radius depends on the height. A window is a range of the
 angle around the arm in which bodies keep a distance; an opening is a window of one flood, with the
-nodes that it leaves.
+nodes that it leaves. The spin of a sector is the rotation of the tool about its own z axis.
 
 Symmetries are the joints that alone turn the whole arm, or the tool; ``line`` (2, 3) is the axis of
 the first, a point, m, and a direction. The joint speed of a node is squared, ``‖∂F/∂u C‖_F²`` of a
