@@ -1,9 +1,7 @@
 """Servo: one joint command per tick, from targets and measured joints; independent of ROS.
 
 A tick is one period of the control loop. A leaf is the set h(q) = c on which a repeatable inverse
-keeps the arm; its level c is the position of the elbow along the self-motion. The potentials are h,
-and Ω is the region of the design. A governor computes each command within the limits. A clutch
-couples the arm's target to the hand of an operator.
+keeps the arm; its level c is the position of the elbow along the self-motion.
 """
 
 from __future__ import annotations
@@ -72,10 +70,11 @@ class Servo:
     """Generator of one joint command per tick, from target poses or twists and measured joints.
 
     The commands stay within the limits, and on one leaf, the set h(q) = c of the design's
-    potentials h, until :meth:`leaf`, :meth:`level` or :meth:`elbow` gives another level c. All
-    times, passed as ``now``, are of one clock, in s. While the clock steps back or stops, each tick
-    counts as one period, so time-outs still end. An invalid target or twist raises no error, but
-    stops the arm, and :attr:`reason` describes why.
+    potentials h, until :meth:`leaf`, :meth:`level` or :meth:`elbow` gives another level c. A
+    governor computes the commands, and also stops the arm at the edge of Ω, the design's region.
+    All times, passed as ``now``, are of one clock, in s. While the clock steps back or stops, each
+    tick counts as one period, so time-outs still end. An invalid target or twist raises no error,
+    but stops the arm, and :attr:`reason` describes why.
 
     Parameters
     ----------
