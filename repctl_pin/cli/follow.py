@@ -329,7 +329,11 @@ class _Case(NamedTuple):
 
     @property
     def locked(self) -> bool:
-        """True if the controller is repeatable, so that the path is followed with a leaf lock."""
+        """True if the controller is repeatable, so that the path is followed with a leaf lock.
+
+        The leaf lock removes integration errors by Newton steps, so that the motion stays on its
+        leaf.
+        """
         return isinstance(self.strategy, rp.RepeatableInverse)
 
 

@@ -166,8 +166,8 @@ class Parser(argparse.ArgumentParser):
     ) -> None:
         """Add the argument WHAT, a robot or a saved design, and the options for loading it.
 
-        ``what`` is the help text of this argument. ``--robot`` names the robot of a design that is
-        not in the catalogue.
+        ``what`` is the help text of this argument. ``--robot`` names the robot that a saved design
+        was made for, if that robot is not in the catalogue.
         """
         self.add_argument("what", metavar="WHAT", help=what)
         self.add_argument(
@@ -235,7 +235,11 @@ class Parser(argparse.ArgumentParser):
         add("--tool-speed", metavar="V", help=f"{speeds}; requires --acceleration")
 
     def levels(self, default: str = "") -> None:
-        """Add --leaf, the maximum change of levels h(q) in a proof; ``default`` ends its help."""
+        """Add --leaf: by how much levels may change along the closed paths of a proof.
+
+        Levels are the values h(q) of the potentials that a repeatable controller holds constant.
+        ``default`` is the text that ends the help of the option.
+        """
         what = "also prove closed paths along which the levels h(q) change by up to C"
         self.add_argument("--leaf", type=positive, metavar="C", help=what + default)
 

@@ -1,4 +1,9 @@
-"""Result of a design: a repeatable inverse, its potentials and its figures on held-out nodes."""
+"""Result of a design: a repeatable inverse, its potentials and its figures on held-out nodes.
+
+The repeatable inverse G_r is near the desired inverse G_d. N and V̂ are orthonormal bases of the
+null space of J and of the gradients of the potentials; σ_min(Nᵀ V̂) is the leaf margin, the
+distance from an algorithmic singularity. Numbers such as (26) are equations of the paper.
+"""
 
 from __future__ import annotations
 

@@ -2,7 +2,10 @@
 
 Ω is the region of joint space of a design. Held-out nodes are configurations that the fit did not
 use, so that a fit to too few nodes is seen. They are drawn in 32 replicates, independent random
-sets, whose spread gives the standard error of the cost.
+sets, whose spread gives the standard error of the cost. G_r is the repeatable inverse, G_d the
+desired one. N and V̂ are orthonormal bases of the null space of J and of the gradients of the
+potentials; σ_min(Nᵀ V̂) is the leaf margin, the distance from an algorithmic singularity. Numbers
+such as (26) are equations of the paper.
 """
 
 from __future__ import annotations

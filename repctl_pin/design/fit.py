@@ -2,7 +2,9 @@
 
 The steps are: a search for singularities of the arm, the selection of independent potentials, the
 minimisation of the cost on a few nodes and then on all, and the evaluation on held-out nodes. Nodes
-are configurations of the region Ω at which the cost is evaluated.
+are configurations of the region Ω at which the cost is evaluated. A barrier point is a
+configuration at which an earlier fit had an algorithmic singularity; it is added to the nodes, so
+that the next fit has none there.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""Design of the repeatable inverse nearest to a desired inverse, evaluated on held-out nodes."""
+"""Design of the repeatable inverse nearest to a desired inverse, evaluated on held-out nodes.
+
+Nodes are the configurations of the region Ω at which the cost, the mean squared distance from the
+desired inverse, is evaluated; held-out nodes are others. Numbers such as (26) are equations of the
+paper.
+"""
 
 from __future__ import annotations
 

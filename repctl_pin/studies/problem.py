@@ -337,9 +337,9 @@ def _checked_path(path: Any, plane: str | None) -> PathOf | None:
 def _checked_region(region: Any) -> float | Region | _RegionOf | None:
     """Check the argument ``region`` of a problem: a number, a region, a function, or None.
 
-    A number is the half-width of a box, rad; a function is (task, q0) → region. They are returned
-    unchanged, because a region can be made only when the start is known. InputError is raised for
-    any other value.
+    A number is the half-width of a box, rad; a function is (task, q0) → region. None stands for the
+    default, a tube around the motion. All are returned unchanged, because a region can be made only
+    when the start is known. InputError is raised for any other value.
     """
     if region is None or isinstance(region, Region):
         return region

@@ -315,7 +315,11 @@ def _asked(options: Options, report: Report) -> _Asked:
         return _placed(options, at, report)
 
     def cell_of(problem: rp.Problem) -> rp.Cell:
-        """Make the box around a problem's path, or the box or sector around its start's pose."""
+        """Make the cell of a problem: a box around its path if the options give a path.
+
+        Otherwise, the cell is the sector of ``--sector``, or the box, around the pose at the start,
+        moved to ``--at`` if this is given.
+        """
         task = problem.task
         if around:
             return rp.Cell.around(task, problem.cycle, *_sizes(options))

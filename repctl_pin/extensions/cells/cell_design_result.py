@@ -1,10 +1,13 @@
 """Result of designing an inverse function over a cell, a box of poses.
 
 The result has the function q = F(x), its evaluation, maps over slices of the cell, and a problem
-with a closed path through the cell. A sector is a cell in cylindrical coordinates. u are the
-coordinates of a pose in the cell, from −1 to 1. A chart consists of polynomials in u: q_ref
-approximates a configuration at the pose, n_ref the null space of J there. s is the position along
-the self-motion of the pose, measured from q_ref.
+with a closed path through the cell. A sector is a cell in cylindrical coordinates: radius, angle
+and height about an axis, two tilts of the tool, and its spin. u are the coordinates of a pose in
+the cell, from −1 to 1. A chart consists of polynomials in u: q_ref approximates a configuration at
+the pose, n_ref the null space of J there. s is the position along the self-motion of the pose,
+measured from q_ref. The controller of the function holds s constant; a leaf is the set of
+configurations with one value of s. G_d is the desired inverse, such as J⁺. Extra joint speed is the
+joint speed relative to that of G_d, minus 1. Held-out poses are poses that the fit did not use.
 """
 
 from __future__ import annotations
@@ -134,7 +137,7 @@ class CellDesign:
 
     @property
     def inverse(self) -> RepeatableInverse:
-        """Controller ``q̇ = ∂F/∂x ẋ``; its leaf c = 0 consists of the configurations q = F(x)."""
+        """Controller ``q̇ = ∂F/∂x ẋ``; it holds s constant, and its leaf s = 0 is q = F(x)."""
         return self.function.inverse
 
     @property
@@ -406,9 +409,11 @@ def _problem_of_cell(
 ) -> Problem:
     """Create a problem, which is a start with a closed path, inside the cell of a design.
 
-    ``repctl follow`` uses it for a saved cell. The default path is a circle that fits in the cell,
-    or a random path through a sector. The default start is the configuration that the function
-    gives for the first pose of the path.
+    ``repctl follow`` uses it for a saved cell. ``start`` (n,), ``path`` and ``plane`` are the
+    arguments of :class:`Problem`; None selects the default, and the path False gives a problem
+    without a path. The default path is a circle that fits in the cell, or a random path through a
+    sector. The default start is the configuration that the function gives for the first pose of the
+    path or, without a path, in the middle of the cell.
     """
     begin = design.posture if start is None else start
     inside = partial(fitting_circle, control=design.inverse, region=design.cell)
@@ -447,11 +452,11 @@ def tour(cell: Cell) -> TaskPath:
         return np.asarray(a @ np.cos(k * s) + b @ np.sin(k * s), float)[None]
 
     def twists(U: Array) -> Array:
-        """Evaluate the frame's velocity (v, ω), base axes, per m or rad of each coordinate."""
+        """Evaluate the frame's velocities (v, ω) at U (1, k), per m or rad of each u_i: (6, k)."""
         return cell._frame_twists(cell.spread(U))[0][:, moved]
 
     def twist(s: float) -> Array:
-        """Evaluate the frame's velocity (v, ω), base axes, per unit of the path parameter s."""
+        """Evaluate the frame's velocity (v, ω), base axes, per unit of the path parameter: (6,)."""
         du = b @ (k * np.cos(k * s)) - a @ (k * np.sin(k * s))
         return np.asarray(twists(at(s)) @ (cell.widths[moved] * du), float)
 

@@ -5,7 +5,10 @@ control law of a repeatable inverse. Both are pure functions of arrays with any 
 results have the type and the device of their input. Inside, the K poses of a batch are the last
 axis, and a placement is the list of its columns (3, K): three of the rotation, and the position.
 ``xp`` is the namespace of the arrays, such as jax.numpy. q_ref and n_ref are the polynomials of F:
-q_ref approximates F, and n_ref the null space of J.
+q_ref approximates F, and n_ref the null space of J. The level c is the position along the
+self-motion. A chart is the pair q_ref and n_ref, polynomials of coordinates u from −1 to 1. A
+sector is a cell in cylindrical coordinates: radius, angle and height about an axis, two tilts of
+the tool, and its spin.
 """
 
 from __future__ import annotations

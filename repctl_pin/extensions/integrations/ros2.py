@@ -1,7 +1,9 @@
 """ROS 2 node of an arm: target poses or twists in, joint commands out.
 
 The commands stay within the limits, and on one leaf, the set h(q) = c of the design's potentials.
-This module converts messages; :mod:`.servo` processes them.
+The level c is the position of the elbow along the self-motion. In teleoperation, a tracker measures
+the hand and the elbow of the operator, and the arm follows them while a clutch is engaged. This
+module converts messages; :mod:`.servo` processes them.
 """
 
 from __future__ import annotations
@@ -77,6 +79,11 @@ class _ArmNode(Node):
     ``output:=positions``, ``commands``, and ``/diagnostics``. Services: ``~/hold``, ``~/resume``,
     ``~/clutch`` and, for a cell where moveit_msgs is installed, ``compute_ik``. The parameter
     ``leaf`` can be set at any time; all other parameters are read once.
+
+    ``hand_pose`` and ``hand_elbow`` are the pose of the operator's hand and the point of the
+    operator's elbow, in the tracker's frame. They move the arm's target and elbow from the time at
+    which ``~/clutch`` engages the clutch (True) until it releases the clutch (False). ``~/elbow``
+    is a point for the arm's elbow, in the base frame, and ``~/leaf`` is a level c.
 
     Commands and time-outs follow a steady clock, which is never set, or with ``use_sim_time`` the
     clock of the simulation. Stamps are compared with the node's ROS clock.
@@ -347,7 +354,7 @@ def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any
 
 
 def _hand_axes(given: dict[str, Any]) -> Array | None:
-    """Read the rotation (3, 3) from the axes of the hand's tracker to those of the base.
+    """Read the rotation (3, 3) from the axes of the operator's tracker to those of the base.
 
     None without the parameter ``hand_axes``, a quaternion x, y, z, w: the axes are then parallel.
     """

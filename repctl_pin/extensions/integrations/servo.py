@@ -70,10 +70,11 @@ class Servo:
     """Generator of one joint command per tick, from target poses or twists and measured joints.
 
     The commands stay within the limits, and on one leaf, the set h(q) = c of the design's
-    potentials h, until :meth:`leaf`, :meth:`level` or :meth:`elbow` gives another level c. All
-    times, passed as ``now``, are of one clock, in s. While the clock steps back or stops, each tick
-    counts as one period, so time-outs still end. An invalid target or twist raises no error, but
-    stops the arm, and :attr:`reason` describes why.
+    potentials h, until :meth:`leaf`, :meth:`level` or :meth:`elbow` gives another level c. A
+    governor computes the commands, and also stops the arm at the edge of Ω, the design's region.
+    All times, passed as ``now``, are of one clock, in s. While the clock steps back or stops, each
+    tick counts as one period, so time-outs still end. An invalid target or twist raises no error,
+    but stops the arm, and :attr:`reason` describes why.
 
     Parameters
     ----------

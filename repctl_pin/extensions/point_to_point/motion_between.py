@@ -1,4 +1,9 @@
-"""Timed motion through poses of a cell, ``q(t) = F(x(t))``, from rest to rest, within limits."""
+"""Timed motion through poses of a cell, ``q(t) = F(x(t))``, from rest to rest, within limits.
+
+A cell is a box of poses, and F its function, which gives one configuration q for each pose x. A
+part of the motion is the lines from one rest to the next, and a segment is that part with its
+times.
+"""
 
 from __future__ import annotations
 

@@ -1,14 +1,15 @@
 r"""Existence, uniqueness and margins of a cell's function F, bounded over boxes of poses, in C.
 
 F is the inverse kinematic function of the cell: it gives one configuration for each pose. The cell
-is a box of poses with coordinates u from −1 to 1. The chart of F is a pair of polynomials in u:
-q_ref approximates F, n_ref the null space of J. On a box ``u_c ± h`` of coordinates, Taylor models
-of q_ref(u), n_ref(u) and the pose x(u) are computed. Coordinates of x(u) that the task leaves free
-are those of f(q_ref(u)). Models of the joint screws J at q_ref(u), and of the displacement ξ(u)
-from f(q_ref(u)) to x(u), follow from these, in the frame of the middle link, which is chosen so
-that the bounds are tight. J_V is J stacked on n_refᵀ. Let A be an approximation of J_V⁻¹ at the
-centre, D a matrix, and Y and g vectors; inequalities hold entry by entry. If the first bound holds
-for all q with ``|q − q_ref(u)| ≤ g``, then
+is a box of poses with coordinates u from −1 to 1; a sector is a cell in cylindrical coordinates
+around an axis. The chart of F is a pair of polynomials in u: q_ref approximates F, n_ref the null
+space of J. On a box ``u_c ± h`` of coordinates, Taylor models of q_ref(u), n_ref(u) and the pose
+x(u) are computed. Coordinates of x(u) that the task leaves free are those of f(q_ref(u)). Models of
+the joint screws J at q_ref(u), and of the displacement ξ(u) from f(q_ref(u)) to x(u), follow from
+these, in the frame of the middle link, which is chosen so that the bounds are tight. J_V is J
+stacked on n_refᵀ. Let A be an approximation of J_V⁻¹ at the centre, D a matrix, and Y and g
+vectors; inequalities hold entry by entry. If the first bound holds for all q with
+``|q − q_ref(u)| ≤ g``, then
 
 .. math:: |A J_V(q, u) − 1| ≤ D, \qquad |A ξ| + D Y ≤ Y ≤ g ⇒ |F − q_{ref}| ≤ Y
 

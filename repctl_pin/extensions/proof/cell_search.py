@@ -1,7 +1,8 @@
 """Branch and bound over a cell, to prove that its function F exists and keeps its margins.
 
 The cell is a box of poses with coordinates u from −1 to 1. F gives one configuration for each pose.
-Boxes of poses are halved until their bounds suffice.
+Boxes of poses are halved until their bounds suffice. q_ref is a polynomial of u that approximates
+F.
 """
 
 from __future__ import annotations

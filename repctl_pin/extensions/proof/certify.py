@@ -1,4 +1,10 @@
-"""Prove lower bounds of the leaf margin and the limit margin over a design's region or cell."""
+"""Prove lower bounds of the leaf margin and the limit margin over a design's region or cell.
+
+The region Ω is the part of joint space over which a design was made. A level is the value h_i(q) of
+a potential, which the controller holds constant; a leaf is the set of configurations with the same
+levels. The leaf margin is the distance from an algorithmic singularity, at which the controller
+fails.
+"""
 
 from __future__ import annotations
 

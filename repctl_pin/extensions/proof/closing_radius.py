@@ -1,6 +1,9 @@
 """The closing radius of a design: around its start, or along a closed path.
 
-Within this distance, each closed path of the frame ends in the configuration it began in.
+Within this distance, each closed path of the frame ends in the configuration it began in. A leaf is
+the set h(q) = c of the potentials h, and c its level. A lift is the joint motion on a leaf over a
+path of the frame, such as a straight line. A place is a box of configurations in which lifts begin,
+see :mod:`.lifts`, and a :class:`Reach` the length of lines whose lifts stay in Ω.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 r"""The motion along a closed path, enclosed in boxes between its samples, and proved to close.
 
-A lift q(s) is the joint motion on one leaf over a path x(s). Let Φ(q) be the pose and the levels,
-J_V its Jacobian, A an inverse of J_V at a sample Q, and J̄ a mean of J_V. Any q and q' in a box of
-half-widths h around Q satisfy ``q − q' = A (Φ(q) − Φ(q')) − A (J̄ − J_V(Q)) (q − q')``. On an arc
-of length ℓ therefore
+A lift q(s) is the joint motion over a path x(s) on one leaf, the set h(q) = c of the potentials h
+with the levels c. Let Φ(q) be the pose and the levels, J_V its Jacobian, A an inverse of J_V at a
+sample Q, and J̄ a mean of J_V. Any q and q' in a box of half-widths h around Q satisfy
+``q − q' = A (Φ(q) − Φ(q')) − A (J̄ − J_V(Q)) (q − q')``. On an arc of length ℓ therefore
 
 .. math:: |q − Q| ≤ |A| ℓ + |A|\, Δ(h)\, h < h,
 

@@ -1,16 +1,17 @@
 r"""The levels as coordinates: joints that are proved to be a function of the levels at the start.
 
-Let Φ(q) = (x, c) be the pose and the levels of a configuration, and (x₀, c₀) those of the start.
-The cube of levels ``|c_i − c_0i| ≤ γ`` is divided into cells. In the middle c_k of a cell of
-half-width a, let Q_k solve ``Φ(Q_k) = (x₀, c_k)``, and A be the inverse of the Jacobian J_V there.
-While the pose rests and the levels go from c_k to any c of the cell, the joints stay in a box,
+Let Φ(q) = (x, c) be the pose and the levels of a configuration, the values c = h(q) of the r
+potentials, and (x₀, c₀) those of the start. The cube of levels ``|c_i − c_0i| ≤ γ`` is divided into
+cells. In the middle c_k of a cell of half-width a, let Q_k solve ``Φ(Q_k) = (x₀, c_k)``, and A be
+the inverse of the Jacobian J_V there. While the pose rests and the levels go from c_k to any c of
+the cell, the joints stay in a box,
 
 .. math:: |q − Q_k| ≤ |A_h|\, a + |A|\, Δ(h)\, h < h,
 
 with A_h the last r columns of A and Δ a bound of the change of J_V on the box of half-widths h. The
 motion ends at F_k(c). A wider box, in which Φ is injective, contains the ends of the neighbouring
 cells, so they agree on common faces: one continuous function F(x₀, c). The theory, "Hand and
-elbow", has the theorem.
+elbow", has the theorem. Ω is the region of joint space of the design.
 """
 
 from __future__ import annotations

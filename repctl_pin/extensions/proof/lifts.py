@@ -17,6 +17,7 @@ rates T_k. From the rates follows the length ρ of lines whose lifts cannot leav
 
 A place is the box of configurations in which a lift begins; its clearance is the distance that each
 joint may then move within Ω. The rate of a joint is its motion per metre of a line, rad or m per m.
+J_V is the task Jacobian stacked on the potentials' gradients; G_r exists where J_V is regular.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Certificate of a study's design; its proof gets a fraction of the study's processor time."""
+"""Certificate of a study's design; its proof gets a fraction of the study's processor time.
+
+The leaf margin is the distance from an algorithmic singularity, at which the controller fails.
+"""
 
 from __future__ import annotations
 

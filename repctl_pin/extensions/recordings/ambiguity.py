@@ -2,7 +2,8 @@
 
 If demonstrations reach one pose with different elbow positions, no function of the pose fits their
 joints. A labelling assigns one configuration to every frame (row of the recording): the recorded
-joints, or the new joints. A fold is a group of frames that one fit leaves out and then predicts.
+joints, or the new joints. A fold is a group of frames that one fit leaves out and then predicts. A
+session is one run of the recorder, such as a demonstration.
 """
 
 from __future__ import annotations

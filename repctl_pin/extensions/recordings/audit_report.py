@@ -1,7 +1,7 @@
 """Report of an audit: an answer that fits a terminal of 24 rows, a page and a figure.
 
 A Span is a piece of text with a style, such as "bad" for red. Drift is a steady change of the
-joints at one hand pose.
+joints at one hand pose. A visit is a time at which the hand is at the pose.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A frame is a row of a recording. A mistake in the recording, such as degrees or another tool frame,
 would later give wrong joints without an error. So each check raises an InputError that names the
-mistake.
+mistake. A session is one run of the recorder, such as a demonstration.
 """
 
 from __future__ import annotations

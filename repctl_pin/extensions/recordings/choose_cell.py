@@ -2,7 +2,9 @@
 
 A cell is a box of poses, or a sector around the base, over which one function q = F(x) gives the
 joints. The cell should contain all frames (rows of the recording) and be no larger than necessary,
-because a larger cell may have no such function.
+because a larger cell may have no such function. A session is one run of the recorder, such as a
+demonstration. The coordinates of a sector are radius, angle and height about an axis, two tilts of
+the tool, and its spin.
 """
 
 from __future__ import annotations

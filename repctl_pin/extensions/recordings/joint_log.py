@@ -1,7 +1,8 @@
 """Reading of a log of joint positions: times, and one column per joint, found by name.
 
 Logs come from many recorders. So names of columns, the unit of time and the order of the joints are
-inferred; a log with several possible readings is refused.
+inferred; a log with several possible readings is refused. Levels are what was commanded beside the
+pose: positions along the self-motion, such as the position of the elbow.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Relabelling of recorded frames: one configuration per pose, on one leaf of a cell's function.
 
 A cell is a box of poses, or a sector around the base, over which a function q = F(x; c) gives the
-joints. The level c selects the leaf, and so the position of the elbow along the self-motion.
+joints. The level c selects the leaf, and so the position of the elbow along the self-motion. A
+session is one run of the recorder, such as a demonstration.
 """
 
 from __future__ import annotations

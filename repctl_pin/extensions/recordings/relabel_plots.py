@@ -1,4 +1,7 @@
-"""Figure of a relabelled recording: its joints before and after, and the level of the leaf."""
+"""Figure of a relabelled recording: its joints before and after, and the level of the leaf.
+
+A session is one run of the recorder, such as a demonstration.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Columns of a relabelled recording: the columns of its file, with new joints and poses.
 
 Columns that depend on the old joints, such as velocities or actions, would contradict the new
-joints and are removed. Columns of the gripper, of cameras and of times stay.
+joints and are removed. Columns of the gripper, of cameras and of times stay. A session is one run
+of the recorder, such as a demonstration.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ A visit is a time at which the hand is within a tolerance of the pose. The confi
 is estimated from nearby rows of the log. Two errors are given: the deviation is the scatter due to
 noise, the bias a bound on systematic errors. Distances between poses are in m; a rotation by 1 rad
 counts as a length, ``radian``, m. A gap is a time step of the log that is too long; ``whole``
-(T − 1,) is False there.
+(T − 1,) is False there. Levels are what was commanded beside the pose: positions along the
+self-motion, such as the position of the elbow.
 """
 
 from __future__ import annotations
@@ -479,7 +480,11 @@ def _near(t: Array, low: int) -> NDArray[np.intp]:
 
 
 def _bend(Q: Array) -> Array:
-    """Estimate the error (n,), rad or m, of interpolation between at most six neighbouring rows."""
+    """Estimate the error (n,), rad or m, of interpolating between the middle rows of Q (K, n).
+
+    Q has at most six consecutive rows of the log. With six, the error is that of a cubic, from
+    fourth differences; with fewer, that of a straight line, from second differences.
+    """
     if len(Q) == 6:
         return np.asarray(np.abs(np.diff(Q, 4, axis=0)).max(axis=0) * 3 / 128, float)
     return np.asarray(np.abs(np.diff(Q, 2, axis=0)).max(axis=0, initial=0.0) / 8, float)

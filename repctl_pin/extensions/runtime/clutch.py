@@ -1,7 +1,8 @@
 r"""Clutch of teleoperation: from an operator's hand and elbow to targets of the arm.
 
 While the clutch is engaged, the arm's target moves with the operator's hand. While the clutch is
-released, there is no target, and the hand can move freely.
+released, there is no target, and the hand can move freely. A governor moves the arm to the target;
+a level is the position of the arm's elbow along the self-motion.
 """
 
 from __future__ import annotations

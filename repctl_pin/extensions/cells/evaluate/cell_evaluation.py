@@ -8,7 +8,12 @@ Held-out poses are Sobol points of the cell that the fit did not use.
 A candidate function is written in a chart: s is its position along the self-motion at each pose,
 and n_ref the approximate null space of J. At a fold, the leaf turns back along the self-motion, and
 is no longer a function of the pose. A function covers a pose if it has a configuration there inside
-the joint limits, and no fold separates the pose from the middle of the cell.
+the joint limits, and no fold separates the pose from the middle of the cell. The potentials of a
+chart are equal to s. A leaf is a set of configurations with one value of s; the function F is the
+leaf s = 0. A coordinate of a sector, which is a cell around an axis, is symmetric if a single joint
+moves the frame along it. Extra joint speed is the joint speed relative to that of G_d, minus 1. The
+leaf margin is the distance from an algorithmic singularity, at which the controller of the function
+fails.
 """
 
 from __future__ import annotations
@@ -277,7 +282,10 @@ class _SpeedRatio(Quantity):
     direction: bool
 
     def least(self, at: Points) -> Array:
-        """Evaluate the squared ratio at K points of the function: (K,), infinite without one."""
+        """Evaluate the squared ratio at K points: (K,), infinite where F does not exist.
+
+        The ratio is also infinite where J is singular.
+        """
         ratio = np.full(len(at.U), np.inf)
         squares = np.linalg.eigvalsh(at.J @ np.swapaxes(at.J, 1, 2))
         found = np.flatnonzero(at.found & (squares[:, 0] > _REGULAR * squares[:, -1]))

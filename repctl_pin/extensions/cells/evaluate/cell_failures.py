@@ -1,7 +1,8 @@
 """Reasons why an inverse function fails at poses of a cell, each with its worst pose.
 
 The causes are: out of reach, singularity, joint limit, fold, collision. U (K, k) are coordinates of
-poses in the cell, from −1 to 1. A share is a fraction of the poses that were sampled, 0 to 1.
+poses in the cell, from −1 to 1. A share is a fraction of the poses that were sampled, 0 to 1. A
+leaf is the set of configurations q = F(x) of one function, on which its controller stays.
 """
 
 from __future__ import annotations

@@ -5,7 +5,9 @@ the leaf margin, the distance from an algorithmic singularity. The candidate q =
 configuration for each pose of the cell, with coordinates u (k,) from −1 to 1. It is written in a
 chart, polynomials in u that approximate a configuration and the null space of J: the label s is the
 position of F along the self-motion. Points are configurations with their kinematics at K poses. A
-coordinate of the cell is symmetric if a single joint moves the frame along it.
+coordinate of the cell is symmetric if a single joint moves the frame along it. There is no point at
+a pose where Newton's method finds no configuration of F (``found`` is False). The potentials of a
+chart are equal to s, and its leaf is the set s = 0.
 """
 
 from __future__ import annotations

@@ -3,7 +3,10 @@
 A single joint moves the frame along such a coordinate, so the function is designed without it; the
 coordinate is then removed from the coordinates u of a pose, which go from −1 to 1. The range of the
 coordinate ends at the limits of that joint. If its range is given as ``"all"``, it ends nowhere
-else. A pose is covered if the function has a configuration there inside the joint limits.
+else. A pose is covered if the function has a configuration there inside the joint limits. A sector
+is a cell in cylindrical coordinates: radius, angle and height about an axis, two tilts of the tool,
+and its spin. A chart is the pair of polynomials of u in which the function is written: q_ref
+approximates its configurations, n_ref the null space of J.
 """
 
 from __future__ import annotations

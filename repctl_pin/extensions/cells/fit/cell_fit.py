@@ -9,7 +9,8 @@ is minimised with rising degree of s, and with penalties on small margins.
 
 A quick design has a lower degree, fewer nodes and a quick evaluation, without searches for the
 worst joint speeds, leaf margins and body distances. A coordinate of a sector, angle or spin, is
-symmetric if a single joint moves the frame along it; its range can be given as ``"all"``.
+symmetric if a single joint moves the frame along it; its range can be given as ``"all"``. Extra
+joint speed is the joint speed relative to that of the desired inverse, minus 1.
 """
 
 from __future__ import annotations

@@ -5,7 +5,8 @@ squared distance of ∂F/∂x from G_d, the desired inverse, plus penalties on s
 s (r,) of a pose, a polynomial of its coordinates u (k,), is the position of F along the self-motion
 there; its coefficients a are the unknowns. ∂F = ∂F/∂u, E = ∂x/∂u, and C = (EᵀE)^(−1/2) scales u to
 unit task speed. These three have also columns for the l coordinates that symmetries of the arm
-remove from u.
+remove from u. Nodes are the poses at which the cost is evaluated. A chart consists of polynomials
+of u that approximate a configuration, from which s is measured, and the null space.
 """
 
 from __future__ import annotations

@@ -5,7 +5,8 @@ Coordinates u of a pose go from −1 to 1 between the sides. A coordinate of a s
 is symmetric if a single joint moves the frame along it; it is then removed from u, and "all
 coordinates" include it. Its range ``"all"`` ends only at the limits of that joint. A ray is a
 motion along a straight line from the middle of the cell. A quick design is faster and less
-accurate.
+accurate. A chart is the pair of polynomials of u in which a function is written. Extra joint speed
+is the joint speed relative to that of the desired inverse, such as J⁺, minus 1.
 """
 
 from __future__ import annotations
@@ -63,7 +64,11 @@ _LEAST = 0.05
 
 
 class Window(NamedTuple):
-    """Range of the angle around the arm: direction of its middle (3,), and half-width, rad."""
+    """Range of the angle around the arm.
+
+    ``outward`` (3,) is the unit vector, base axes, from the arm's axis toward the middle of the
+    range, and ``half`` its half-width, rad.
+    """
 
     outward: Array
     half: float

@@ -5,7 +5,9 @@ difference from the middle of the cell. The coordinates u (k,) of a pose are the
 the half-widths, from −1 to 1 in the cell. A task coordinate does not belong to u if its half-width
 is 0, or if a symmetry of the arm removes it: then a single joint moves the frame along it, and a
 function q = F(x) over the cell, which gives one configuration for each pose, is designed without
-it. l is the number of removed coordinates.
+it. l is the number of removed coordinates. A chart consists of polynomials of u, of which q_ref
+approximates F. A sector is a cell in cylindrical coordinates, among them the angle about its axis
+and the spin about the axis of the tool.
 """
 
 from __future__ import annotations

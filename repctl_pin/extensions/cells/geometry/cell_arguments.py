@@ -1,8 +1,8 @@
 """Validation and conversion of the arguments of cells and sectors.
 
-A cell is a box of poses, a sector a cell in cylindrical coordinates. Their arguments are the
-middle, half-widths, an axis, and placements. Invalid values raise an InputError that names the
-argument.
+A cell is a box of poses, a sector a cell in cylindrical coordinates: radius, angle and height about
+an axis, two tilts of the tool, and its spin. Their arguments are the middle, half-widths, an axis,
+and placements. Invalid values raise an InputError that names the argument.
 """
 
 from __future__ import annotations

@@ -15,8 +15,9 @@ def cut_sides(
 
     U (K, k) are poses in coordinates from −1 to 1, and ``bad`` (K,) is True where a function fails.
     One side at a time is moved inward: the side that loses the smallest volume per excluded bad
-    pose. It stops ``inside`` beyond the innermost of these poses. With ``weights`` (k,), a loss
-    along one coordinate counts more or less than along another.
+    pose. It stops at the innermost of these poses, and by ``inside`` farther inward. With
+    ``weights`` (k,), a loss along one coordinate counts more or less than along another. Both
+    corners are equal if no box is left.
     """
     k = U.shape[1]
     weights = np.ones(k) if weights is None else weights

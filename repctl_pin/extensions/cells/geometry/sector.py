@@ -387,7 +387,12 @@ class Sector(Cell):
         return sector
 
     def _profiled_by(self, coefficients: Array) -> Sector:
-        """Return the sector with a profile, given its coefficients (2, D + 1), as in a file."""
+        """Return the sector with a profile, given its coefficients as in a file.
+
+        The profile is the range of radius as a function of the height. ``coefficients`` (2, D + 1)
+        are those of bend and stretch, see :class:`Profile`. InputError is raised if they are
+        invalid.
+        """
         good = coefficients.ndim == 2 and len(coefficients) == 2 and self.widths[HEIGHT:3].any()
         good = good and coefficients.shape[1] <= MOST_DEGREE + 1
         if not (

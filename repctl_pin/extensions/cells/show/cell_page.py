@@ -1,6 +1,10 @@
 """Page of a function over a cell: animation of a sample path, slices, and figures of merit.
 
-The function gives one configuration for each pose of the cell, a box of poses or a sector.
+The function gives one configuration for each pose of the cell, a box of poses or a sector. A sector
+is a cell in cylindrical coordinates around an axis. One joint may turn the whole arm along its
+angle, another the tool along its spin. Their ranges are given in rad or as ``"all"``, which extends
+to the limits of that joint. Extra joint speed is the joint speed relative to that of the desired
+inverse, such as J⁺, minus 1.
 """
 
 from __future__ import annotations
@@ -216,7 +220,8 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     """Write the smallest known distance from the joint limits, and which joints it leaves out.
 
     ``path`` is empty, or has the motion along the sample path, which then counts too. A joint is
-    left out if it turns a sector up to its own limits, where its distance from the limit is 0.
+    left out if the angle or spin of a sector has the range ``"all"`` and ends at its limits,
+    because its distance from them is 0 there.
     """
     found, unit = design.evaluation, design.task._joint_unit
     margins = [float(motion.limit_margin.min()) for motion in path]

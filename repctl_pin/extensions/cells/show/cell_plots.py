@@ -1,4 +1,8 @@
-"""Figure of a function over a cell: slices over two coordinates, coloured by figures of merit."""
+"""Figure of a function over a cell: slices over two coordinates, coloured by figures of merit.
+
+A sector is a cell in cylindrical coordinates around an axis; its angle is that about the axis.
+Extra joint speed is the joint speed relative to that of the desired inverse, such as J⁺, minus 1.
+"""
 
 from __future__ import annotations
 

@@ -35,7 +35,10 @@ _COMMANDS = {
 
 
 def usual(design: CellDesign) -> str:
-    """Say which control the speed of F is compared with: the usual one, J⁺, or the desired one."""
+    """Return the word for the control with which the speed of the function is compared.
+
+    It is ``usual`` if the desired inverse is J⁺, else ``desired``.
+    """
     return "usual" if type(design.desired) is Pseudoinverse else "desired"
 
 

@@ -5,7 +5,11 @@ of a box to its corners. If the arm reaches all corners, the box is a candidate,
 function shows whether it fits. A flood finds the poses on a grid that the arm reaches from one
 configuration without a change of branch, one of the separate solutions of inverse kinematics. A box
 grows around a middle in ten steps, by tenths of the requested size. A quick design is a design of
-low accuracy, with which boxes are compared.
+low accuracy, with which boxes are compared. A :class:`Grown` has many middles, with a configuration
+at each and the size to which a box grew there. A :class:`Candidate` is one configuration in the
+middle of a box, with figures of the motions from there to the corners. A sector is a cell in
+cylindrical coordinates around the arm: radius, angle and height, two tilts of the tool, and its
+spin.
 """
 
 from __future__ import annotations
@@ -517,10 +521,12 @@ def _best_of(
 ) -> tuple[tuple[Cell, Candidate] | None, FailureReason | None]:
     """Choose the best of some places for a box of ``size`` tenths of the requested size.
 
-    The places are compared by quick designs: by limit margin, body distance and joint speed. With
-    ``search``, other configurations are searched for at the first place. A design of full accuracy
-    confirms the choice. Return the box and the configuration in its middle, or None if no design
-    covers a box; and the reason why the first design failed, None if none did.
+    ``places`` are middles of the box with configurations there, and ``box`` has the requested size
+    and orientation. The places are compared by quick designs: by limit margin, body distance and
+    joint speed. With ``search``, other configurations are searched for at the first place. A design
+    of full accuracy confirms the choice. Return the box at the best place, with the configuration
+    in its middle as a :class:`Candidate`, or None if no design covers a box; and the reason why the
+    first design failed, None if none did.
     """
     desired, reason = fit.desired, None
     cells = [_box_at(box, p, size / STEPS) for p in places.p]

@@ -84,7 +84,8 @@ class Table(NamedTuple):
     def margins(self, Q: Array) -> Array:
         """Divide limit margins of counted joints by the required margins; return the minimum (K,).
 
-        A configuration, a row of Q (K, n), is inside the limits where the result exceeds 1.
+        A configuration, a row of Q (K, n), is inside the limits where the result exceeds 1. The
+        required margin is 5 % of the range of the joint, and at most 0.05 rad or m (``_MARGIN``).
         """
         least = _MARGIN * np.minimum(1.0, self.task.upper - self.task.lower)
         return np.asarray(
@@ -121,7 +122,10 @@ class Table(NamedTuple):
         return Q, good
 
     def _push(self, Q: Array, held: NDArray[np.bool_]) -> Array:
-        """Compute motions (K, n) away from near limits, of joints that are not locked."""
+        """Compute motions (K, n) of joints near a limit away from it, at Q (K, n).
+
+        They are 0 for joints that are locked, where ``held`` (K, n) is True, or not counted.
+        """
         task = self.task
         inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
         low = np.maximum(0.0, task.lower + inner - Q)

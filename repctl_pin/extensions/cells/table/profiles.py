@@ -2,7 +2,10 @@
 
 The smallest and the largest radius are polynomials of the height. All nodes between them belong to
 the flood: at each height, its nodes from one end to the other are a run, and the polynomials lie
-inside the runs. A linear program finds the two polynomials with the largest area between them.
+inside the runs. A linear program finds the two polynomials with the largest area between them. A
+table is a grid of radius and height around the arm, whose nodes have the indices (i, j) of I radii
+and J heights. A flood is the set of nodes that the arm reaches from one configuration without a
+change of branch, one of the separate solutions of inverse kinematics.
 """
 
 from __future__ import annotations

@@ -5,12 +5,14 @@ nodes that the arm reaches from one configuration without a change of branch (of
 kinematics). Functions are designed for sectors: the largest rectangles in the best floods, and the
 largest parts of the floods whose range of radius depends on the height. A window is a range of the
 angle around the arm in which bodies keep a distance; an opening is a window of one flood, with the
-nodes that it leaves.
+nodes that it leaves. The spin of a sector is the rotation of the tool about its own z axis.
 
 Symmetries are the joints that alone turn the whole arm, or the tool; ``line`` (2, 3) is the axis of
 the first, a point, m, and a direction. The joint speed of a node is squared, ``‖∂F/∂u C‖_F²`` of a
 function (array ``own``) or of J⁺ (``usual``). Its limits (``limits``) are the maximum extra joint
 speed on average and at the worst node. A quick design has low accuracy, and serves to rank sectors.
+A locked flood is that of an arm with r of its joints locked, which is therefore not redundant.
+Masks (I, J) have one entry per node, for I radii and J heights. S is the number of floods.
 """
 
 from __future__ import annotations
@@ -1183,7 +1185,11 @@ def _larger(
 
 
 def _locked_speeds(table: Table, locked: _Floods, k: int, cell: Sector) -> Array:
-    """Evaluate the squared joint speeds of the locked arm k and of J⁺ at each node: (2, I, J)."""
+    """Evaluate squared joint speeds of an arm with locked joints, and of J⁺: (2, I, J).
+
+    The arm is that of flood number ``k`` of ``locked``, floods with r joints locked. Speeds are per
+    unit of task speed along the coordinates of ``cell``, and NaN at nodes outside the flood.
+    """
     speeds = np.full((2, *table.shape), np.nan)
     there = locked.reached[k]
     speeds[:, there] = _locked_squares(cell, locked.Q[k][there], locked.held[k])
@@ -1193,10 +1199,10 @@ def _locked_speeds(table: Table, locked: _Floods, k: int, cell: Sector) -> Array
 def _locked_joints(
     table: Table, locked: _Floods, k: int, cell: Sector, inside: NDArray[np.bool_], distance: float
 ) -> LockedJoints | None:
-    """Evaluate the arm of the locked flood k on the nodes of a mask ``inside`` (I, J).
+    """Evaluate an arm with locked joints on the nodes of a mask ``inside`` (I, J).
 
-    Nodes at which bodies are always nearer than ``distance``, m, are left out. Return None if no
-    node is left.
+    The arm is that of flood number ``k`` of ``locked``. Nodes at which bodies are always nearer
+    than ``distance``, m, are left out. Return None if no node is left.
     """
     clear = locked.reached[k] & inside
     on = np.argwhere(clear)
@@ -1211,7 +1217,10 @@ def _locked_joints(
 def _locked_arm(
     table: Table, locked: _Floods, k: int, cell: Sector, clear: NDArray[np.bool_]
 ) -> LockedJoints:
-    """Evaluate the arm of the locked flood k on all nodes of a mask (I, J), which it reaches."""
+    """Evaluate an arm with locked joints on all nodes of a mask ``clear`` (I, J).
+
+    The arm is that of flood number ``k`` of ``locked``, which reaches these nodes.
+    """
     task, Q = table.task, locked.Q[k][clear]
     joints = np.flatnonzero(locked.held[k])
     return LockedJoints(

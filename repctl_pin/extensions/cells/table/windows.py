@@ -2,7 +2,10 @@
 
 Where a part of the base is not round, or the arm stands beside a wall, bodies collide at some
 angles alone. A window is a range of the angle. Each window has those nodes of a flood that are free
-of collisions at all its angles: a wide window has fewer such nodes, a narrow window more.
+of collisions at all its angles: a wide window has fewer such nodes, a narrow window more. A table
+is a grid of radius and height around the arm, whose nodes have the indices (i, j) of I radii and J
+heights. A flood is the set of nodes that the arm reaches from one configuration without a change of
+branch, one of the separate solutions of inverse kinematics.
 """
 
 from __future__ import annotations

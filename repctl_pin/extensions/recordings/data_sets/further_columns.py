@@ -1,7 +1,8 @@
 """Further columns of joint positions in a data set: those of actions and of next observations.
 
 Next observations are those of the following frame. Relabelling evaluates the same function at the
-same level for these columns as for the joints, so that all columns agree.
+same level, the position c along the self-motion, for these columns as for the joints, so that all
+columns agree.
 """
 
 from __future__ import annotations

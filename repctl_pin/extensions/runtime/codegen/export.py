@@ -1,7 +1,9 @@
 """Export of a repeatable inverse or a cell function as C files for a robot's control loop.
 
 Test vectors, which are inputs with Python's results for them, are also exported. They check a build
-on the robot's computer. Ω is the region of joint space, or the cell of poses, of the design.
+on the robot's computer. Ω is the region of joint space, or the cell of poses, of the design. The
+function of a cell is q = F(x; c), with the pose x and the level c, which is the position along the
+self-motion.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """C99 header and source file of a repeatable inverse or a cell function.
 
 The files are templates filled with sizes, numbers and code of the native library. Ω is the region
-of joint space, or the cell of poses, for which the inverse was designed.
+of joint space, or the cell of poses, for which the inverse was designed. The function of a cell is
+q = F(x; c), with the pose x and the level c, which is the position along the self-motion.
 """
 
 from __future__ import annotations
@@ -134,7 +135,8 @@ def write_source(
 def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounded | None:
     """Check that an inverse and its region can be written as C, and return the region.
 
-    By default, the region is the inverse's own Ω. An InputError is raised if C cannot hold them.
+    The region None stands for the region Ω of the inverse. The result is None if the inverse has no
+    region either; every q is then inside. An InputError is raised if C cannot hold them.
     """
     task = inverse.task
     if task.r < 1:
@@ -158,8 +160,9 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
 def _frame_sizes(arm: Any) -> dict[str, str | int]:
     """Return the sizes of one frame for C: task rows, joints, and maximum joints of any frame.
 
-    For one frame, the sizes are numbers, so that the compiler can unroll loops. For several frames,
-    the first two are members of each frame's struct ``arm``.
+    ``arm`` is the C struct of the task's joint chains, from :func:`native_arm`. For one frame, the
+    sizes are numbers, so that the compiler can unroll loops. For several frames, the first two are
+    members of each frame's struct ``arm``.
     """
     if arm.frames == 1:
         return {"rows": "M", "joints": arm.joints, "most": arm.joints}
@@ -219,7 +222,10 @@ def _closing_source(closes: ClosingRadius | None, task: Task, name: str) -> tupl
 
 
 def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | None:
-    """Return the region that ``name_inside`` checks in C: if None is given, the inverse's own."""
+    """Return the region that ``name_inside`` checks in C.
+
+    For None, it is the inverse's own region, which can be None, too: every q is then inside.
+    """
     return inverse.region if region is None else region
 
 
