@@ -49,7 +49,7 @@ def cell_words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, s
 
 def dialog_words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
     """Explain the words of the page and its files, for the dialog of its animation."""
-    return cell_words(design, motions) | _COMMANDS
+    return _COMMANDS | cell_words(design, motions)
 
 
 def _of_the_sentences(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:

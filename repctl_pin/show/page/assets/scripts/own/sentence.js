@@ -166,13 +166,10 @@ function mostOff(chain, arm, off) {
 
 function notesOf(arms, runs, cycles) {
   const notes = runs.length > 1 ? [[speedWords(runs.at(-1), runs[0], cycles)]] : [];
-  const violations = runs.flatMap(({ data }) => {
-    const { broken, under, lost } = data;
-    if (!broken || lost < Infinity || broken.cycle > cycles) return [];
-    const what = broken.name ? `${broken.name} leaves its range` : broken.words;
-    return [[` ${what} in cycle ${broken.cycle} under ${under}.`, "bad"]];
-  });
-  notes.push(...(violations.length ? violations : [[" Joint limits are kept."]]));
+  const violations = runs.flatMap(({ data }) => violationWords(data, cycles));
+  const later = runs.flatMap(({ data }) => laterWords(data, cycles));
+  const when = later.length ? ` in ${cycles === 1 ? "cycle 1" : `the first ${cycles} cycles`}` : "";
+  notes.push(...(violations.length ? violations : [[` Joint limits are kept${when}.`]]), ...later);
   const margin = Math.min(...runs.map((run) => run.margin));
   const where = margin >= FAR ? "stays far from" : "comes near to";
   const scale = `${margin.toFixed(2)} (1 is best, 0 fails)`;
@@ -180,6 +177,23 @@ function notesOf(arms, runs, cycles) {
     notes.push([` The repeatable control ${where} where it fails: ${scale}.`]);
   notes.push([" Collisions are not checked."]);
   return notes;
+}
+
+const limitWords = (broken) => (broken.name ? `${broken.name} leaves its range` : broken.words);
+
+function violationWords({ broken, under, lost }, cycles) {
+  if (!broken || lost < Infinity || broken.cycle > cycles) return [];
+  return [[` ${limitWords(broken)} in cycle ${broken.cycle} under ${under}.`, "bad"]];
+}
+
+// What happens in a cycle after those of which the sentence speaks: its bars are hatched or missing.
+function laterWords({ broken, under, lost }, cycles) {
+  if (!broken || broken.cycle <= cycles) return [];
+  const what =
+    lost < Infinity
+      ? `${under} comes close to a singularity`
+      : `${limitWords(broken)} under ${under}`;
+  return [[` In cycle ${broken.cycle}, ${what}.`, "bad"]];
 }
 
 // How much faster the joints move under the repeatable control than under the usual one.
