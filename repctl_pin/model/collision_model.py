@@ -412,8 +412,8 @@ class _CollisionModel:
     def _add_robot(self, task: Task) -> dict[str, Pair]:
         """Add the robot's bodies; return a dict of its unusable shapes, which are left out.
 
-        The key is the name of the mesh file or, of another shape, its own; the value is (link,
-        cause).
+        The key is the name of the mesh file, as in the URDF; for a box, sphere, cylinder or
+        capsule, it is :attr:`.Shape.name`. The value is a pair of texts: (name of the link, cause).
         """
         description = task.robot.description
         links = link_frames(self._model)
@@ -521,8 +521,9 @@ class _CollisionModel:
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
         """Return the pairs (P, 2) of bodies with a moving joint between them.
 
-        Pairs of the robot's own bodies come first. Other pairs never change their distance.
-        InputError is raised for over a million pairs.
+        Pairs of the robot's own bodies come first. Pairs without a moving joint between them never
+        change their distance. InputError is raised for over a million pairs; ``path`` is the URDF
+        file, which its message names.
         """
         joint = np.array(self._joint, np.intp)
         own = self._own

@@ -351,7 +351,10 @@ class _Search:
     def improved(
         self, best: _LeafCandidate | None, starts: Iterable[Array | None], better: _Better
     ) -> _LeafCandidate | None:
-        """Return the best of ``best``, if any, and of the allowed ``starts``, by ``better``."""
+        """Return the best of ``best``, if any, and of the allowed ``starts``.
+
+        ``better`` is a function: it tells whether its first candidate is better than its second.
+        """
         for candidate in self.allowed(starts):
             best = candidate if best is None or better(candidate, best) else best
         return best
@@ -359,8 +362,9 @@ class _Search:
     def refined(self, best: _LeafCandidate, better: _Better) -> _LeafCandidate:
         """Improve the start ``best`` by a pattern search along the null vectors.
 
-        A candidate is replaced by a better one a step away; if there is none, the step is halved
-        until it is too short. Steps are in rad, or in arm lengths for prismatic joints.
+        A candidate is replaced by one a step away that is better, as the function ``better`` tells;
+        if there is none, the step is halved until it is too short. Steps are in rad, or in arm
+        lengths for prismatic joints.
         """
         target = self.path.placement(0.0)
         size = _STRIDE / 2

@@ -202,11 +202,12 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
 class _Cost:
     """Augmented Lagrangian of a closed motion: a function of the K configurations q_k of its cycle.
 
-    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where w_k is ``weights``, and ``e_k`` is how far
-    ``q_k + λ_k / ρ_k`` exceeds the joint limits, narrowed by ``margin``. λ_k are the
-    ``multipliers`` of the limits, and ρ_k = ``stiffness · share``. ``targets`` are the placements
-    on the path. ``first`` is the index of the first configuration that is optimised: 0, or 1 if the
-    start is fixed.
+    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where w_k = 1 / (s_{k+1} − s_k) is ``weights``,
+    and ``e_k`` is how far ``q_k + λ_k / ρ_k`` exceeds the joint limits, narrowed by ``margin``. λ_k
+    are the ``multipliers`` of the limits, and ρ_k = ``stiffness · share``, where ``share`` (K,) is
+    the fraction of the cycle that point k stands for. ``targets`` are the placements on the path.
+    ``first`` is the index of the first configuration that is optimised: 0, or 1 if the start is
+    fixed.
     """
 
     task: Task

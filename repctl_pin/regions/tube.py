@@ -36,8 +36,8 @@ class Tube(Region):
     Parameters
     ----------
     samples : (S, n) array
-        Configurations along a motion, rad or m, spaced by less than the radius. Of more than 256,
-        256 evenly spaced ones are used.
+        Configurations along a motion, rad or m, spaced by less than the radius. If there are more
+        than 256, only 256 evenly spaced ones are used.
     radius : float or (n,) array
         Radius, rad (m for prismatic joints): one number for all joints, or one per joint.
     density : function, optional

@@ -539,7 +539,10 @@ class Servo:
         self._elbow.drop()
 
     def _replace(self) -> None:
-        """Drop the target and the twist, and release the clutch; keep the level and the elbow."""
+        """Drop the target and the twist of the last message, and release the clutch.
+
+        The next message replaces them. The level and the elbow's point are kept.
+        """
         self._target, self._twist, self._heard = None, None, 0.0
         self._hand, self._joined = None, False
         self._coupled = False

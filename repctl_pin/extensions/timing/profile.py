@@ -582,9 +582,10 @@ def _inside_strips(
 ) -> tuple[Array, Array]:
     """Find the part of a line, τ from ``first`` to ``last`` (K,), that lies inside all n strips.
 
-    At the point τ of the line, each strip requires ``low ≤ foot + τ way ≤ high``. The arguments are
-    (K, n). ``size`` is the maximum of |way| over all directions of the line; a line with
-    ``way`` near 0 is parallel to the strip. The part is empty if first > last.
+    There is one line for each of K stages. At its point τ, strip j requires
+    ``low_j ≤ foot_j + τ way_j ≤ high_j``; all arguments are (K, n). ``size`` is the largest |way|
+    that a line of any direction can have: a line with ``way`` far below it is parallel to the
+    strip. Return (first, last), (K,) each; no part lies inside if first > last.
     """
     parallel = np.abs(way) < 1e-12 * size
     inside = (foot >= low - _TOUCHING) & (foot <= high + _TOUCHING)
