@@ -1,4 +1,8 @@
-"""Derivative ∂G/∂q of an inverse, by a formula or by differences with an error estimate."""
+"""Derivative ∂G/∂q of an inverse, by a formula or by differences with an error estimate.
+
+An inverse G (n, m) of the Jacobian J (m, n) has J G = I; J⁺ is the pseudoinverse. A repeatable
+inverse keeps r potentials, functions h(q), constant.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Robot from a URDF: joints, limits, frames and a reference pose."""
+"""Robot from a URDF: joints, limits, frames and a reference pose.
+
+A mimic joint follows another joint; a locked joint is held at the reference pose.
+"""
 
 from __future__ import annotations
 

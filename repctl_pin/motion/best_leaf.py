@@ -3,7 +3,9 @@
 A self-motion is a curve of configurations with the frame at one pose. A repeatable inverse with the
 potentials h keeps the arm on a leaf, the set h(q) = c. Each start selects a leaf, and so the joint
 path of all cycles. The leaf margin ``σ_min(Nᵀ V̂)`` is the distance from a singularity of the
-inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised.
+inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised. Ω is the region of
+joint space for which the inverse was designed, and the desired inverse G_d the one that it
+approximates, usually the pseudoinverse J⁺.
 """
 
 from __future__ import annotations

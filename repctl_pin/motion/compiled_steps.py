@@ -1,7 +1,8 @@
 """Runge–Kutta steps of the built-in controllers in the native library (runge_kutta.c).
 
 The same steps in Python would take most of the time of a study. A controller (a map from q and ẋ to
-q̇) that has no C code is integrated in Python by :mod:`follow`.
+q̇) that has no C code is integrated in Python by :mod:`follow`. J⁺ is the pseudoinverse of the
+Jacobian.
 """
 
 from __future__ import annotations

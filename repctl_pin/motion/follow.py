@@ -2,6 +2,8 @@
 
 A strategy gives joint velocities q̇ from the configuration q and the task velocity ẋ. The path
 parameter s runs from 0 to 1 in each cycle; a cycle is divided into steps, which end at all corners.
+A repeatable strategy keeps its potentials h constant, and so the arm on a leaf, the set h(q) = c of
+the level c. J⁺ is the pseudoinverse, the usual strategy.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 A closed motion is K configurations q_k, one at each point x(s_k) of the path, with s from 0 to 1.
 Its cost, an augmented Lagrangian with the joint limits, is :class:`_Cost`. It is minimised by
-Newton steps along the null space of J, each followed by a correction back onto the path.
+Newton steps along the null space of J, each followed by a correction back onto the path. A
+self-motion moves the joints while the frame rests. J⁺ is the pseudoinverse of the Jacobian J.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Inverse kinematics of one placement: from several starts, or near one configuration."""
+"""Inverse kinematics of one placement: from several starts, or near one configuration.
+
+The task error is the difference of two placements in the coordinates of the task, m and rad; J⁺ is
+the pseudoinverse of the Jacobian.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Tube around configurations: the neighbourhood of a motion, such as one cycle on a path."""
+"""Tube around configurations: the neighbourhood of a motion, such as one cycle on a path.
+
+Quadrature nodes are configurations at which a design evaluates its cost; a weighted sum over them
+approximates the mean over the tube.
+"""
 
 from __future__ import annotations
 

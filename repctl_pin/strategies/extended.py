@@ -1,4 +1,7 @@
-"""The extended Jacobian of Baillieul: every motion keeps ``h = Nᵀ ∇U`` constant."""
+"""The extended Jacobian of Baillieul: every motion keeps ``h = Nᵀ ∇U`` constant.
+
+A motion keeps the r potentials h constant, so it stays on a leaf, the set h(q) = c.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Servo: one joint command per tick, from targets and measured joints; independent of ROS.
 
 A tick is one period of the control loop. A leaf is the set h(q) = c on which a repeatable inverse
-keeps the arm; its level c is the position of the elbow along the self-motion.
+keeps the arm; its level c is the position of the elbow along the self-motion. The clutch couples
+the arm's target to an operator's hand: while it is released, the hand moves freely.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 A leaf is the set h(q) = c on which a repeatable inverse keeps the arm. Its level c is the position
 of the elbow along the self-motion. A plan is a short motion that ends at rest. The work is done in
-C (native/governor.c), except for body distances, which Python computes.
+C (native/governor.c), except for body distances, which Python computes. Ω is the region of joint
+space for which the inverse was designed.
 """
 
 from __future__ import annotations

@@ -444,8 +444,8 @@ def moving_of(placements: Array) -> NDArray[np.bool_]:
 def poses_of(placements: Array) -> Array:
     """Convert rigid transforms (T, S, 4, 4) to positions and unit quaternions (T, S, 7).
 
-    The order is x, y, z, qx, qy, qz, qw. Of the two quaternions ±q of a rotation, the one nearer to
-    that of the previous sample is used, so that the page can interpolate.
+    The order is x, y, z, qx, qy, qz, qw. The quaternions ±q describe the same rotation; the one
+    nearer to that of the previous sample is used, so that the page can interpolate.
     """
     R, p = placements[..., :3, :3], placements[..., :3, 3]
     q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:-2], 4)
