@@ -4,7 +4,7 @@ The Lie bracket [g_a, g_b] of columns a and b of an inverse G is the joint motio
 loop of the frame along a, b, −a, −b, per area of the loop. Its part in the null space of J, the
 defect Δ_ab, is drift: the frame is back at its start, but the configuration is not. Numbers in
 parentheses, Corollary 1 and Proposition 1 are those of the paper (docs/notation.md). An inverse G
-of the Jacobian J has J G = I; J⁺ is the pseudoinverse.
+of the Jacobian J has J G = I; J⁺ is the pseudoinverse. An argument ``strategy`` is the inverse G.
 """
 
 from __future__ import annotations

@@ -668,6 +668,9 @@ def _key(task: Task) -> Hashable:
 
 
 def _mesh_files(description: Description, package_dirs: tuple[str, ...]) -> list[Path | None]:
-    """List the collision mesh files of a URDF, each once; None for a missing file."""
+    """List the collision mesh files of a URDF, each once; None for a missing file.
+
+    ``package_dirs`` are folders in which they are looked up, see :func:`find_mesh`.
+    """
     names = dict.fromkeys(solid.filename for solid in description.collisions if solid.filename)
     return [find_mesh(name, description.path, package_dirs) for name in names]

@@ -501,7 +501,8 @@ def _rows(
     """Make A, low and high of :class:`_Program` from the strips of :func:`_strips`.
 
     A row is a strip at one end of an interval of length h, with ``s̈ = (x₁ − x₀) / 2h`` from x at
-    its two ends. Strips without a finite bound give no row.
+    its two ends. Strips without a finite bound give no row. ``grid`` and ``scale`` (K,) are the
+    stages and the unit of each x.
     """
     from scipy.sparse import csr_array  # slow to import
 
