@@ -229,8 +229,8 @@ def differentiate(
 def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> tuple[Array, Array]:
     """Differentiate as :func:`differentiate` does, for one choice of the first steps (K, n).
 
-    ``function`` and Q are as there; ``first`` is the longest step along each joint. Return the
-    slopes (K, …, n) and their estimated errors (K, n).
+    ``function`` and Q are as for that function; ``first`` is the longest step along each joint.
+    Return the slopes (K, …, n) and their estimated errors (K, n).
     """
     K, n = Q.shape
     steps = first[:, None] * 2.0 ** -np.arange(_LEVELS)[:, None]  # (K, L, n)

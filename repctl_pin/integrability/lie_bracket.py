@@ -203,5 +203,8 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
 
 
 def _as_row(strategy: Inverse, q: ArrayLike) -> Array:
-    """Check the strategy and a configuration q, and return q as an array (1, n)."""
+    """Check the strategy and a configuration q, and return q as an array (1, n).
+
+    InputError is raised if the strategy is not an inverse, or q does not have n numbers.
+    """
     return vector(q, require_inverse(strategy).task.n, "q")[None]

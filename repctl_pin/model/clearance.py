@@ -237,7 +237,10 @@ class _Search:
         return _Pieces(begin, end, middle, half @ self._reach[pair], -none, none, center)
 
     def _halves(self, pair: int, pieces: _Pieces) -> _Pieces:
-        """Halve each piece at its middle, and return the halves."""
+        """Halve each piece at its middle, and return the halves: first halves, then second ones.
+
+        ``pair`` is the index of the pair of bodies whose distance the pieces bound.
+        """
         begin, end = np.stack([pieces.begin, pieces.middle]), np.stack([pieces.middle, pieces.end])
         halves = self._pieces(pair, begin.ravel(), end.ravel())
         moved = np.abs(halves.center - np.tile(pieces.center, (2, 1))).sum(axis=1)

@@ -37,8 +37,8 @@ def compiled_steps(
 ) -> Steps | None:
     """Create the function that integrates a strategy in C: (step, end, Q, Qdot) → int.
 
-    It takes the steps from ``step`` to ``end``, writes q and q̇ to the rows of Q and Qdot, and
-    returns the first step that was not taken.
+    That function takes the steps from ``step`` to ``end``, writes q and q̇ to the rows of Q and
+    Qdot, and returns the first step that was not taken.
 
     Return None without the native library, and for a strategy or task that runge_kutta.c does not
     support; :func:`follow` then takes the same steps in Python, more slowly.

@@ -78,8 +78,8 @@ def locked_steps(
 ) -> Advance:
     """Create the function that steps from point to point of a path on the leaf h(q) = c.
 
-    It maps (step of the cycle, q) to (next q, q̇, damping λ), where q̇ is the mean velocity of the
-    step. A step makes ``lock.corrections`` corrections, see :class:`LeafLock`.
+    That function maps (step of the cycle, q) to (next q, q̇, damping λ), where q̇ is the mean
+    velocity of the step. A step makes ``lock.corrections`` corrections, see :class:`LeafLock`.
 
     Parameters
     ----------

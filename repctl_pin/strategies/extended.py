@@ -1,6 +1,8 @@
 """The extended Jacobian of Baillieul: every motion keeps ``h = Nᵀ ∇U`` constant.
 
-A motion keeps the r potentials h constant, so it stays on a leaf, the set h(q) = c.
+U(q) is a function that is kept stationary, and N (n, r) a basis of the null space of J. The r
+potentials h are constant in a motion, which so stays on a leaf, the set h(q) = c. For r > 1, N is
+the basis closest to N_ref, the one at a reference configuration.
 """
 
 from __future__ import annotations

@@ -203,7 +203,11 @@ def _designed(
 
 
 def _evaluated(row: Row) -> Row:
-    """Add to a row the figures of its motion, and those of extensions, such as ``cycle_time``."""
+    """Return a row with further figures of its motion: body distance, violations, and others.
+
+    The others are those of extensions, such as ``cycle_time``. A row without a motion is returned
+    as it is.
+    """
     row = evaluated(row)
     for addition in parts("study_row"):
         row = addition(row)

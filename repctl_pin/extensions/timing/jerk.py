@@ -531,8 +531,8 @@ class _Stages:
     ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
         """Yield the rows ``(A + more) z ≤ bounds``, then ``(−A + more) z ≤ bounds``.
 
-        They are the two sides of a limit on an absolute value, ``|A z| ≤ bounds − more z``. A and
-        ``more`` are coefficients (I · joints, 4) at ``columns``; both items are as in
+        These rows are the two sides of a limit on an absolute value, ``|A z| ≤ bounds − more z``. A
+        and ``more`` are coefficients (I · joints, 4) at ``columns``; both items are as in
         :func:`_rows`.
         """
         for sign in (1, -1):
@@ -554,7 +554,7 @@ class _Stages:
 def _most_speed(path: _Path, limits: JointLimits, x0: Array, tight: Array) -> Array:
     """Compute the upper bounds (K − 2,) of x at the inner stages, in units of x̄ = ``x0`` (K − 2,).
 
-    They follow from the speed limits, from at most three times x̄ and, next to rest, from all
+    The bounds follow from the speed limits, from at most three times x̄ and, next to rest, from all
     limits, divided by ``tight``.
     """
     most = np.minimum(path.most[1:-1], 3 * x0) / x0

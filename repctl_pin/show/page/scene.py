@@ -204,7 +204,12 @@ class JointRows:
         return JointRows(task, rows, count)
 
     def described(self) -> dict[str, Any]:
-        """Describe the joints, without the rows, in plain types for JSON; None for no limit."""
+        """Describe the joints, without the rows, in plain types for JSON.
+
+        The keys are names, lower and upper limits (None for no limit), whether each joint is
+        revolute, the number of samples per cycle, and the factor, 0.001, by which the page's
+        script divides the rows.
+        """
         lower, upper = self.task.lower, self.task.upper
         return {
             "names": list(self.task.joint_names),
