@@ -1,4 +1,8 @@
-"""Derivative ∂G/∂q of an inverse, by a formula or by differences with an error estimate."""
+"""Derivative ∂G/∂q of an inverse, by a formula or by differences with an error estimate.
+
+An inverse G (n, m) of the Jacobian J (m, n) has J G = I; J⁺ is the pseudoinverse. A repeatable
+inverse keeps r potentials, functions h(q), constant. An argument ``strategy`` is the inverse G.
+"""
 
 from __future__ import annotations
 
@@ -225,8 +229,8 @@ def differentiate(
 def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> tuple[Array, Array]:
     """Differentiate as :func:`differentiate` does, for one choice of the first steps (K, n).
 
-    ``first`` is the longest step along each joint. Return the slopes (K, …, n) and their estimated
-    errors (K, n).
+    ``function`` and Q are as for that function; ``first`` is the longest step along each joint.
+    Return the slopes (K, …, n) and their estimated errors (K, n).
     """
     K, n = Q.shape
     steps = first[:, None] * 2.0 ** -np.arange(_LEVELS)[:, None]  # (K, L, n)

@@ -3,7 +3,8 @@
 The Lie bracket [g_a, g_b] of columns a and b of an inverse G is the joint motion left after a small
 loop of the frame along a, b, −a, −b, per area of the loop. Its part in the null space of J, the
 defect Δ_ab, is drift: the frame is back at its start, but the configuration is not. Numbers in
-parentheses, Corollary 1 and Proposition 1 are those of the paper (docs/notation.md).
+parentheses, Corollary 1 and Proposition 1 are those of the paper (docs/notation.md). An inverse G
+of the Jacobian J has J G = I; J⁺ is the pseudoinverse. An argument ``strategy`` is the inverse G.
 """
 
 from __future__ import annotations
@@ -202,5 +203,8 @@ def drift_per_area(strategy: Inverse, q: ArrayLike) -> Array:
 
 
 def _as_row(strategy: Inverse, q: ArrayLike) -> Array:
-    """Check the strategy and a configuration q, and return q as an array (1, n)."""
+    """Check the strategy and a configuration q, and return q as an array (1, n).
+
+    InputError is raised if the strategy is not an inverse, or q does not have n numbers.
+    """
     return vector(q, require_inverse(strategy).task.n, "q")[None]

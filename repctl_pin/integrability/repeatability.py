@@ -2,7 +2,8 @@
 
 A defect is the joint drift per area of a small loop of the frame, see :mod:`lie_bracket`. The
 relative defect at a configuration combines the defects of all directions into one number, per rad,
-which does not depend on units and task axes.
+which does not depend on units and task axes. An argument ``strategy`` is the inverse that is
+tested.
 """
 
 from __future__ import annotations

@@ -3,7 +3,9 @@
 The defects of G, joint drift per area of a small loop (see :mod:`lie_bracket`), are stacked in the
 function s(q). They can be 0 on a surface s(q) = 0 of joint space, the candidate. If motions of G
 that begin on this surface also stay on it, the surface is stable, and these motions are repeatable,
-although G is not. Numbers in parentheses are equations of the paper (docs/notation.md).
+although G is not. Numbers in parentheses are equations of the paper (docs/notation.md). An inverse
+G of the Jacobian J has J G = I; J⁺ is the pseudoinverse. An argument ``strategy`` is the inverse G,
+and ``function`` evaluates s and its error.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Minimum distances between a robot's collision bodies, and to its surroundings.
 
 A pair is two bodies, one of them on a link of the robot. A measured pair has a distance; other
-pairs are checked for collisions only, or not at all.
+pairs are checked for collisions only, or not at all. The P pairs that are checked are numbered from
+0. n is the number of joints of the task, N that of the collision model, mimic joints included.
 """
 
 from __future__ import annotations

@@ -128,6 +128,8 @@ def body_shape(
 ) -> BodyShape:
     """Create the collision body of a shape of the URDF; ``standing`` is True in the surroundings.
 
+    ``urdf`` is the file, and ``package_dirs`` are folders, from which meshes are looked up.
+
     Raises
     ------
     UnusableShape

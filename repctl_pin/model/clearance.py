@@ -1,6 +1,7 @@
 r"""Minimum body distance along a motion, at its samples and between them.
 
-A pair is two bodies. Between two samples, the joints move on a straight line. A pair's distance d
+A pair is two bodies. Between two samples, the joints move on a straight line. A position on the
+motion is a sample number, counted from 0; a fraction lies between two samples. A pair's distance d
 changes by at most ρ·\|q − x\| from the configuration x to q, where ρ_j bounds how far joint j moves
 the points of the two bodies against each other, per rad or m, see :meth:`.BodyBounds.reach`. A
 piece is a part of the motion whose configurations differ from its middle c by at most w_j in joint
@@ -220,9 +221,10 @@ class _Search:
         self._undecided = pair if self._undecided is None else self._undecided
 
     def _pieces(self, pair: int, begin: Array, end: Array) -> _Pieces:
-        """Make M pieces from the positions of their ends, ``begin`` (M,) and ``end`` (M,).
+        """Make M pieces of the motion, from the positions ``begin`` to ``end`` (M,).
 
-        Nothing is known of the pair's distance yet: its bounds are −inf and inf.
+        A position is a sample number; a fraction lies between two samples. Nothing is known of the
+        distance of ``pair``, an index, on these pieces yet: its bounds are −inf and inf.
         """
         middle = (begin + end) / 2
         long = end - begin > 1
@@ -235,7 +237,10 @@ class _Search:
         return _Pieces(begin, end, middle, half @ self._reach[pair], -none, none, center)
 
     def _halves(self, pair: int, pieces: _Pieces) -> _Pieces:
-        """Halve each piece at its middle, and return the halves."""
+        """Halve each piece at its middle, and return the halves: first halves, then second ones.
+
+        ``pair`` is the index of the pair of bodies whose distance the pieces bound.
+        """
         begin, end = np.stack([pieces.begin, pieces.middle]), np.stack([pieces.middle, pieces.end])
         halves = self._pieces(pair, begin.ravel(), end.ravel())
         moved = np.abs(halves.center - np.tile(pieces.center, (2, 1))).sum(axis=1)

@@ -412,8 +412,8 @@ class _CollisionModel:
     def _add_robot(self, task: Task) -> dict[str, Pair]:
         """Add the robot's bodies; return a dict of its unusable shapes, which are left out.
 
-        The key is the name of the mesh file or, of another shape, its own; the value is (link,
-        cause).
+        The key is the name of the mesh file, as in the URDF; for a box, sphere, cylinder or
+        capsule, it is :attr:`.Shape.name`. The value is a pair of texts: (name of the link, cause).
         """
         description = task.robot.description
         links = link_frames(self._model)
@@ -521,8 +521,9 @@ class _CollisionModel:
     def _moving_pairs(self, path: object) -> NDArray[np.intp]:
         """Return the pairs (P, 2) of bodies with a moving joint between them.
 
-        Pairs of the robot's own bodies come first. Other pairs never change their distance.
-        InputError is raised for over a million pairs.
+        Pairs of the robot's own bodies come first. Pairs without a moving joint between them never
+        change their distance. InputError is raised for over a million pairs; ``path`` is the URDF
+        file, which its message names.
         """
         joint = np.array(self._joint, np.intp)
         own = self._own
@@ -667,6 +668,9 @@ def _key(task: Task) -> Hashable:
 
 
 def _mesh_files(description: Description, package_dirs: tuple[str, ...]) -> list[Path | None]:
-    """List the collision mesh files of a URDF, each once; None for a missing file."""
+    """List the collision mesh files of a URDF, each once; None for a missing file.
+
+    ``package_dirs`` are folders in which they are looked up, see :func:`find_mesh`.
+    """
     names = dict.fromkeys(solid.filename for solid in description.collisions if solid.filename)
     return [find_mesh(name, description.path, package_dirs) for name in names]

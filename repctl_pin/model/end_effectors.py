@@ -178,9 +178,9 @@ def task_links(body: _Body) -> list[str]:
 def _only_collides(link: str, body: _Body) -> bool:
     """Test by its name whether a link only holds the collision shapes of another link.
 
-    Such a link is not drawn, and its name is that of the other link with a suffix, such as
-    ``link7_sc``, or contains ``collision``. A link ``tool0`` with a collision shape is not such a
-    link.
+    Such a link of ``body`` is not drawn, and its name is that of another of its links with a
+    suffix, such as ``link7_sc``, or contains ``collision``. A link ``tool0`` with a collision shape
+    is not such a link.
     """
     extends = any(link != other and link.startswith(other) for other in body.links)
     return link in body.shells and (extends or "collision" in words(link))

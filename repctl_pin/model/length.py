@@ -1,6 +1,7 @@
 """Arm length, comparable joint units, and the elbow joint.
 
-Lengths along the arm are sums of the distances between successive joints.
+Lengths along the arm are sums of the distances between successive joints. A self-motion moves the
+joints while the frame rests.
 """
 
 from __future__ import annotations

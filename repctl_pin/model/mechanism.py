@@ -1,4 +1,8 @@
-"""Joints of a robot, for tasks and drawings: limits, poses, and mimic joints."""
+"""Joints of a robot, for tasks and drawings: limits, poses, and mimic joints.
+
+A mimic joint follows another joint: its position is a multiple of that of the other joint, plus an
+offset. A locked joint is held at the reference pose.
+"""
 
 from __future__ import annotations
 

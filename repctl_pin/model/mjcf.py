@@ -57,7 +57,10 @@ class _Part:
 
 
 def urdf_of_file(path: Path, data: bytes, notes: list[str]) -> bytes:
-    """Convert an MJCF file to URDF text; a note on all that is left out is added to ``notes``.
+    """Convert an MJCF file to the text of a URDF, as bytes.
+
+    ``data`` is the content of the file ``path``. Notes on all that is left out, one text each, are
+    appended to the list ``notes``.
 
     Raises
     ------
@@ -81,9 +84,11 @@ def urdf_of_file(path: Path, data: bytes, notes: list[str]) -> bytes:
 
 
 def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> bytes:
-    """Convert a ``mujoco.MjModel`` to URDF text, with notes and errors of :func:`urdf_of_file`.
+    """Convert a ``mujoco.MjModel`` to the text of a URDF, as bytes.
 
-    ``folder`` contains the mesh files; without a folder, meshes are left out.
+    Notes on all that is left out, one text each, are appended to the list ``notes``. ``folder``
+    contains the mesh files; None leaves meshes out. UrdfError is raised for content that a tree of
+    revolute and prismatic joints cannot describe.
     """
     names = [model.body(b).name or f"body{b}" for b in range(model.nbody)]
     parts = [_Part(names[0], "", pin.SE3.Identity())]

@@ -1,4 +1,7 @@
-"""Robot from a URDF: joints, limits, frames and a reference pose."""
+"""Robot from a URDF: joints, limits, frames and a reference pose.
+
+A mimic joint follows another joint; a locked joint is held at the reference pose.
+"""
 
 from __future__ import annotations
 
@@ -588,7 +591,11 @@ def _frozen(values: Sequence[float] | NDArray[Any]) -> Array:
 def read_surroundings(
     path: str | Path, package_dirs: Sequence[str]
 ) -> tuple[Description, Sequence[str]]:
-    """Read the URDF of the surroundings; return it, and the folders in which its meshes may be."""
+    """Read the URDF of the surroundings; return it, and the folders in which its meshes may be.
+
+    These folders are those of :func:`default_package_dirs`. If the file is a xacro, its
+    ``$(find package)`` is looked up in ``package_dirs`` and then in them.
+    """
     beside = Path(os.path.expanduser(str(file_name(path, "surroundings"))))
     near = default_package_dirs(beside)
     return check_surroundings(read_urdf(beside, [*package_dirs, *near])), near

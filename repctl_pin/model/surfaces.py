@@ -107,7 +107,7 @@ def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
 
 
 def _cached(path: Path, most: int) -> Surface:
-    """Return the result of :func:`_read` from the mesh cache on disk, or read the file."""
+    """Return the result of :func:`_read`, from the mesh cache on disk if it is there."""
     arrays = cached(
         path,
         f"surface of at most {most} triangles",
@@ -197,7 +197,7 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
 
 
 def _parsed(trimesh: Any, file: io.BytesIO, file_type: str, resolver: _Beside) -> Any:
-    """Parse as :func:`_scene` does; ``trimesh`` is the imported module."""
+    """Parse an open file as :func:`_scene` does; ``trimesh`` is the imported module."""
     if file_type != "dae":
         return trimesh.load_scene(file, file_type=file_type, resolver=resolver, process=False)
     # load_scene does not pass process= on to the meshes of a COLLADA file

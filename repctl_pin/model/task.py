@@ -34,10 +34,10 @@ from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_be
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
-    """Return the remedy of a message: to give ``joints`` (n,), which the user gave in degrees.
+    """Write the remedy of an error for joint values that the user may have given in degrees.
 
-    ``joints`` are the user's values, converted from degrees to rad. The text is empty if they are
-    not within the limits ``lower`` and ``upper`` (n,), rad or m.
+    ``joints`` (n,) are these values, converted to rad; the remedy is to give them instead. The text
+    is empty if they are not within the limits ``lower`` and ``upper`` (n,), rad or m.
     """
     if not ((joints >= lower) & (joints <= upper)).all():
         return ""

@@ -214,8 +214,9 @@ def _still_notes(elements: Mapping[str, etree._Element]) -> list[str]:
 def _read(path: Path, package_dirs: Sequence[str]) -> bytes:
     """Read the content of a URDF or MJCF file; a .xacro file is expanded to a URDF.
 
-    UrdfError is raised if the path is not that of a readable regular file, or the content is too
-    large for a URDF.
+    ``package_dirs`` are folders in which the ``$(find package)`` of xacro is looked up. UrdfError
+    is raised if the path is not that of a readable regular file, or the content is too large for a
+    URDF.
     """
     try:
         if path.is_dir():

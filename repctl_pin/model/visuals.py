@@ -2,7 +2,9 @@
 
 Mesh files are read where they are drawn. A robot without shapes, and a link whose mesh is missing,
 are drawn from the kinematics: links as tubes, revolute joints as cylinders, and prismatic joints as
-sliders on rails. Surroundings are drawn by their collision shapes.
+sliders on rails. Surroundings are drawn by their collision shapes. An argument ``surfaces`` has the
+contents of the mesh files, by file; if it is None, the files are read. A placed shape is (shape,
+its placement on its link).
 """
 
 from __future__ import annotations

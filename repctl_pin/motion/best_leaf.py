@@ -3,7 +3,9 @@
 A self-motion is a curve of configurations with the frame at one pose. A repeatable inverse with the
 potentials h keeps the arm on a leaf, the set h(q) = c. Each start selects a leaf, and so the joint
 path of all cycles. The leaf margin ``σ_min(Nᵀ V̂)`` is the distance from a singularity of the
-inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised.
+inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised. Ω is the region of
+joint space for which the inverse was designed, and the desired inverse G_d the one that it
+approximates, usually the pseudoinverse J⁺.
 """
 
 from __future__ import annotations
@@ -351,7 +353,10 @@ class _Search:
     def improved(
         self, best: _LeafCandidate | None, starts: Iterable[Array | None], better: _Better
     ) -> _LeafCandidate | None:
-        """Return the best of ``best``, if any, and of the allowed ``starts``, by ``better``."""
+        """Return the best of ``best``, if any, and of the allowed ``starts``.
+
+        ``better`` is a function: it tells whether its first candidate is better than its second.
+        """
         for candidate in self.allowed(starts):
             best = candidate if best is None or better(candidate, best) else best
         return best
@@ -359,8 +364,9 @@ class _Search:
     def refined(self, best: _LeafCandidate, better: _Better) -> _LeafCandidate:
         """Improve the start ``best`` by a pattern search along the null vectors.
 
-        A candidate is replaced by a better one a step away; if there is none, the step is halved
-        until it is too short. Steps are in rad, or in arm lengths for prismatic joints.
+        A candidate is replaced by one a step away that is better, as the function ``better`` tells;
+        if there is none, the step is halved until it is too short. Steps are in rad, or in arm
+        lengths for prismatic joints.
         """
         target = self.path.placement(0.0)
         size = _STRIDE / 2

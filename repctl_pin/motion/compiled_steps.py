@@ -1,7 +1,8 @@
 """Runge–Kutta steps of the built-in controllers in the native library (runge_kutta.c).
 
 The same steps in Python would take most of the time of a study. A controller (a map from q and ẋ to
-q̇) that has no C code is integrated in Python by :mod:`follow`.
+q̇) that has no C code is integrated in Python by :mod:`follow`. J⁺ is the pseudoinverse of the
+Jacobian.
 """
 
 from __future__ import annotations
@@ -34,7 +35,10 @@ def compiled_steps(
     h: ArrayLike,
     most: Array,
 ) -> Steps | None:
-    """Create the function that integrates a strategy in C, see :data:`Steps`.
+    """Create the function that integrates a strategy in C: (step, end, Q, Qdot) → int.
+
+    That function takes the steps from ``step`` to ``end``, writes q and q̇ to the rows of Q and
+    Qdot, and returns the first step that was not taken.
 
     Return None without the native library, and for a strategy or task that runge_kutta.c does not
     support; :func:`follow` then takes the same steps in Python, more slowly.

@@ -1,6 +1,7 @@
 """Search for a circle that an arm can follow, of a given radius or the largest that fits.
 
-A study takes such a circle if the user names no path.
+A study takes such a circle if the user names no path. J⁺ is the pseudoinverse of the Jacobian J:
+the usual controller, of minimum joint speed.
 """
 
 from __future__ import annotations

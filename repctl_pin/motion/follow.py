@@ -2,6 +2,8 @@
 
 A strategy gives joint velocities q̇ from the configuration q and the task velocity ẋ. The path
 parameter s runs from 0 to 1 in each cycle; a cycle is divided into steps, which end at all corners.
+A repeatable strategy keeps its potentials h constant, and so the arm on a leaf, the set h(q) = c of
+the level c. J⁺ is the pseudoinverse, the usual strategy.
 """
 
 from __future__ import annotations
@@ -59,13 +61,14 @@ class _Method:
 
     Attributes
     ----------
-    advance : Advance
-        Function that takes one step in Python.
+    advance : function (step of the cycle, q) → (next q, q̇ at the start of the step, damping λ)
+        Takes one step in Python; with a leaf lock, q̇ is the mean over the step.
     at_end : function q → q̇, optional
         Velocity at the end of the motion; by default, q̇ there is that of the last step.
     compiled : function (most (n,)) → Steps or None
-        Creates the function that takes steps in C, or None if C does not support the strategy. It
-        stops before a step in which a joint moves by more than ``most``, rad or m.
+        Creates the function that takes steps in C, see :data:`.compiled_steps.Steps`, or None if C
+        does not support the strategy. The created function stops before a step in which a joint
+        moves by more than ``most``, rad or m.
     """
 
     advance: Advance

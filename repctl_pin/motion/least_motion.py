@@ -2,7 +2,8 @@
 
 A closed motion is K configurations q_k, one at each point x(s_k) of the path, with s from 0 to 1.
 Its cost, an augmented Lagrangian with the joint limits, is :class:`_Cost`. It is minimised by
-Newton steps along the null space of J, each followed by a correction back onto the path.
+Newton steps along the null space of J, each followed by a correction back onto the path. A
+self-motion moves the joints while the frame rests. J⁺ is the pseudoinverse of the Jacobian J.
 """
 
 from __future__ import annotations
@@ -202,11 +203,12 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
 class _Cost:
     """Augmented Lagrangian of a closed motion: a function of the K configurations q_k of its cycle.
 
-    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where w_k is ``weights``, and ``e_k`` is how far
-    ``q_k + λ_k / ρ_k`` exceeds the joint limits, narrowed by ``margin``. λ_k are the
-    ``multipliers`` of the limits, and ρ_k = ``stiffness · share``. ``targets`` are the placements
-    on the path. ``first`` is the index of the first configuration that is optimised: 0, or 1 if the
-    start is fixed.
+    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where w_k = 1 / (s_{k+1} − s_k) is ``weights``,
+    and ``e_k`` is how far ``q_k + λ_k / ρ_k`` exceeds the joint limits, narrowed by ``margin``. λ_k
+    are the ``multipliers`` of the limits, and ρ_k = ``stiffness · share``, where ``share`` (K,) is
+    the fraction of the cycle that point k stands for. ``targets`` are the placements on the path.
+    ``first`` is the index of the first configuration that is optimised: 0, or 1 if the start is
+    fixed.
     """
 
     task: Task

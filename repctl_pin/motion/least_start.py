@@ -3,7 +3,8 @@
 Other starts with the frame at the same placement lie on the self-motions of the given start. The
 closed motion of :mod:`least_motion` from each start shows what the best controller could reach. All
 motions here are such closed motions of minimum joint speed, of 24 points. A start is *freed* if it
-is optimised together with the motion, along its self-motions.
+is optimised together with the motion, along its self-motions. J⁺ is the pseudoinverse of the
+Jacobian J.
 """
 
 from __future__ import annotations

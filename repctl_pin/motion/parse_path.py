@@ -124,7 +124,8 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
 def _regular_polygon(corners: float, radius: float, text: str, blend: float) -> _Drawn:
     """Create the result of :func:`_drawn` for a regular polygon on a circle of a radius, m.
 
-    ``corners`` is their number, and ``text`` the whole name, for messages.
+    ``corners`` is their number, ``text`` the whole name, for messages, and ``blend`` the radius of
+    rounded corners, m.
     """
     if corners > MOST_POINTS:
         raise InputError(

@@ -57,9 +57,10 @@ def _walk(
 ) -> Iterator[Array]:
     """Yield the configurations (n,) of one walk from q (n,), see :func:`self_motions`.
 
-    ``along`` (n,) is the direction of the first step; each further step continues in the direction
-    of the last one, projected onto the null space. The walk ends after a length of 2π rad, at a
-    joint limit if ``limits`` is True, or where there is no next step.
+    ``stride`` is the length of a step, rad, and ``along`` (n,) the direction of the first; each
+    further step continues in the direction of the last one, projected onto the null space. The walk
+    ends after a length of 2π rad, at a joint limit if ``limits`` is True, or where there is no next
+    step.
     """
     L = joint_scale(task, q)
     for _ in range(int(2 * np.pi / stride)):

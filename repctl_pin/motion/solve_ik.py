@@ -1,4 +1,8 @@
-"""Inverse kinematics of one placement: from several starts, or near one configuration."""
+"""Inverse kinematics of one placement: from several starts, or near one configuration.
+
+The task error is the difference of two placements in the coordinates of the task, m and rad; J⁺ is
+the pseudoinverse of the Jacobian.
+"""
 
 from __future__ import annotations
 
@@ -141,8 +145,8 @@ def solve_near(
 ) -> Array:
     """Solve the inverse kinematics as :func:`solve_ik` does, but only from the start q0 (n,).
 
-    So the solution is near q0, as needed from point to point of a path. ``limits`` is True to
-    accept only a solution within the joint limits.
+    So the solution is near q0, as needed from point to point of a path. ``tolerance`` is as for
+    :func:`solve_ik`; ``limits`` is True to accept only a solution within the joint limits.
 
     Raises
     ------

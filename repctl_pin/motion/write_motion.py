@@ -1,4 +1,7 @@
-"""Writing of trajectory files: CSV, or ROS 2 JointTrajectory as YAML."""
+"""Writing of trajectory files: CSV, or ROS 2 JointTrajectory as YAML.
+
+A strategy is a controller, a map from the configuration and the task velocity to joint velocities.
+"""
 
 from __future__ import annotations
 

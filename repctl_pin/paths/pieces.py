@@ -93,7 +93,10 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **attributes: Any) -> Task
         return np.asarray(chebyshev.chebval(u, slopes[i] if slope else piece.coefficients))
 
     def spin(s: float) -> Array:
-        """Evaluate ω(s), the vector part of ``2 p′ p* / |p|²`` for the pieces' quaternion p(s)."""
+        """Evaluate ω(s) (3,), rad per cycle: the vector part of ``2 p′ p* / |p|²``.
+
+        p(s) is the quaternion of the pieces, p′ = dp/ds, and p* its conjugate.
+        """
         p, dp = at(s)[3:], at(s, slope=True)[3:]
         return 2 * (p[3] * dp[:3] - dp[3] * p[:3] - np.cross(dp[:3], p[:3])) / (p @ p)
 
@@ -121,7 +124,10 @@ def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> 
     )
 
     def arc(a: float, b: float) -> tuple[float, float]:
-        """Bound length and rotation; ``|ω| ≤ 2 |p′| / |p|`` for the quaternion p(s)."""
+        """Bound length, m, and rotation, rad, from s = a to b, within a smooth part of the path.
+
+        The rotation is bounded by ``|ω| ≤ 2 |p′| / |p|`` for the quaternion p(s), with ′ = d/ds.
+        """
         first, last = np.searchsorted(ends, [a, b]).tolist()
         length, turned = (rates[first : last + 1].max(axis=0) * (b - a)).tolist()
         if not turned:

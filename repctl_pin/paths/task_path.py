@@ -264,7 +264,7 @@ def _check_twist(path: TaskPath, size: float, samples: list[tuple[float, float]]
     """Raise InputError unless the twist is the derivative of the placement at samples (s, e).
 
     A wrong derivative would make every motion miss its path. It is compared with central
-    differences between s − e and s + e.
+    differences between s − e and s + e. ``size`` is that of the path, m, for the tolerance.
     """
     twists = np.array([path.twist(s) for s, _ in samples])
     differences = np.array(

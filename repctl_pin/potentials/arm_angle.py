@@ -1,4 +1,7 @@
-"""Arm angle: rotation of the elbow about the line from shoulder to wrist."""
+"""Arm angle: rotation of the elbow about the line from shoulder to wrist.
+
+A potential is a function of the configuration q that a repeatable controller keeps constant.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""User-defined potentials: plain functions of q."""
+"""User-defined potentials: plain functions of q.
+
+A potential is a function of the configuration q. A repeatable controller keeps r potentials h(q)
+constant, weighted sums of the N potentials of a basis.
+"""
 
 from __future__ import annotations
 

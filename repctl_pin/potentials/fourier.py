@@ -1,4 +1,8 @@
-"""Trigonometric potentials of selected joints, for regions that span large angles."""
+"""Trigonometric potentials of selected joints, for regions that span large angles.
+
+A potential is a function of the configuration q. A repeatable controller keeps r potentials h(q)
+constant, weighted sums of the N potentials of a basis.
+"""
 
 from __future__ import annotations
 

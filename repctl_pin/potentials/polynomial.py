@@ -1,4 +1,8 @@
-"""Polynomial potentials of some or all joints, orthonormal over a box."""
+"""Polynomial potentials of some or all joints, orthonormal over a box.
+
+A potential is a function of the configuration q. A repeatable controller keeps r potentials h(q)
+constant, weighted sums of the N potentials of a basis.
+"""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 V are the gradients of the r potentials that a repeatable inverse keeps constant. At an algorithmic
 singularity J has full rank, but J_V is singular, and the repeatable inverse does not exist. The
 leaf margin is the distance from such singularities. Numbers in parentheses are equations of the
-paper.
+paper. J (m, n) is the Jacobian, and V is (n, r) with r = n − m.
 """
 
 from __future__ import annotations

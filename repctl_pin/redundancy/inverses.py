@@ -1,8 +1,9 @@
 """Generalized inverses G of J: pseudoinverse, weighted pseudoinverse, null-space component.
 
-An inverse has J G = I, so that ``q̇ = G ẋ`` moves the frame with ẋ. The columns of N (n, r) are an
-orthonormal basis of the null space of J; W (m, r) is the null-space component of G:
-``G = J⁺ + N Wᵀ``. Numbers in parentheses, such as (21), are equations of the paper.
+J (m, n) is the Jacobian, J⁺ its pseudoinverse, and r = n − m. An inverse has J G = I, so that
+``q̇ = G ẋ`` moves the frame with ẋ. The columns of N (n, r) are an orthonormal basis of the null
+space of J; W (m, r) is the null-space component of G: ``G = J⁺ + N Wᵀ``. Numbers in parentheses,
+such as (21), are equations of the paper.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Null space of J: orthonormal basis N, smooth null vector for r = 1, alignment of bases.
 
-J is (m, n), and r = n − m. Numbers in parentheses, such as (12), are equations of the paper.
+J (m, n) is the Jacobian, and r = n − m. Numbers in parentheses, such as (12), are equations of
+the paper.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""Box in joint space, as a design region Ω."""
+"""Box in joint space, as a design region Ω.
+
+Quadrature nodes are configurations at which a design evaluates its cost; a weighted sum over them
+approximates the mean over Ω.
+"""
 
 from __future__ import annotations
 

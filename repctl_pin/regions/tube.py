@@ -1,4 +1,8 @@
-"""Tube around configurations: the neighbourhood of a motion, such as one cycle on a path."""
+"""Tube around configurations: the neighbourhood of a motion, such as one cycle on a path.
+
+Quadrature nodes are configurations at which a design evaluates its cost; a weighted sum over them
+approximates the mean over the tube.
+"""
 
 from __future__ import annotations
 
@@ -36,8 +40,8 @@ class Tube(Region):
     Parameters
     ----------
     samples : (S, n) array
-        Configurations along a motion, rad or m, spaced by less than the radius. Of more than 256,
-        256 evenly spaced ones are used.
+        Configurations along a motion, rad or m, spaced by less than the radius. If there are more
+        than 256, only 256 evenly spaced ones are used.
     radius : float or (n,) array
         Radius, rad (m for prismatic joints): one number for all joints, or one per joint.
     density : function, optional

@@ -55,7 +55,7 @@ class WorkspaceBox(Region):
     Attributes
     ----------
     center : (n,) array
-        Of 16 configurations in the region, the one nearest to the centre of ``within``.
+        The one nearest to the centre of ``within`` among 16 configurations in the region.
 
     Raises
     ------

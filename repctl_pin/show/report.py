@@ -1,4 +1,7 @@
-"""Report of a study as one HTML page: verdict, figures, and all data for repeating the study."""
+"""Report of a study as one HTML page: verdict, figures, and all data for repeating the study.
+
+J⁺ is the pseudoinverse, the usual controller, and Ω the region of joint space of the design.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The files of a study: animation, figures, and the motions as a CSV file."""
+"""The files of a study: animation, figures, and the motions as a CSV file.
+
+J⁺ is the pseudoinverse, the usual controller.
+"""
 
 from __future__ import annotations
 

@@ -157,6 +157,8 @@ class _Solution(Generic[D]):
     steps : int
         Number of iterations: accepted steps, and iterations that only lowered μ.
     converged : bool
+        True if a condition of convergence was met; False if the number of iterations was used up,
+        no step was accepted, or the merit at the start is infinite.
     """
 
     at: Point[D]

@@ -1,4 +1,8 @@
-"""Damping λ of a control step near singularities of J_V: the damped solution of ``J_V x = b``."""
+"""Damping λ of a control step near singularities of J_V: the damped solution of ``J_V x = b``.
+
+J_V = [J; Vᵀ] (n, n) is the Jacobian J above the gradients V of the potentials that a repeatable
+inverse keeps constant.
+"""
 
 from __future__ import annotations
 

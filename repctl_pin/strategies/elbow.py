@@ -179,15 +179,19 @@ class Elbow:
         return np.asarray(self._drive.derivatives(J))
 
     def _velocity(self, frame: int) -> Array:
-        """Return the Jacobian of the model's frame with index ``frame``, world axes.
+        """Return the Jacobian (6, N) of the model's frame with index ``frame``: rows of v, then ω.
 
-        Its shape is (6, joint velocities of the model).
+        v is the velocity of the frame's origin; v and ω are in world axes. N is the number of
+        joint velocities of the model.
         """
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return np.asarray(pin.getFrameJacobian(self._model, self._data, frame, axes))
 
     def _relative(self) -> tuple[Array, Array]:
-        """Return the base's rotation (3, 3), and the elbow's position (3,) in the base frame, m."""
+        """Return the base's rotation (3, 3), and the elbow's position (3,) in the base frame, m.
+
+        The rotation is relative to the root of the robot.
+        """
         p = self._data.oMf[self._frame].translation
         if self._base is None:
             return np.eye(3), p.copy()

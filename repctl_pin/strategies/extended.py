@@ -1,4 +1,9 @@
-"""The extended Jacobian of Baillieul: every motion keeps ``h = Nᵀ ∇U`` constant."""
+"""The extended Jacobian of Baillieul: every motion keeps ``h = Nᵀ ∇U`` constant.
+
+U(q) is a function that is kept stationary, and N (n, r) a basis of the null space of J. The r
+potentials h are constant in a motion, which so stays on a leaf, the set h(q) = c. For r > 1, N is
+the basis closest to N_ref, the one at a reference configuration.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """The control law of a repeatable inverse in the native library (arm.c), for one thread.
 
 The arguments of the C functions are in one block of memory, the struct Call, which is allocated
-once: a control loop then allocates nothing but its result.
+once: a control loop then allocates nothing but its result. The inverse keeps r potentials h(q)
+constant, with the gradients V = ∂hᵀ/∂q; a leaf is the set h(q) = c, and c (r,) its level.
 """
 
 from __future__ import annotations

@@ -147,7 +147,7 @@ def least_speed(
 ) -> Callable[[Array, Array], Array]:
     """Create the function (q, ẋ) → ``q̇ = z + J⁺ (ẋ − J z)`` with ``z = K (q_p − q)``.
 
-    Each thread requires a function of its own. It is computed in C (least_speed.c), or in NumPy if
+    Each thread requires a function of its own. q̇ is computed in C (least_speed.c), or in NumPy if
     there is no native library or C fails; NumPy's error then names the cause.
 
     Parameters

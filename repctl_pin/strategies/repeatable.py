@@ -4,7 +4,7 @@ So a closed path ends in the configuration it began in, if it can be shrunk to a
 closed paths whose motions all stay in Ω, the region of joint space of the design. h are r
 potentials, functions of q, with the gradients V = ∂hᵀ/∂q; the set h(q) = c is a leaf, and c its
 level. The augmented Jacobian is J_V = [J; Vᵀ]. Numbers in parentheses, such as (31), are equations
-of the paper.
+of the paper. A self-motion moves the joints while the frame rests.
 """
 
 from __future__ import annotations

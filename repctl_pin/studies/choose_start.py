@@ -3,7 +3,8 @@
 A start is the configuration q0 where a path begins. The default starts are the named poses of the
 robot (reference, ready, mid-range), then poses found by a search. A dexterous configuration is far
 from a singularity. The measure of this distance, ``dexterity_at``, is the ratio of the smallest to
-the largest singular value of J, with lengths divided by that of the arm.
+the largest singular value of J, with lengths divided by that of the arm. J⁺ is the pseudoinverse,
+the usual controller.
 """
 
 from __future__ import annotations

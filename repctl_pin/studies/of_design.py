@@ -1,4 +1,8 @@
-"""Problem that a design solves, optionally with another start or path."""
+"""Problem that a design solves, optionally with another start or path.
+
+The region Ω is the part of joint space for which the design was made. A self-motion moves the
+joints while the frame rests.
+"""
 
 from __future__ import annotations
 

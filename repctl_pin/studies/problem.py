@@ -1,7 +1,7 @@
 """A problem: task, start, closed path and region Ω, checked and complete.
 
 The region Ω is the part of joint space for which a controller is designed. Parts that are not given
-are chosen, by ``choose_task`` and ``choose_start``.
+are chosen, by ``choose_task`` and ``choose_start``. J⁺ is the pseudoinverse, the usual controller.
 """
 
 from __future__ import annotations

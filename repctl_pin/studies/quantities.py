@@ -2,7 +2,7 @@
 
 A strategy is one of the compared controllers, such as J⁺; a quantity is one number per strategy,
 such as the drift. Each quantity is declared here once, for the table of a study, its legend and its
-JSON.
+JSON. G_d is the desired inverse, which the design of the study approximates.
 """
 
 from __future__ import annotations

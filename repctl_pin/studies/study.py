@@ -2,7 +2,9 @@
 
 A strategy is a controller, such as J⁺ or the nearest repeatable inverse. A row has the result of
 one strategy: its motion, or the reason why it stopped. The design is the repeatable inverse made
-for the problem.
+for the problem. Ω is the region of joint space for which the design is made; its potentials are the
+functions of the joints that its motions keep constant. A self-motion moves the joints while the
+frame rests.
 """
 
 from __future__ import annotations
@@ -201,7 +203,11 @@ def _designed(
 
 
 def _evaluated(row: Row) -> Row:
-    """Add to a row the figures of its motion, and those of extensions, such as ``cycle_time``."""
+    """Return a row with further figures of its motion: body distance, violations, and others.
+
+    The others are those of extensions, such as ``cycle_time``. A row without a motion is returned
+    as it is.
+    """
     row = evaluated(row)
     for addition in parts("study_row"):
         row = addition(row)

@@ -2,7 +2,7 @@
 
 A strategy is one of the compared controllers, such as J⁺. The region Ω is the part of joint space
 for which the repeatable inverse was designed. The desired inverse G_d is the one that the design
-approximates.
+approximates. A potential is a function of the joints that the repeatable inverse keeps constant.
 """
 
 from __future__ import annotations

@@ -45,7 +45,8 @@ def answer(
     base
         Name of the only frame in which poses are accepted.
     leaf : (r,) array, optional
-        Level c, by default 0.
+        Level c, by default 0: it selects one of the configurations that reach a pose, and so
+        the position of the elbow along the self-motion.
     tool : pinocchio.SE3, optional
         Placement of a tool in the frame; the requested poses are then the tool's.
     """

@@ -1,7 +1,8 @@
 """Servo: one joint command per tick, from targets and measured joints; independent of ROS.
 
 A tick is one period of the control loop. A leaf is the set h(q) = c on which a repeatable inverse
-keeps the arm; its level c is the position of the elbow along the self-motion.
+keeps the arm; its level c is the position of the elbow along the self-motion. The clutch couples
+the arm's target to an operator's hand: while it is released, the hand moves freely.
 """
 
 from __future__ import annotations
@@ -540,7 +541,10 @@ class Servo:
         self._elbow.drop()
 
     def _replace(self) -> None:
-        """Drop the target and the twist, and release the clutch; keep the level and the elbow."""
+        """Drop the target and the twist of the last message, and release the clutch.
+
+        The next message replaces them. The level and the elbow's point are kept.
+        """
         self._target, self._twist, self._heard = None, None, 0.0
         self._hand, self._joined = None, False
         self._coupled = False

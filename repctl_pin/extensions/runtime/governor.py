@@ -2,7 +2,8 @@
 
 A leaf is the set h(q) = c on which a repeatable inverse keeps the arm. Its level c is the position
 of the elbow along the self-motion. A plan is a short motion that ends at rest. The work is done in
-C (native/governor.c), except for body distances, which Python computes.
+C (native/governor.c), except for body distances, which Python computes. Ω is the region of joint
+space for which the inverse was designed.
 """
 
 from __future__ import annotations
@@ -355,7 +356,10 @@ class Governor:
         self._on, self._said = True, Status.OK
 
     def _begin_at(self, q: Array, inside: Array) -> None:
-        """Begin in guard and C at q (n,), from which the arm first moves to ``inside`` (n,)."""
+        """Start C, and the guard of body distances, at q (n,); raise InputError if one refuses it.
+
+        If q is beyond a joint limit or its margin, the arm first moves straight to ``inside`` (n,).
+        """
         if self._guard is not None:
             self._guard.start(inside)
             way = np.linspace(q, inside, ROOM)
@@ -460,10 +464,11 @@ class Governor:
         return self._q.copy(), self._said
 
     def _allows(self, count: int, first: int) -> int:
-        """Tell C whether the guard allows the plan of ``count`` samples that C wrote: 1 or 0.
+        """Tell C whether a plan keeps all body distances: 1 if so, else 0.
 
-        C calls this in the middle of a tick; ``first`` is 1 for the first plan of the next motion.
-        The first error of a tick is kept, and raised by :meth:`_guarded_step`.
+        The plan is the first ``count`` samples in the memory that C shares with Python. C calls
+        this in the middle of a tick; ``first`` is 1 for the first plan of the next motion. The
+        first error of a tick is kept, and raised by :meth:`_guarded_step`.
         """
         if self._error is not None:
             return 0

@@ -2,7 +2,8 @@
 
 The end effector moves as if held by a spring and a damper, and the joints are pulled to the leaf
 h(q) = c. C is fast enough for a loop at 1 kHz; NumPy is the reference, and replaces C where it
-cannot be used.
+cannot be used. h are the r potentials that a repeatable inverse keeps constant, and c (r,) is the
+level of the leaf.
 """
 
 from __future__ import annotations

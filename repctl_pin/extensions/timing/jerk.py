@@ -11,6 +11,12 @@ x̄, ``J (3/2 x̄^−½ − 1/2 x x̄^−3/2)``, is a lower bound. With this bou
 solution of the linear program respects the limit at the stages. Between two stages x(s) is a
 parabola, so x″ is constant. In the first and last interval, which begin or end at rest, s⃛ is
 constant instead, hence ``x ∝ s^4/3`` with s counted from rest.
+
+Three arguments recur. ``ties`` are the indices of two stages that get equal x and x′, so that the
+profile between them, a cycle, can be repeated; empty if there is no such cycle. ``weights``, one
+per interval, multiply the times of the intervals: by the number of traversals of this cycle between
+the ties, by 1 elsewhere. ``tight``, one number per interval, at least 1, divides the limits of
+acceleration and jerk there; it is raised where a solution exceeds them between two stages.
 """
 
 from __future__ import annotations
@@ -211,10 +217,9 @@ def _converged(
     """Solve linear programs until the duration stops decreasing; return x and x′ at the K stages.
 
     Each program is linearised at the preceding solution, the first at ``x`` and ``slope``, with x =
-    ṡ² and slope = x′. On the line from one solution to the next, the point of shortest duration is
-    taken. ``ties`` are the indices of two stages with equal x and x′, or empty. ``weights``
-    (K - 1,) multiply the times of the intervals. ``tight`` (K - 1,), at least 1, divides the limits
-    of acceleration and jerk in each interval.
+    ṡ² and slope = x′. On the line from one solution to the next, the point of shortest duration,
+    weighted by ``weights`` (K - 1,), is taken. ``ties``, ``weights`` and ``tight`` are explained at
+    the top of this module. InputError is raised if a program has no solution.
     """
     took = np.inf
     for _ in range(_MOST_PROGRAMS):
@@ -480,8 +485,8 @@ def _rows(
     """Yield the rows ``A z ≤ b`` for the limits of speed, acceleration, torque and jerk.
 
     The unknowns z are x = ṡ² and x′ at the inner stages. Each item is a block of R rows, with the
-    three arrays of :class:`_Rows`. ``near`` is x̄ (K,), at which the jerk is linearised. ``tight``
-    (K - 1,) divides the limits of acceleration and jerk in each interval.
+    three arrays of :class:`_Rows`. ``near`` is x̄ (K,), at which the jerk is linearised, and
+    ``tight`` (K - 1,) divides the limits of acceleration and jerk in each interval.
     """
     assert limits.jerk is not None
     tight = tight[1:-1, None]
@@ -526,7 +531,8 @@ class _Stages:
     ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
         """Yield the rows ``(A + more) z ≤ bounds``, then ``(−A + more) z ≤ bounds``.
 
-        A and ``more`` are coefficients (I · joints, 4) at ``columns``; both items are as in
+        These rows are the two sides of a limit on an absolute value, ``|A z| ≤ bounds − more z``. A
+        and ``more`` are coefficients (I · joints, 4) at ``columns``; both items are as in
         :func:`_rows`.
         """
         for sign in (1, -1):
@@ -546,7 +552,11 @@ class _Stages:
 
 
 def _most_speed(path: _Path, limits: JointLimits, x0: Array, tight: Array) -> Array:
-    """Compute the upper bounds (K − 2,) of x at the inner stages, in units of x̄ = ``x0``."""
+    """Compute the upper bounds (K − 2,) of x at the inner stages, in units of x̄ = ``x0`` (K − 2,).
+
+    The bounds follow from the speed limits, from at most three times x̄ and, next to rest, from all
+    limits, divided by ``tight``.
+    """
     most = np.minimum(path.most[1:-1], 3 * x0) / x0
     h = np.diff(path.s)
     for end, step in ((0, h[0]), (-1, -h[-1])):

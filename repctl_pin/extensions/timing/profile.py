@@ -501,7 +501,8 @@ def _rows(
     """Make A, low and high of :class:`_Program` from the strips of :func:`_strips`.
 
     A row is a strip at one end of an interval of length h, with ``s̈ = (x₁ − x₀) / 2h`` from x at
-    its two ends. Strips without a finite bound give no row.
+    its two ends. Strips without a finite bound give no row. ``grid`` and ``scale`` (K,) are the
+    stages and the unit of each x.
     """
     from scipy.sparse import csr_array  # slow to import
 
@@ -582,9 +583,10 @@ def _inside_strips(
 ) -> tuple[Array, Array]:
     """Find the part of a line, τ from ``first`` to ``last`` (K,), that lies inside all n strips.
 
-    At the point τ of the line, each strip requires ``low ≤ foot + τ way ≤ high``. The arguments are
-    (K, n). ``size`` is the maximum of |way| over all directions of the line; a line with
-    ``way`` near 0 is parallel to the strip. The part is empty if first > last.
+    There is one line for each of K stages. At its point τ, strip j requires
+    ``low_j ≤ foot_j + τ way_j ≤ high_j``; all arguments are (K, n). ``size`` is the largest |way|
+    that a line of any direction can have: a line with ``way`` far below it is parallel to the
+    strip. Return (first, last), (K,) each; no part lies inside if first > last.
     """
     parallel = np.abs(way) < 1e-12 * size
     inside = (foot >= low - _TOUCHING) & (foot <= high + _TOUCHING)

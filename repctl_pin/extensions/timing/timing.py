@@ -323,7 +323,7 @@ def _sampled(
 
 
 def _whole_period(profile: Profile, dt: float, rate: float) -> tuple[int, float]:
-    """Compute the factor by which to stretch time so that a steady cycle takes whole samples.
+    """Find by which factor to stretch time so that a steady cycle is a whole number of samples.
 
     The factor also makes the limits hold between the stages. Return the number of samples of a
     steady cycle, and the factor. With fewer than three cycles there is no steady one, and the

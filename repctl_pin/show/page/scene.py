@@ -143,9 +143,10 @@ class Arm:
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
-    A page with all samples would be too large. Of more than 24 cycles, only the first, the last,
-    and every k-th cycle before the last are shown. Within a cycle, the samples are evenly spaced if
-    a divisor of the number of steps is at least half of the maximum, and nearly evenly otherwise.
+    A page with all samples would be too large. If there are more than 24 cycles, only the first,
+    the last, and every k-th cycle before the last are shown. Within a cycle, the samples are evenly
+    spaced if a divisor of the number of steps is at least half of the maximum, and nearly evenly
+    otherwise.
 
     Parameters
     ----------
@@ -203,7 +204,12 @@ class JointRows:
         return JointRows(task, rows, count)
 
     def described(self) -> dict[str, Any]:
-        """Describe the joints, without the rows, in plain types for JSON; None for no limit."""
+        """Describe the joints, without the rows, in plain types for JSON.
+
+        The keys are names, lower and upper limits (None for no limit), whether each joint is
+        revolute, the number of samples per cycle, and the factor, 0.001, by which the page's
+        script divides the rows.
+        """
         lower, upper = self.task.lower, self.task.upper
         return {
             "names": list(self.task.joint_names),
@@ -443,8 +449,8 @@ def moving_of(placements: Array) -> NDArray[np.bool_]:
 def poses_of(placements: Array) -> Array:
     """Convert rigid transforms (T, S, 4, 4) to positions and unit quaternions (T, S, 7).
 
-    The order is x, y, z, qx, qy, qz, qw. Of the two quaternions ±q of a rotation, the one nearer to
-    that of the previous sample is used, so that the page can interpolate.
+    The order is x, y, z, qx, qy, qz, qw. The quaternions ±q describe the same rotation; the one
+    nearer to that of the previous sample is used, so that the page can interpolate.
     """
     R, p = placements[..., :3, :3], placements[..., :3, 3]
     q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:-2], 4)

@@ -413,7 +413,10 @@ def png(figure: Figure, dpi: float = 150, **options: Any) -> bytes:
 def titled(
     width: float, height: float, title: str, layout: Literal["constrained"] | None = "constrained"
 ) -> Figure:
-    """Make an empty figure of a width and height in inches, with a title at its left."""
+    """Make an empty figure of a width and height in inches, with a title at its left.
+
+    ``layout`` is that of matplotlib's ``Figure``; None if the caller places the axes.
+    """
     figure = Figure(figsize=(width, height), layout=layout)
     place = {} if layout else {"y": 1 - _PAD / height}  # the layout moves it up
     if layout:  # which makes room for more lines

@@ -1,6 +1,7 @@
 """Sentences of the report: its glossary, and a description of each figure.
 
-The descriptions are alternative texts, for readers who cannot see the figures.
+The descriptions are alternative texts, for readers who cannot see the figures. J⁺ is the
+pseudoinverse, the usual controller.
 """
 
 from __future__ import annotations

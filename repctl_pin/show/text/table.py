@@ -1,7 +1,8 @@
 """Tables as aligned plain text for a terminal, for any cells and for a whole study.
 
 A span is a piece of text with a tone, which a terminal shows as colour. A strategy is a controller
-that a study compares; each strategy has a column.
+that a study compares; each strategy has a column. J⁺ is the pseudoinverse, the usual strategy, and
+Ω the region of joint space of the design.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 The exported program ``check.c`` calls the C functions with these inputs, and compares their results
 with those of Python. A status is the return value of a C function: OK, SINGULAR (the arm is near a
 singularity), BAD_NUMBER (an input is invalid) or OUTSIDE (q is outside the region of the design).
+A leaf is the set h(q) = c of r potentials h, which the inverse keeps constant; c (r,) is its level.
 """
 
 from __future__ import annotations
@@ -40,10 +41,10 @@ class Vector:
 
     ``xdot`` (m,) is ẋ for ``RepeatableInverse.velocity``. ``target``, ``dt``, ``twist``, ``leaf``,
     ``gain``, ``limit`` (the speed limits) and ``damping`` are arguments of
-    ``RepeatableInverse.step``; with ``stay_inside``, a step from outside the region, or beyond
-    joint limits, has the status OUTSIDE. ``joint_speed`` is q̇, ``M`` the inertia, ``bias`` the
-    gravity and velocity terms, and ``observer`` the observer's state (r,) for the torque law. An
-    input that is left out is None.
+    ``RepeatableInverse.step``, where ``leaf`` (r,) is the level c; with ``stay_inside``, a step
+    from outside the region, or beyond joint limits, has the status OUTSIDE. ``joint_speed`` is q̇,
+    ``M`` the inertia, ``bias`` the gravity and velocity terms, and ``observer`` the observer's
+    state (r,) for the torque law. An input that is left out is None.
     """
 
     q: Array
@@ -82,7 +83,10 @@ def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) ->
 
 
 def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generator) -> Vector:
-    """Sample the valid test vector number k at q (n,) or, for every sixth k, farther away."""
+    """Sample the valid test vector number k at q (n,); every sixth one at a distance from q.
+
+    The distance is random, about 1 rad or m per joint. All random numbers are drawn from ``rng``.
+    """
     task = inverse.task
     if k % 6 == 5:  # further outside
         q = q + rng.normal(size=task.n)
@@ -133,9 +137,9 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
     """Compute Python's results for a test vector, as a dict of statuses and outputs.
 
     The statuses are ``usable`` (OK if q is finite), ``inside`` (OUTSIDE beyond the region), and
-    ``velocity``, ``step`` and ``torque`` of these functions. The outputs are ``placement``, ``J``,
-    the level ``c``, ``qdot``, ``q_next``, ``tau`` and the ``observer``'s state. The output of a
-    function whose status is not OK is 0.
+    those of ``velocity`` and ``step`` of the inverse and of its torque law, ``torque``. The outputs
+    are ``placement``, ``J``, the level ``c`` of q, ``qdot``, ``q_next``, ``tau`` and the
+    ``observer``'s state. The output of a function whose status is not OK is 0.
     """
     task, q = inverse.task, vector.q
     # numbers that are not finite are refused by all functions
@@ -181,7 +185,8 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
 def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Array]:
     """Evaluate the torque law: return its status, τ (n,), and the observer's new state (r,).
 
-    The state is 0 for a vector without an observer, the estimator of disturbances.
+    The state is 0 for a vector without an observer, the estimator of disturbances. A vector without
+    a level stands for the level 0.
     """
     task, observer = inverse.task, None
     if vector.observer is not None:
