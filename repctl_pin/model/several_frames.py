@@ -1,4 +1,8 @@
-"""Task of several frames at once, with stacked Jacobians, Hessians and errors."""
+"""Task of several frames at once, with stacked Jacobians, Hessians and errors.
+
+The F frames are in a fixed order, and the rows of the first are on top. A frame can be controlled
+relative to a base of its own, another link. J is the Jacobian, and H its derivative by q.
+"""
 
 from __future__ import annotations
 

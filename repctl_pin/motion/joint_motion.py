@@ -1,4 +1,8 @@
-"""Joint motions over several cycles: speeds, limit margins, body distances and violations."""
+"""Joint motions over several cycles: speeds, limit margins, body distances and violations.
+
+A violation is a joint beyond its limit, or a collision of two bodies. A time in cycles has
+fractions: 2.5 is the middle of the third cycle.
+"""
 
 from __future__ import annotations
 

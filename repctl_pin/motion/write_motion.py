@@ -112,8 +112,8 @@ def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> Non
 def commanded(motion: Motion, strategy: Strategy) -> Motion:
     """Return a motion whose velocities are those that a strategy commands at its samples.
 
-    In a motion with a leaf lock, they replace the mean velocities of the steps. So a file has the
-    commands of the controller itself.
+    In a motion with a leaf lock, these velocities replace the mean velocities of the steps. So a
+    file has the commands of the controller itself.
     """
     period = (motion.t[-1] - motion.t[0]) / motion.cycles
     ends = (motion.t - motion.t[0]) / period % 1.0

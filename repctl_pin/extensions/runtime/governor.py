@@ -272,7 +272,7 @@ class Governor:
 
     @property
     def recovering(self) -> bool:
-        """True while a joint of the commanded configuration is beyond its limit less ``margin``."""
+        """True while a joint of the command is within ``margin`` of its limit, or beyond it."""
         self._check_started()
         return bool(((self._q < self._lower) | (self._q > self._upper)).any())
 

@@ -153,7 +153,7 @@ _LEAST = 1e-17
 
 
 def _top(curves: Sequence[_Curve]) -> float | None:
-    """Choose the upper end of a linear axis from the curves that :func:`_near` keeps.
+    """Choose the upper end of a linear axis, in its unit, from the curves that :func:`_near` keeps.
 
     The other curves then exceed the axis. The result is None if all curves are kept.
     """
