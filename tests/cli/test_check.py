@@ -106,7 +106,7 @@ def test_check_stays_inside_the_joint_limits_and_says_so(
 def test_check_refuses_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, word in (
         (["panda", "--weight", "heavy"], "neither inertia, limits, absolute, nor numbers"),
-        (["panda", "--weight", "1,2"], "must be 7 numbers or a symmetric"),
+        (["panda", "--weight", "1,2"], "give 7 numbers or a symmetric 7 × 7 matrix"),
         (["panda", "--weight=-1,1,1,1,1,1,1"], "positive definite"),
         (["panda", "--weight", "absolute"], "parallel axes"),
         (["ur5", "--task", "pose"], "r = 0"),

@@ -117,7 +117,7 @@ def test_the_way_to_another_leaf_begins_where_the_arm_is() -> None:
 @NEEDS_C
 def test_it_refuses_the_same_starts() -> None:
     governor, arm = rp.Governor(design().inverse, DT, LIMITS), Arm(design(), Q0 + 0.2)
-    with pytest.raises(rp.InputError, match="outside Ω") as caught:
+    with pytest.raises(rp.InputError, match="outside the region Ω") as caught:
         governor.start(Q0 + 0.2)
     assert arm.servo.state is State.WAITING and arm.servo.command is None
     assert arm.servo.reason == f"cannot start: {caught.value}"

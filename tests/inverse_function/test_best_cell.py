@@ -6,15 +6,11 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from arms import planar_task
 from commands import refused, told
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.place.posture_search import given
-from repctl_pin.extensions.cells.table import best_cell
-from repctl_pin.extensions.cells.table.approach import approach_axis, with_approach
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 
@@ -85,23 +81,6 @@ def test_a_singularity_between_the_points_of_the_rim_moves_the_box(seed: int) ->
     place = rp.best_cell(task, size, orientation="down", yaw=yaw, options=options)
     assert place.factor == 1 and place.reason == ""
     assert reaches_all(place)
-
-
-def test_a_singularity_inside_a_face_is_found() -> None:
-    """Oracle: J⁺ reaches the 26 points of the rim, but a design of this box fails at a singularity.
-    In the box around a middle 8 cm higher and 7 cm nearer to the axis, there is none."""
-    task = rp.Robot.load("kinova").task(None, "axis")
-    task = with_approach(task, approach_axis(task))
-    turn = pin.rpy.rpyToMatrix(0.0, 0.0, np.radians(141))
-    half = np.array([0.243, 0.474, 0.442]) / 2
-
-    def ratio(middle: tuple[float, float, float], q: list[float]) -> float:
-        cell = rp.Cell(task, pin.SE3(turn @ DOWN, np.array(middle)), half)
-        return best_cell._least_ratio(cell, given(cell, q))
-
-    q = [1.61, 3.44, 1.25, 0.0, 4.09, -1.82]
-    assert ratio((-0.374, 0.006, 0.222), q) < 1e-3
-    assert ratio((-0.3, 0.0, 0.3), q) > 0.02
 
 
 def test_the_edges_of_a_box_are_tried(panda_pose: rp.Task) -> None:

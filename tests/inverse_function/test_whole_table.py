@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import repctl_pin as rp
 from repctl_pin.extensions.cells.fit import trimming
-from repctl_pin.extensions.cells.table import approach, whole_table, windows
+from repctl_pin.extensions.cells.table import best_cell, whole_table, windows
 from repctl_pin.redundancy import leaf_margin
 
 FEW = rp.FitOptions(samples=128, held_out=256)
@@ -220,7 +220,7 @@ def test_a_cut_prefers_the_coordinate_that_counts_less() -> None:
 def test_a_posture_of_a_flood_is_turned_inside_the_limits(name: str) -> None:
     """Law: the frame turns about the arm's axis and its own approach axis, and nothing else."""
     task = rp.Robot.load(name).task()
-    task = approach.with_approach(task, approach.approach_axis(task))
+    task = best_cell.with_approach(task, best_cell.approach_axis(task))
     line, symmetries = whole_table._symmetries(task)
     rng = np.random.default_rng(5)
     for q in rng.uniform(task.reference - 1, task.reference + 1, (5, task.n)):
@@ -329,6 +329,24 @@ def test_no_arm_with_locked_joints_has_a_larger_table(name: str) -> None:
     place = rp.best_cell(rp.Robot.load(name).task(None, "axis"), orientation="down")
     assert place.table is not None and place.table.design is not place.table.straight
     assert place.table.locked is not None and place.table.larger is None
+
+
+@pytest.mark.slow
+def test_a_singularity_inside_a_face_is_found() -> None:
+    """Oracle: J⁺ reaches the 26 points of the rim, but a design of this box fails at a singularity.
+    In the box around a middle 8 cm higher and 7 cm nearer to the axis, there is none."""
+    task = rp.Robot.load("kinova").task(None, "axis")
+    task = best_cell.with_approach(task, best_cell.approach_axis(task))
+    turn = pin.rpy.rpyToMatrix(0.0, 0.0, np.radians(141))
+    half = np.array([0.243, 0.474, 0.442]) / 2
+
+    def ratio(middle: tuple[float, float, float], q: list[float]) -> float:
+        cell = rp.Cell(task, pin.SE3(turn @ np.diag([1.0, -1.0, -1.0]), np.array(middle)), half)
+        return best_cell._least_ratio(cell, rp.solve_ik(task, q, cell.placement))
+
+    q = [1.61, 3.44, 1.25, 0.0, 4.09, -1.82]
+    assert ratio((-0.374, 0.006, 0.222), q) < 1e-3
+    assert ratio((-0.3, 0.0, 0.3), q) > 0.02
 
 
 @pytest.mark.slow
@@ -505,9 +523,9 @@ def test_the_approach_axis_is_found(name: str, axis: str, why: str) -> None:
     """55.4: the axis of the last joint, on the side of the tool, by hand."""
     robot = rp.Robot.load(name)
     task = robot.task(robot.default_frame, "axis")
-    found = approach.approach_axis(task)
+    found = best_cell.approach_axis(task)
     assert found.axis == axis and why in found.why
-    turned = approach.with_approach(task, found)
+    turned = best_cell.with_approach(task, found)
     q = np.array(task.reference)
     own = task.placement(q).rotation @ found.rotation
     assert np.allclose(turned.placement(q).rotation, own, atol=1e-12)

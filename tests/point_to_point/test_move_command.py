@@ -88,7 +88,9 @@ def test_a_rate_that_loses_the_motion_between_two_rests_is_refused(
     """Item 26.18: ten samples between two rests, in a file; the rate that it names is taken."""
     assert move("--rate", "2", "--csv", "day.csv") == 2
     said = capsys.readouterr().err
-    found = re.search(r"samples per motion between two rests .* at least (\d+) per second", said)
+    found = re.search(
+        r"samples per motion between two rests .* at least (\d+) samples per second", said
+    )
     assert found is not None and not Path("day.csv").exists() and said.count("\n") == 1
     assert move("--rate", found[1], "--csv", "day.csv") == 0
     assert move("--jerk", "1e-12") == 2

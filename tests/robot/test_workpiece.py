@@ -300,7 +300,7 @@ def test_the_largest_sector_on_a_workpiece_is_refused_at_once(
     monkeypatch.chdir(tmp_path)
     command = ("cell", str(WELD), "--frame", "torch", "--task", "axis", "--down")
     said = refused(capsys, *command, "--on", "workpiece")
-    assert "'workpiece': joints of the task move that link" in said and "size" in said
+    assert "joints of the task move the link 'workpiece'" in said and "size" in said
     task = rp.Robot.load(WELD).task("torch", "axis", on="workpiece")
     with pytest.raises(rp.InputError, match="give the size of a box"):
         rp.best_cell(task, orientation="down")

@@ -246,7 +246,7 @@ def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.stl")
     expected = {
         "infinite.stl": "not finite",
-        "mesh.zip": "not one of",
+        "mesh.zip": "unsupported format",
         "huge.stl": "larger than 50 MB",
     }
     expected |= {"pipe.stl": "not a regular file"}

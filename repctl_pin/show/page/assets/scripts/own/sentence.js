@@ -186,7 +186,7 @@ function violationWords({ broken, under, lost }, cycles) {
   return [[` ${limitWords(broken)} in cycle ${broken.cycle} under ${under}.`, "bad"]];
 }
 
-// What happens in a cycle after those of which the sentence speaks: its bars are hatched or missing.
+// What happens in a later cycle, whose bars are hatched or missing.
 function laterWords({ broken, under, lost }, cycles) {
   if (!broken || broken.cycle <= cycles) return [];
   const what =
