@@ -95,9 +95,9 @@ def _run(
 def _law_of(strategy: Strategy) -> tuple[Any, dict[str, float], dict[str, Array]] | None:
     """Return the parts of the C struct LAW that depend on a strategy; None if C lacks its formula.
 
-    They are (struct :data:`ARM`, numbers, arrays). The numbers are ``on_leaf`` of a repeatable
-    inverse and ``gain`` of a posture control; the array ``posture`` (n,) is that of the latter. For
-    J⁺, both dicts are empty.
+    They are (struct :data:`ARM`, numbers, arrays). The numbers are ``on_leaf``, 1 for a repeatable
+    inverse, and ``gain`` of a posture control; the array ``posture`` (n,) is that of the latter.
+    For J⁺, both dicts are empty.
     """
     kind = type(strategy)
     if isinstance(strategy, RepeatableInverse) and kind is RepeatableInverse:

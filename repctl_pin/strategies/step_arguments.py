@@ -45,7 +45,7 @@ def step_limits(velocity_limit: ArrayLike | None, damping: float, n: int) -> Ste
 
 
 def as_joints(q: ArrayLike, n: int) -> Array:
-    """Convert q (n,) to an array of doubles; a given array of doubles passes unchecked."""
+    """Convert q (n,) to an array of doubles; one that is already (n,) doubles is returned as is."""
     if type(q) is ndarray and q.dtype is FLOAT and q.shape == (n,):
         return q
     return vector(q, n, "q")

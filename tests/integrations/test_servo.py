@@ -113,7 +113,7 @@ def test_targets_are_reached_on_one_leaf_within_the_limits(bench: Bench) -> None
 @pytest.mark.parametrize(
     ("position", "more", "said"),
     [
-        ((np.nan, 0, 0), {}, "target refused: its position and quaternion must be finite numbers"),
+        ((np.nan, 0, 0), {}, "target refused: a position or quaternion has numbers that"),
         ((1, 1, 0), {"frame": "camera"}, "it is in frame 'camera', not in 'base'"),
         ((1, 1, 0), {"age": 5.0}, "its stamp is 5 s before this clock"),
         ((1, 1, 0), {"age": -5000.0}, "its stamp is 5000 s ahead of this clock"),
@@ -634,7 +634,7 @@ def test_a_clutch_moves_the_arm_with_the_hand_and_stops_it(bench: Bench) -> None
     servo.hand(hand + 1, still, bench.now)
     assert np.abs(bench.run(0.05) - rest).max() < 1e-9 and servo.reason == ""
     servo.hand((np.nan, 0, 0), still, bench.now)
-    assert servo.reason == "hand pose refused: its position and quaternion must be finite numbers"
+    assert "hand pose refused: a position or quaternion has numbers that" in servo.reason
     servo.couple(True)
     servo.hold()
     servo.hand(hand, still, bench.now)

@@ -1535,7 +1535,7 @@ def test_saved_and_loaded_it_gives_the_same_bits(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"degrees": []}, "must name at least one degree"),
+        ({"degrees": []}, "must name at least one polynomial degree"),
         ({"degree": -1}, "the degree of a cell's polynomials must be a whole number from 0 up"),
         ({"degree": 10**9}, "can be at most 64"),
         ({"placement": np.diag([1.0, 1.0, -1.0, 1.0]).tolist()}, "is not a rotation matrix"),

@@ -291,6 +291,16 @@ def test_a_table_says_what_ends_it(panda_pose: rp.Task) -> None:
     assert "bodies keep 1 mm, because 5 mm would leave less than 85 %" in note(1.0, 1.0, 0.001)
 
 
+def test_polynomials_between_runs_hold_at_least_the_rectangle() -> None:
+    """Below the rectangle's lower end a wide run would lead to another branch of the mask."""
+    mask = np.zeros((40, 40), bool)
+    mask[:12], mask[:, 19:21] = True, True
+    mask[14:, 12:19], mask[14:, 21:28] = True, True
+    found = whole_table.rectangles(mask[None])
+    ends = whole_table.runs(mask, found.first[0], found.last[0])
+    assert whole_table.largest_between(ends).area > found.area[0] - 1e-6
+
+
 def test_a_node_is_free_if_bodies_are_apart_at_all_angles_of_a_range() -> None:
     near, out = np.zeros((2, 16, 1, 4), bool)
     near[4, 0, 1] = True  # at 90°

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import pickle
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -267,6 +269,51 @@ def test_a_fault_of_the_geometry_loses_no_command(
         assert (now == last).all() and status is other
         assert governor.nearest_bodies == untouched.nearest_bodies
     assert faults > 3
+
+
+def test_a_fault_at_a_later_question_of_a_tick_restores_what_the_guard_knows(
+    task: rp.Task, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At 20 Hz, a tick measures several times; the first measurements replace what is known."""
+    governor = rp.Governor(
+        control(task, Q0, rp.Polynomial(Q0, 2, 0.5)),
+        0.05,
+        LIMITS,
+        bodies=rp.Bodies(task),
+        body_distance=D,
+    )
+    governor.start(Q0)
+    assert governor._guard is not None
+    guard, rng = governor._guard, np.random.default_rng(0)
+    measure = guard._model.some_distances
+    faults = changed = calls = 0
+    known: dict[str, np.ndarray] = {}
+
+    def fails(*arguments: Any, **options: Any) -> Any:
+        nonlocal calls, changed
+        calls += 1
+        if calls == 1:
+            return measure(*arguments, **options)
+        now = guard.remembered()["known"]
+        changed += any((now[name] != values).any() for name, values in known.items())
+        raise RuntimeError("geometry")
+
+    for k in range(300):
+        if k % 5 == 0:
+            target = beyond(task, *rng.normal([0.0, 0.1], 0.2))
+        before, calls = guard.remembered(), 0
+        known = before["known"]
+        with monkeypatch.context() as patch:
+            patch.setattr(guard._model, "some_distances", fails)
+            with suppress(rp.RepctlError):
+                governor.step(target)
+                continue
+        faults += 1
+        after = guard.remembered()
+        assert all((after["known"][name] == values).all() for name, values in known.items())
+        assert all(after[name] == before[name] for name in ("nearest", "next"))
+        governor.step(target)
+    assert faults > 10 and changed > 3
 
 
 def test_a_failed_start_changes_nothing(task: rp.Task, monkeypatch: pytest.MonkeyPatch) -> None:

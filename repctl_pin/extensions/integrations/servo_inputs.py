@@ -195,8 +195,10 @@ def _placed(position: ArrayLike, quaternion: ArrayLike) -> pin.SE3:
     """
     p, x = np.array(position, float), np.array(quaternion, float)
     if not np.isfinite([*p, *x]).all():
-        raise InputError("its position and quaternion must be finite numbers")
+        raise InputError(
+            "a position or quaternion has numbers that are not finite; send finite numbers"
+        )
     norm = float(np.linalg.norm(x))
     if not abs(norm - 1) <= _UNIT:
-        raise InputError(f"its quaternion has norm {norm:.4g}, not 1; normalise it")
+        raise InputError(f"a quaternion has norm {norm:.4g}, not 1; normalise it")
     return pin.SE3(pin.Quaternion(x / norm).matrix(), p)

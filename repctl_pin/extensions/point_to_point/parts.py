@@ -128,7 +128,9 @@ def parts_of(
 
 
 def _part(last: int, curves: list[PPoly], lengths: list[float], passed: list[float]) -> Part:
-    """Join consecutive curves q(a), of the given lengths, m, into one part of the motion.
+    """Join consecutive curves q(a) into one part of the motion.
+
+    ``lengths`` are those of the tool's path, m.
 
     ``last`` is the index of the pose at the end of the part. ``passed`` are the distances from its
     start, m, at which the arm passes a pose without a rest.

@@ -163,7 +163,8 @@ class _Samples(NamedTuple):
     """K samples Q (K, n) of a lift, with bounds on their errors, and the path's arcs between them.
 
     ``arcs`` (K, F, 2) are the length, m, and the rotation, rad, of each of F frames until the next
-    sample. ``off`` (K,) bounds the task error, ``level_off`` (K, r) the error of the levels.
+    sample. ``off`` (K,) bounds the norm of the task error, m and rad; ``level_off`` (K, r) bounds
+    the error of each level, rad or m.
     """
 
     Q: Array

@@ -308,7 +308,8 @@ def joint_log(t: Any, q: Any, units: Array, levels: Any = None) -> JointLog:
         if added is None or added.ndim != 2 or len(added) != len(times):
             got = "others" if added is None else f"shape {added.shape}"
             raise InputError(
-                f"must have the levels as numbers ({len(times)}, k); got {got}", argument="log"
+                f"must have one row of levels per time, ({len(times)}, r); got {got}",
+                argument="log",
             )
         values = np.hstack([values, added])
     return _checked("log", times, values, units, True, None)

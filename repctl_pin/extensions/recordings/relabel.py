@@ -371,7 +371,7 @@ def relabel(
             raise InputError(
                 f"no frame has a configuration in the cell, {design.cell.size()} around "
                 f"{design.cell.where(np.zeros(design.cell.k))}",
-                remedy="use another cell or leaf",
+                remedy="use a cell around the recorded poses, or another level (leaf=)",
             )
         report("the ambiguity", 0.9)
         further = dict(zip(recording.further, others, strict=True))

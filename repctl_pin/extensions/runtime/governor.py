@@ -451,12 +451,15 @@ class Governor:
         """
         state, q = self._state.copy(), self._q.copy()
         self._error: BaseException | None = None
+        self._remembered: dict[str, Any] = {}
         try:
             status = self._native.call_governor_step(self._address, given)
             if self._error is not None:
                 raise self._error
         except BaseException:
             self._state[...], self._q[...] = state, q
+            if self._remembered:
+                guard.recall(self._remembered)
             raise
         finally:
             self._error = None
@@ -474,6 +477,8 @@ class Governor:
             return 0
         try:
             assert self._guard is not None
+            # as it was before the tick, whose first question this is
+            self._remembered = self._remembered or self._guard.remembered()
             if first:
                 self._guard.begin_tick()
             return int(self._guard.allows(self._samples[:count], self._ways[:count]))

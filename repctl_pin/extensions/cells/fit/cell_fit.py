@@ -145,7 +145,9 @@ class CellFit:
         return max(designs, key=lambda pair: _rank(pair[1], self.limit_margin))
 
     def good(self, found: _Found, *, bodies: bool = True) -> bool:
-        """Test whether a design covers the cell with good margins and low extra joint speed.
+        """Test whether a design covers the whole cell, far enough from limits and at a low cost.
+
+        The limit margin must be at least 40 % of the requested one.
 
         ``found`` can also be reasons for failure, which give False. With ``bodies=False``,
         collisions are allowed.

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ....base.arguments import Array, as_matrices, finite, read_only, vector
 from ....base.errors import InputError
@@ -453,12 +453,16 @@ def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
     largest = [_largest_steps(desired, box, free, k) for k in rows]
     fit = CellFit(desired, limit_margin=_MARGIN, held_out=_HELD_OUT, seed=seed, keep=False)
     stop: FailureReason | None = None
+    searched_regular = False
     for size in range(max(largest), 0, -1):
         places = [k for k, most in zip(rows, largest, strict=True) if most >= size]
         best, why = _best_place(fit, box, free, places, size)
+        others = np.setdiff1d(np.flatnonzero(free.steps >= size), places)
+        singular = best is None and why is not None and why.cause in _SINGULAR_CAUSES
         # once, because the search is slow
-        if best is None and stop is None and why is not None and why.cause in _SINGULAR_CAUSES:
-            best, _ = _best_place(fit, box, free, _regular(box, free, size, places), size)
+        if singular and len(others) and not searched_regular:
+            searched_regular = True
+            best, _ = _best_place(fit, box, free, _regular(box, free, size, others), size)
         stop = stop or why
         if best is not None:
             what = stop.what if stop is not None else ""
@@ -484,14 +488,13 @@ def _best_place(
     return None, stop
 
 
-def _regular(box: Cell, free: Grown, size: int, tried: list[int]) -> list[int]:
+def _regular(box: Cell, free: Grown, size: int, rows: NDArray[np.intp]) -> list[int]:
     """List places at which no singularity is found in the box, the farthest from one first.
 
     Singularities can meet a box between the points of its rim, which alone are tested before. They
-    are searched for at places with a box of ``size`` that were not ``tried``, rows of ``free``. The
-    first places are often all beside each other, and meet the same singularity: these are unlike.
+    are searched for at unlike places of ``rows`` (K,), rows of ``free``, because places beside each
+    other meet the same singularity. The box has ``size`` steps.
     """
-    rows = np.setdiff1d(np.flatnonzero(free.steps >= size), tried)
     rows = rows[unlike_rows(free.p[rows], _BESIDE * box.half_width.max(), _REGULAR)]
     ratios = [
         _least_ratio(_box_at(box, free.p[k], size / STEPS), free.Q[k]) for k in map(int, rows)

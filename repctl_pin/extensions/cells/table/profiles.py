@@ -87,15 +87,18 @@ def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp
     """Follow the runs of a mask (I, J) up and down from the middle of a rectangle: (J, 2).
 
     A run is a range of radii at one height whose nodes are all True. ``first`` and ``last`` are
-    opposite corners of the rectangle. At each height the run is taken that overlaps most with the
-    run before. A row of the result has the first and the last index of the run, or −1 without one.
+    opposite corners of the rectangle. At each of its heights, the run is taken that overlaps most
+    with the rectangle; beyond them, the one that overlaps most with the run before. A row of the
+    result has the first and the last index of the run, or −1 without one.
     """
     middle = int(first[1] + last[1]) // 2
+    rectangle = int(first[0]), int(last[0])
     found = np.full((mask.shape[1], 2), -1)
     for way in (1, -1):
-        run, j = (int(first[0]), int(last[0])), middle
+        run, j = rectangle, middle
         while 0 <= j < mask.shape[1]:
-            there = _overlapping(mask[:, j], *run)
+            within = first[1] <= j <= last[1]
+            there = _overlapping(mask[:, j], *(rectangle if within else run))
             if there is None:
                 break
             run = found[j] = there

@@ -158,8 +158,9 @@ class WholeTable(NamedTuple):
         Arm with locked joints that covers the largest share of the sector. Arms within the limits
         of joint speed come first; among equals, the arm with the lowest joint speed is chosen.
     larger : LockedJoints or None
-        An arm with locked joints that covers a larger sector, of any shape, within the limits of
-        joint speed at the nodes of the table; None if there is none.
+        An arm with locked joints that covers a larger sector, whose range of radius may depend on
+        the height, within the limits of joint speed at the nodes of the table; None if none was
+        found.
     reach, rectangle : float
         Area, radius times height, of all nodes that any flood reaches, and of the largest rectangle
         in a flood without collision, m².
@@ -344,11 +345,17 @@ def whole_table(
     design = _larger_design(fit, shaped, limits, straight)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
+    larger = _larger(table, locked, design, limits)
+    if larger is not None:
+        # from its configurations, a function of free joints may cover as much
+        place = _larger_place(table, line, symmetries, larger)
+        design = _larger_design(fit, [place], limits, design)
+        larger = _larger(table, locked, design, limits)
     return WholeTable(
         design,
         straight,
         _best_locked(table, locked, design, limits),
-        _larger(table, locked, design, limits),
+        None if larger is None else larger.arm,
         reach,
         float(rectangle * SPACING**2),
         float(within.area.max() * SPACING**2),
@@ -470,7 +477,7 @@ def _places(
     rating: Array,
     sector: Callable[[int, tuple[float, float]], Cell],
 ) -> list[_Place]:
-    """Make the places with the best ratings (K,) of K openings, the best first.
+    """Make the places (sector and posture) with the largest ratings (K,) of K openings, in order.
 
     A place is left out if its posture, of ``postures`` (K, n), is near that of a better place.
     ``sector(k, turns)`` makes the sector of the opening k, turned by two angles, rad: about the
@@ -638,7 +645,9 @@ def _speeds(floods: _Floods, cell: Cell) -> Array:
 
 
 def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
-    """Evaluate the mean extra joint speed, as a fraction, over one rectangle per opening: (K,).
+    """Evaluate the extra joint speed over one rectangle per opening: (K,).
+
+    It is the root mean square joint speed relative to that of J⁺, minus 1.
 
     ``own`` and ``usual`` are (K, I, J).
     """
@@ -1157,31 +1166,53 @@ def _best_locked(
     return best
 
 
-def _larger(
-    table: Table, locked: _Floods, design: CellDesign, limits: Required
-) -> LockedJoints | None:
-    """Find an arm with locked joints that covers a larger sector than a design's, or None.
+def _larger(table: Table, locked: _Floods, design: CellDesign, limits: Required) -> _Larger | None:
+    """Search for an arm with locked joints that covers a larger sector than a design's.
 
-    The range of radius of its sector may depend on the height. At all nodes of this sector, joint
-    speed is within the limits, and bodies are apart at all angles of the design's sector.
+    Floods with different configurations in their middles are compared; None if none is larger. The
+    range of radius of the sector may depend on the height. At the nodes of this sector, joint speed
+    is within the limits, and bodies are apart at all angles of the design's sector.
     """
     cell = design.function.chart.cell
     assert isinstance(cell, Sector), "a table is a sector"
     least = area_of(design.cell) * (1 + _ALMOST) / SPACING**2
     # the joint speed of a locked arm is known, so that no share of its limit is spared
     exact = limits._replace(worst=limits.worst / _SPARE)
-    floods = _unlike(table, locked)
+    found = rectangles(locked.reached)
+    order = np.argsort(-found.area, kind="stable")
+    # joints that do not move the task count, too: they move bodies
+    order = order[unlike_rows(locked.middles(found)[1][order], _ALIKE, _SETS)]
     best = None
-    for k, flood in enumerate(floods.Q):
-        own, usual = _locked_speeds(table, floods, k, cell)
+    for k in map(int, order):
+        own, usual = _locked_speeds(table, locked, k, cell)
         # without bodies first, because they are slow to test
-        if _affordable_between(floods.reached[k], own, usual, exact, least).area > least:
-            clear = shut(table, flood, limits.distance).free(_angles(table, cell))
-            found = _affordable_between(clear, own, usual, exact, least)
-            if found.area > least:
-                one = _locked_arm(table, floods, k, cell, found.inside(table.shape))
-                best, least = one._replace(area=found.area * SPACING**2), found.area
+        if _affordable_between(locked.reached[k], own, usual, exact, least).area > least:
+            clear = shut(table, locked.Q[k], limits.distance).free(_angles(table, cell))
+            between = _affordable_between(clear, own, usual, exact, least)
+            if between.area > least:
+                one = _locked_arm(table, locked, k, cell, between.inside(table.shape))
+                one = one._replace(area=between.area * SPACING**2)
+                best = _Larger(one, between, locked.Q[k][between.middle])
+                least = between.area
     return best
+
+
+class _Larger(NamedTuple):
+    """Arm with locked joints, its sector, and the configuration (n,) in the middle of it."""
+
+    arm: LockedJoints
+    found: Between
+    posture: Array
+
+
+def _larger_place(
+    table: Table, line: Array, symmetries: tuple[Symmetry, ...], larger: _Larger
+) -> _Place:
+    """Make the place of the sector of an arm with locked joints, for a function of free joints."""
+    q, turns = _central(table.task, symmetries, larger.posture)
+    first, last = (np.array([0, j]) for j in (larger.found.first, larger.found.last))
+    cell = _sector(table, line, symmetries, first, last, turns, larger.found)
+    return _Place(cell, q, larger.arm.area)
 
 
 def _locked_speeds(table: Table, locked: _Floods, k: int, cell: Sector) -> Array:

@@ -17,8 +17,8 @@ def open_data_set(
 ) -> tuple[DataSet, Sequence[str] | None]:
     """Open a data set; return it, and the names of the numbers in its column of joints, if given.
 
-    ``joints`` are these names; for an HDF5 file, a single name is that of the array of joints
-    itself. Without names, the second result is None.
+    ``joints`` are these names. For an HDF5 file, a single name is that of the array of joints, and
+    is used to open it. The second result is None without names of numbers.
     """
     if path.is_dir():
         return LeRobotData(path), joints

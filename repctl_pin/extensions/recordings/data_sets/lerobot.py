@@ -302,7 +302,11 @@ def _statistic(key: str, X: Array, file: Path) -> Array:
 def _lines(
     file: Path, columns: Mapping[str, Array], episodes: Column, removed: Collection[str]
 ) -> str:
-    """Recompute the statistics of each demonstration; return the new file's text, JSON lines."""
+    """Recompute the statistics of each demonstration; return the new file's text, JSON lines.
+
+    ``columns`` are the new values by name, ``episodes`` the number of the demonstration of each
+    row; ``removed`` are the columns without statistics from now on.
+    """
 
     def line(text: str) -> str:
         try:
