@@ -168,8 +168,8 @@ function notesOf(arms, runs, cycles) {
   const notes = runs.length > 1 ? [[speedWords(runs.at(-1), runs[0], cycles)]] : [];
   const violations = runs.flatMap(({ data }) => violationWords(data, cycles));
   const later = runs.flatMap(({ data }) => laterWords(data, cycles));
-  const when = later.length ? ` in ${cycles === 1 ? "cycle 1" : `the first ${cycles} cycles`}` : "";
-  notes.push(...(violations.length ? violations : [[` Joint limits are kept${when}.`]]), ...later);
+  const limits = [...violations, ...later];
+  notes.push(...(limits.length ? limits : [[" Joint limits are kept."]]));
   const margin = Math.min(...runs.map((run) => run.margin));
   const where = margin >= FAR ? "stays far from" : "comes near to";
   const scale = `${margin.toFixed(2)} (1 is best, 0 fails)`;
