@@ -227,14 +227,12 @@ class CellProof:
         near &= np.isfinite(slopes).all(axis=(1, 2))
         return np.where(near[:, None, None], shift, 0.0)
 
-    def _cell_struct(self) -> ctypes.Structure:
-        """Create the C struct CELL, which holds the chain, the chart, the poses and the bounds."""
-        chain, poses, parts = self.chain, self.poses, self.polynomials
-        k, kind = self.cell.k, self.task.kind
-        # tables of monomials
+    def _tables(self) -> dict[str, ArrayLike]:
+        """Return the integer tables of the C struct CELL: monomials, and which ones are used."""
+        k, parts = self.cell.k, self.polynomials
         made = Monomials(k, max(self.chart.monomials.degree, ORDER))
         models = Monomials(k, ORDER)
-        ints: dict[str, ArrayLike] = {
+        return {
             "parent": made.parent,
             "variable": made.variable,
             "used": parts.used,
@@ -242,6 +240,11 @@ class CellProof:
             "beneath": models.lower,
             "powers": models.exponents.T,
         }
+
+    def _cell_struct(self) -> ctypes.Structure:
+        """Create the C struct CELL, which holds the chain, the chart, the poses and the bounds."""
+        chain, poses, parts = self.chain, self.poses, self.polynomials
+        kind = self.task.kind
         # bounds of the chart, the joints and the tool
         reals: dict[str, ArrayLike] = {
             "parts": np.moveaxis(parts.parts, 1, 0),
@@ -276,7 +279,7 @@ class CellProof:
             "tool": tool_reach(chain),
             "columns": float(np.abs(chain.S).sum(axis=0).max()),
         }
-        return filled_struct(CELL, ints, reals, scalars)[0]
+        return filled_struct(CELL, self._tables(), reals, scalars)[0]
 
 
 def _tips(chain: Chain, farthest: Array) -> Array:

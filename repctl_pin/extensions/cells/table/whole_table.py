@@ -340,28 +340,47 @@ def whole_table(
     if area_of(straight.cell) < _MUCH * rectangle * SPACING**2 and _at_bodies(straight):
         straight = _farther_from_bodies(fit, ranked[0], limits, report, straight)
     report("a range of radius for each height", 0.85)
-    worth = _worth(straight)
-    shaped = _shaped_places(table, tested, openings, speeds, limits, line, symmetries, worth)
+    shaped = _shaped_places(
+        table, tested, openings, speeds, limits, line, symmetries, _worth(straight)
+    )
     design = _larger_design(fit, shaped, limits, straight)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
-    larger = _larger(table, locked, design, limits)
-    if larger is not None:
-        # from its configurations, a function of free joints may cover as much
-        place = _larger_place(table, line, symmetries, larger)
-        design = _larger_design(fit, [place], limits, design)
-        larger = _larger(table, locked, design, limits)
+    design, larger = _at_least_locked(fit, table, locked, design, limits, line, symmetries)
     return WholeTable(
         design,
         straight,
         _best_locked(table, locked, design, limits),
-        None if larger is None else larger.arm,
+        larger,
         reach,
         float(rectangle * SPACING**2),
         float(within.area.max() * SPACING**2),
         list(openings.clear),
         table,
     )
+
+
+def _at_least_locked(
+    fit: CellFit,
+    table: Table,
+    locked: _Floods,
+    design: CellDesign,
+    limits: Required,
+    line: Array,
+    symmetries: tuple[Symmetry, ...],
+) -> tuple[CellDesign, LockedJoints | None]:
+    """Return a design that covers as much as arms with locked joints, if one is found.
+
+    Also return an arm with locked joints that still covers a larger sector, or None. If an arm
+    covers more than the given design, a function of free joints is designed from its
+    configurations.
+    """
+    larger = _larger(table, locked, design, limits)
+    if larger is not None:
+        place = _larger_place(table, line, symmetries, larger)
+        design = _larger_design(fit, [place], limits, design)
+        larger = _larger(table, locked, design, limits)
+    return design, None if larger is None else larger.arm
 
 
 def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
