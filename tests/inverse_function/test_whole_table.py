@@ -325,8 +325,9 @@ def test_an_arm_with_locked_joints_that_covers_more_is_reported(panda_pose: rp.T
     middle = pin.SE3(down, np.array([0.5, 0.0, 0.35]))
     cell = rp.Sector(task, middle, radius=0.05, height=0.05, angle="all")
     design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, options=FEW)
-    found = whole_table._larger(table, floods, design, whole_table.Required(0.5, 2.0, 0.005))
-    assert found is not None and found.area > 4 * 0.05 * 0.05 * 1.02
+    larger = whole_table._larger(table, floods, design, whole_table.Required(0.5, 2.0, 0.005))
+    assert larger is not None and larger.arm.area > 4 * 0.05 * 0.05 * 1.02
+    found = larger.arm
     assert len(found.joints) == task.r and 0 <= found.extra <= 0.5 and found.worst <= 2.0
     dear = whole_table.Required(-1.0, 2.0, 0.005)
     assert whole_table._larger(table, floods, design, dear) is None
