@@ -47,9 +47,10 @@ def timed(
     """Time a motion's joint path from rest to rest, as quickly as the limits allow.
 
     The duration is minimised with ``|q̇| ≤ velocity``, ``|q̈| ≤ acceleration`` and, if given,
-    ``|q⃛| ≤ jerk`` and ``|τ(q, q̇, q̈)| ≤ τ_max``: by one linear program, or by several with a limit
-    of jerk. The first cycle speeds up and the last slows down. If the motion closes, all cycles in
-    between are identical. The arm stops at sharp corners; use ``blend=`` of the path to round them.
+    ``|q⃛| ≤ jerk`` and ``|τ(q, q̇, q̈)| ≤ τ_max``: by one linear program, or by several with a
+    limit of jerk. The first cycle speeds up and the last slows down. If the motion closes, all
+    cycles in between are identical. The arm stops at sharp corners; use ``blend=`` of the path to
+    round them.
 
     Parameters
     ----------

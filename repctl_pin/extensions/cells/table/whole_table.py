@@ -564,8 +564,7 @@ def _shaped_places(
             postures[k] = Q[found.middle]
 
     def sector(k: int, turns: tuple[float, float]) -> Cell:
-        first, last = (np.array([0, j]) for j in (every[k].first, every[k].last))
-        return _sector(table, line, symmetries, first, last, turns, every[k])
+        return _shaped_sector(table, line, symmetries, every[k], turns)
 
     return _places(table, openings, symmetries, postures, rating, sector)
 
@@ -1109,6 +1108,18 @@ def _sector(
     return reduced(sector, Pseudoinverse(table.task))
 
 
+def _shaped_sector(
+    table: Table,
+    line: Array,
+    symmetries: tuple[Symmetry, ...],
+    found: Between,
+    turns: tuple[float, float],
+) -> Cell:
+    """Make the sector between two polynomials of the height, see :func:`_sector`."""
+    first, last = (np.array([0, j]) for j in (found.first, found.last))
+    return _sector(table, line, symmetries, first, last, turns, found)
+
+
 def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
     """Add floods with locked joints that begin in the middle of a design's sector.
 
@@ -1185,6 +1196,14 @@ def _best_locked(
     return best
 
 
+class _Larger(NamedTuple):
+    """Arm with locked joints, its sector, and the configuration (n,) in the middle of it."""
+
+    arm: LockedJoints
+    found: Between
+    posture: Array
+
+
 def _larger(table: Table, locked: _Floods, design: CellDesign, limits: Required) -> _Larger | None:
     """Search for an arm with locked joints that covers a larger sector than a design's.
 
@@ -1216,21 +1235,12 @@ def _larger(table: Table, locked: _Floods, design: CellDesign, limits: Required)
     return best
 
 
-class _Larger(NamedTuple):
-    """Arm with locked joints, its sector, and the configuration (n,) in the middle of it."""
-
-    arm: LockedJoints
-    found: Between
-    posture: Array
-
-
 def _larger_place(
     table: Table, line: Array, symmetries: tuple[Symmetry, ...], larger: _Larger
 ) -> _Place:
     """Make the place of the sector of an arm with locked joints, for a function of free joints."""
     q, turns = _central(table.task, symmetries, larger.posture)
-    first, last = (np.array([0, j]) for j in (larger.found.first, larger.found.last))
-    cell = _sector(table, line, symmetries, first, last, turns, larger.found)
+    cell = _shaped_sector(table, line, symmetries, larger.found, turns)
     return _Place(cell, q, larger.arm.area)
 
 
