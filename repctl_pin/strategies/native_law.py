@@ -42,9 +42,10 @@ def holding_library() -> ctypes.PyDLL:
 def call_memory(task: Task, arm: Any, **more: Array) -> tuple[dict[str, Array], Any]:
     """Allocate the arguments of C functions for one thread: the struct Call of law_calls.c.
 
-    Returns the arrays by the names of the struct's members, and a pointer to the struct, the
-    argument of the C functions. ``more`` are arrays for further members. The memory is allocated
-    once, because allocation takes longer than the arithmetic of a step.
+    ``arm`` is the struct ARM, and ``more`` are arrays for further members of Call, by name. Return
+    the arrays of all members by name, and a pointer to the struct, which is the argument of the C
+    functions. The memory is allocated once, because allocation takes longer than the arithmetic of
+    a step.
     """
     n, m, r = task.n, task.m, task.r
     sizes = {"q": n, "xdot": m, "twist": task.twist_size, "leaf": r, "limit": n}
