@@ -304,7 +304,8 @@ def violations_of(motion: JointMotion) -> tuple[Violation, ...]:
 def checked_words(motion: JointMotion) -> str:
     """Return the text " at N points" to qualify a body distance that was only sampled.
 
-    The text is empty if the distance holds between the samples too, and after a collision.
+    The text is empty if the distance also holds between the samples, and for a motion with a
+    collision.
     """
     found = motion.clearance
     return "" if found.between or found.touch else f" at {found.points:,} points"

@@ -203,12 +203,12 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
 class _Cost:
     """Augmented Lagrangian of a closed motion: a function of the K configurations q_k of its cycle.
 
-    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where w_k = 1 / (s_{k+1} − s_k) is ``weights``,
-    and ``e_k`` is how far ``q_k + λ_k / ρ_k`` exceeds the joint limits, narrowed by ``margin``. λ_k
-    are the ``multipliers`` of the limits, and ρ_k = ``stiffness · share``, where ``share`` (K,) is
-    the fraction of the cycle that point k stands for. ``targets`` are the placements on the path.
-    ``first`` is the index of the first configuration that is optimised: 0, or 1 if the start is
-    fixed.
+    It is ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``. The ``weights`` are
+    w_k = 1 / (s_{k+1} − s_k). ``e_k`` (n,) is how far ``q_k + λ_k / ρ_k`` exceeds the joint limits,
+    which are narrowed by ``margin``, rad or m. λ_k (n,) are the ``multipliers`` of the limits, and
+    ρ_k = ``stiffness · share``, where ``share`` (K,) is the fraction of the cycle that point k
+    stands for. ``targets`` are the K placements on the path. ``first`` is the index of the first
+    configuration that is optimised: 0, or 1 if the start is fixed.
     """
 
     task: Task
@@ -301,10 +301,11 @@ class _Cost:
     def _bent(self, Q: Array, inverse: Array, N: Array, gradient: Array, *, exact: bool) -> Array:
         """Evaluate the blocks ``−Σ_a μ_a Nᵀ H_a N`` (K, r, r) of Newton's matrix.
 
-        ``μ = J⁺ᵀ ∇`` are the multipliers of the path constraint, with the gradient ∇ of the cost.
-        Q (K, n) are the configurations that are optimised; ``inverse`` is J⁺ (K, n, m), N is
-        (K, n, r), and ``gradient`` (K, n) is ∇. Unless ``exact``, each block is replaced by its
-        positive semidefinite part.
+        ``μ = J⁺ᵀ ∇`` are the multipliers of the path constraint, with the gradient ∇ of the cost;
+        H_a are the second derivatives of task coordinate a by q. Q (K, n) are the configurations
+        that are optimised. ``inverse`` is J⁺ (K, n, m), N (K, n, r) are null-space bases, and
+        ``gradient`` (K, n) is ∇. Unless ``exact``, each block is replaced by its positive
+        semidefinite part.
         """
         forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
         bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(Q))
