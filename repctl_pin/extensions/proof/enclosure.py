@@ -295,7 +295,7 @@ class LiftBoxes:
         """Bound ``|A| ℓ`` (K, n), the motion of the joints over K arcs, to first order.
 
         ℓ consists of ``arcs`` (K, F, 2), the length, m, and rotation, rad, of each frame, and of
-        ``levels``, (r,) or (K, r), the largest change of each level.
+        ``levels`` (K, r), the largest change of each level.
         """
         found = np.einsum("kir,kr->ki", self.level, levels)
         for f, (linear, angular) in enumerate(zip(self.linear, self.angular, strict=True)):
