@@ -12,7 +12,8 @@ Everything that depends on the arm is in the arrays E and F of :class:`Batch`, w
 :func:`linearised` and :func:`gauss_newton` take one batch b. They return its part of a weighted
 sum over the nodes; the sum over all batches is the mean. If A has fewer rows than there are
 potentials, only the first potentials are used. B (N, N) is a basis of coefficients: the gradients D
-B are orthonormal in the mean over Ω.
+B are orthonormal in the mean over Ω. An argument ``desired`` is G_d, and ``task`` gives the names
+of the joints in error messages.
 """
 
 from __future__ import annotations
@@ -45,8 +46,8 @@ class Batch:
         E above F. The null-space basis N is oriented such that ``det [J; Nᵀ] > 0``. So det(E A)
         has one sign over all of Ω unless V has an algorithmic singularity there.
     null_alignment : (K, r, r) array
-        ``Nᵀ N(center)``, where N(center) is the null-space basis at the centre of Ω. It projects
-        N(center) onto the null space at the node, in the basis N.
+        ``Nᵀ N(center)``, where N(center) is the null-space basis at the centre of Ω. Its columns
+        are the projections of N(center) onto the null space at the node, in the basis N.
     weights : (K,) array
         Quadrature weights, summing to 1 over all batches.
     r : int

@@ -4,7 +4,8 @@ The steps are: a search for singularities of the arm, the selection of independe
 minimisation of the cost on a few nodes and then on all, and the evaluation on held-out nodes. Nodes
 are configurations of the region Ω at which the cost is evaluated. A barrier point is a
 configuration at which an earlier fit had an algorithmic singularity; it is added to the nodes, so
-that the next fit has none there.
+that the next fit has none there. An argument ``problem`` has the desired inverse, the basis of
+potentials, Ω and the options of the fit.
 """
 
 from __future__ import annotations

@@ -153,10 +153,11 @@ def _dropped(
 
 
 def _sequential(triangle: Array) -> tuple[Array, list[int]]:
-    """Factor the columns of a square matrix by QR, and skip those that depend on earlier columns.
+    """Factor ``triangle`` (N, N) by QR, without the columns that depend on earlier columns.
 
-    Return R of the remaining columns, and their indices. A column is dependent if less than 1e-8 of
-    its norm is perpendicular to earlier columns, which belong to potentials of lower degree.
+    A column belongs to a potential; earlier ones have lower degree. Return R (N', N') of the N'
+    remaining columns, and their indices. A column is dependent if less than 1e-8 of its norm is
+    perpendicular to all earlier columns.
     """
     size = np.linalg.norm(triangle, axis=0)
     kept = list(range(triangle.shape[1]))

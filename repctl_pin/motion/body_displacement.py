@@ -163,9 +163,10 @@ class LinkPoints:
 
 
 def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
-    """Compute the displacements of other end effectors from their start: {link: (T,) array, m}.
+    """Compute the displacements of the other end effectors from their start, by link: (T,) each, m.
 
-    On a robot with two arms on one waist, the other hand drifts as well.
+    Others are those that the task does not control but its joints move: on a robot with two arms on
+    one waist, the other hand drifts as well.
 
     Parameters
     ----------

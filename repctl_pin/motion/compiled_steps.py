@@ -80,8 +80,8 @@ def _run(
     """Take the steps from ``step`` to ``end`` in C, and return the first step that was not taken.
 
     ``native`` is the library, and ``law`` the struct of the control law; ``held`` keeps its memory
-    alive. The results are written to the rows of Q and Qdot, (T + 1, n) each. C stops at a step
-    that fails or is too long; Python then repeats the step and raises the error.
+    alive. The results are written to the rows of Q and Qdot, which have one row per step. C stops
+    at a step that fails or is too long; Python then repeats the step and raises the error.
     """
     rows = [ctypes.c_void_p(array.ctypes.data) for array in (Q, Qdot)]
     while step < end:

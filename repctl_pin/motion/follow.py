@@ -3,7 +3,8 @@
 A strategy gives joint velocities q̇ from the configuration q and the task velocity ẋ. The path
 parameter s runs from 0 to 1 in each cycle; a cycle is divided into steps, which end at all corners.
 A repeatable strategy keeps its potentials h constant, and so the arm on a leaf, the set h(q) = c of
-the level c. J⁺ is the pseudoinverse, the usual strategy.
+the level c. J⁺ is the pseudoinverse, the usual strategy. T = cycles · steps is the number of all
+steps of a motion.
 """
 
 from __future__ import annotations
@@ -262,7 +263,7 @@ def unresolved(strategy: Strategy, motion: Motion) -> str:
 
 
 def check_length(task: Task, cycles: int, steps: int) -> None:
-    """Raise InputError if a motion of ``cycles`` of ``steps`` steps does not fit into memory."""
+    """Raise InputError if a motion does not fit into memory: too many cycles or steps per cycle."""
     if cycles * steps * task.n > _MOST:
         raise InputError(
             f"{cycles} cycles of {steps} steps do not fit into memory; use fewer cycles or steps"

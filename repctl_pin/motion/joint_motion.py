@@ -87,9 +87,9 @@ class JointMotion:
 
     @property
     def _gaps(self) -> Array:
-        """Distance of the end of each cycle from the start: (cycles + 1,), rad or arm lengths.
+        """Distance in joint space of the end of each cycle from the start: (cycles + 1,), rad.
 
-        The first entry, 0, is that of the start itself.
+        Prismatic joints count in arm lengths. The first entry, 0, is that of the start itself.
         """
         gaps = (self.q[:: self.steps] - self.q[0]) / joint_scale(self.task, self.q[0])
         return np.linalg.norm(gaps, axis=1)

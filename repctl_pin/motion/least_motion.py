@@ -2,8 +2,9 @@
 
 A closed motion is K configurations q_k, one at each point x(s_k) of the path, with s from 0 to 1.
 Its cost, an augmented Lagrangian with the joint limits, is :class:`_Cost`. It is minimised by
-Newton steps along the null space of J, each followed by a correction back onto the path. A
-self-motion moves the joints while the frame rests. J⁺ is the pseudoinverse of the Jacobian J.
+Newton steps along the null space of J, each followed by a correction back onto the path. An
+argument ``cost`` is this cost; it holds the task and the placements on the path. A self-motion
+moves the joints while the frame rests. J⁺ is the pseudoinverse of the Jacobian J.
 """
 
 from __future__ import annotations
@@ -270,11 +271,12 @@ class _Cost:
         return None if moved is None else np.vstack([Q[: self.first], moved])
 
     def step(self, Q: Array, *, exact: bool) -> tuple[Array, float]:
-        """Compute a Newton step (K, n) at Q along the null space, and the predicted decrease.
+        """Compute a Newton step (K, n) at Q (K, n) along the null space, and predict its decrease.
 
-        N spans the null space of J. Self-motions are ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so
-        Newton's matrix is the Gauss–Newton matrix plus the blocks of :meth:`_bent`. If ``exact`` is
-        False, their positive semidefinite parts are used, so that the matrix is positive definite.
+        The decrease is that of the cost. N spans the null space of J, and H = ∂J/∂q. Self-motions
+        are ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so Newton's matrix is the Gauss–Newton matrix
+        plus the blocks of :meth:`_bent`. If ``exact`` is False, their positive semidefinite parts
+        are used, so that the matrix is positive definite.
 
         Raises
         ------

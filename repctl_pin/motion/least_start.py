@@ -53,7 +53,7 @@ class _LeastStart(NamedTuple):
     ----------
     best : Motion
         The motion of lowest joint speed (rms) without a collision and with at least half of the
-        joint-limit margin of ``clearest``; ``given`` if no such motion is slower than it.
+        joint-limit margin of ``clearest``; ``given`` if no such motion has a lower joint speed.
     given : Motion
         The motion from the given start.
     clearest : Motion
@@ -120,11 +120,11 @@ def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
 
 
 def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) -> Iterator[Motion]:
-    """Yield the motions from starts along the self-motions of the start of ``given``, a motion.
+    """Yield the closed motions from starts along the self-motions of the start of ``given``.
 
-    Each motion is the guess for that from the next start. The rotation ``turn`` (r, r) selects the
-    directions of the self-motions. They are followed beyond joint limits, because later parts can
-    be within them again.
+    The search from each start begins at the motion from the preceding start. The rotation ``turn``
+    (r, r) of a null-space basis gives the r directions of the self-motions. They are followed
+    beyond joint limits, because later parts can be within them again.
     """
     start = given.q[0]
     target = path.placement(0.0)

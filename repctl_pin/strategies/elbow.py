@@ -4,7 +4,8 @@ A repeatable inverse keeps its potentials h at the level c. Pose x and level c d
 position of the elbow is chosen by a level. While the elbow moves towards the point, the frame
 rests: q̇ = N ż with J N = 0, where z (r,) are coordinates of the self-motion. The elbow is the
 origin of a link. Ω is the design region of the inverse. The ratio of a configuration is the scale
-of Ω at which the boundary passes through it: 1 at the edge, below 1 inside.
+of Ω at which the boundary passes through it: 1 at the edge, below 1 inside. An argument ``inverse``
+is the repeatable inverse, and ``lower`` and ``upper`` (n,) are joint limits, rad or m.
 """
 
 from __future__ import annotations
@@ -376,9 +377,9 @@ def _limit_distance(q: Array, lower: Array, upper: Array) -> float:
 
 
 def _retracted(inverse: _OnLeaves, q: Array, place: pin.SE3) -> Array:
-    """Bring the frame back to ``place`` by Newton's method, from q (n,) and at its level.
+    """Bring the frame to ``place`` by Newton's method from q (n,), while the level c of q is kept.
 
-    Returns the configuration (n,). SingularityError is raised if the method does not converge.
+    Return the configuration (n,). SingularityError is raised if the method does not converge.
     """
     for _ in range(_NEWTON):
         before, q = q, inverse.step(q, place, 1.0)

@@ -105,7 +105,7 @@ class NativeLaw:
         return self._result.copy()
 
     def inverse(self, q: Array) -> Array:
-        """Evaluate G_r (n, m) at q; errors are raised as by :meth:`velocity`."""
+        """Evaluate G_r (n, m) at q (n,); errors are raised as by :meth:`velocity`."""
         self._q[...] = q
         status = self._run_inverse(self._call)
         if status:
@@ -197,7 +197,8 @@ class NativeLaw:
     def _run_rows(self, name: str, *arrays: Array) -> bool:
         """Call the C function ``name`` on all rows of arrays; the last array receives the results.
 
-        Returns False if the function stopped at a row where it failed, such as a singular one.
+        Return True if all rows were computed, and False if the function failed at a row, such as a
+        singular one.
         """
         native = library()
         assert native is not None

@@ -4,7 +4,8 @@ The region Ω is the part of joint space over which a design was made. A level i
 a potential, which the controller holds constant; a leaf is the set of configurations with the same
 levels. The leaf margin, from 0 to 1, is the distance from an algorithmic singularity, at which the
 controller fails. Within the closing radius of a start or a path, each closed path of the frame ends
-in the configuration it began in.
+in the configuration it began in. An argument ``field`` has the r potentials of a design, and
+``report`` is the progress callback (step, fraction).
 """
 
 from __future__ import annotations

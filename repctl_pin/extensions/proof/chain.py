@@ -166,8 +166,8 @@ def chain_of(task: Task) -> Chain:
 def frames_of(task: Task) -> tuple[Task, ...]:
     """Return the tasks of the single frames of a task, each with all of its joints.
 
-    A task can control several frames, such as those of two arms. With one frame, the result is the
-    task itself.
+    A task can control several frames, such as those of two arms. With one frame, the result has one
+    item, the task itself.
     """
     return task.parts if isinstance(task, SeveralFrames) else (task,)
 

@@ -5,7 +5,8 @@ configuration it began in. It is a distance in m and, for tasks with a rotation,
 A leaf is the set h(q) = c of the potentials h, and c its level. Ω is the region of joint space to
 prove over. A lift is the joint motion on a leaf over a path of the frame, such as a straight line.
 A place is a box of configurations in which lifts begin, see :mod:`.lifts`. A :class:`Reach` is the
-length of lines whose lifts stay in Ω.
+length of lines whose lifts stay in Ω. An argument ``problem`` has bounds on J_V, the task Jacobian
+stacked on the potentials' gradients, over boxes of joints.
 """
 
 from __future__ import annotations

@@ -13,7 +13,8 @@ closes", has the theorem.
 
 A closed path is sampled at K + 1 path parameters s_i, which divide it into K arcs; ``Q`` are the
 joints at the samples. Half-widths of boxes are in rad or m. The task has n joints, r potentials and
-F frames, such as two hands.
+F frames, such as two hands. An argument ``inverse`` is the repeatable inverse with the potentials
+h, and ``problem`` has bounds on its J_V over boxes of joints.
 """
 
 from __future__ import annotations
@@ -199,7 +200,7 @@ class _Samples(NamedTuple):
         return cls(Q, arcs * (1 + ROUND), *off)
 
     def part(self, at: NDArray[np.intp]) -> _Samples:
-        """Select the samples with the given indices."""
+        """Return only the samples with the indices ``at``."""
         return _Samples._make(values[at] for values in self)
 
 

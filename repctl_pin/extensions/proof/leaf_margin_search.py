@@ -207,7 +207,8 @@ class _Search:
     def proof(self) -> Proof:
         """Return the proof with the smallest bounds over all boxes, decided or not.
 
-        If the search stopped early, the proof has the reason, and the box at which it stopped.
+        If the search stopped early, the proof has the reason. Its box ``worst`` ± ``half`` is the
+        box that misses the goal or cannot be halved, if any, else the box with the smallest bound.
         """
         bound, sigma = self.decided, self.settled_sigma
         worst = self.at_least_bound
@@ -219,11 +220,11 @@ class _Search:
             bound = min(bound, float(self.bound[least]))
             sigma = min(sigma, float(self.sigma.min()))
             if self.gave_up:
-                worst = self._named(worst)
+                worst = self._with_arm_angle(worst)
         proved = bound > 0 and (self.goal is None or (bound >= self.goal and not self.reason))
         return Proof("", proved, bound, np.nan, sigma, self.boxes, *worst, self.reason, self.goal)
 
-    def _named(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
+    def _with_arm_angle(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
         """Say in the reason whether an arm angle may be undefined in the smallest undecided box.
 
         ``worst`` is the box that the proof names so far: its centre and half-widths, (n,) each.

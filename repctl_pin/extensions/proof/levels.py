@@ -11,7 +11,9 @@ the cell, the joints stay in a box,
 with A_h the last r columns of A and Δ a bound of the change of J_V on the box of half-widths h. The
 motion ends at F_k(c). A wider box, in which Φ is injective, contains the ends of the neighbouring
 cells, so they agree on common faces: one continuous function F(x₀, c). The theory, "Hand and
-elbow", has the theorem. Ω is the region of joint space of the design.
+elbow", has the theorem. Ω is the region of joint space of the design. An argument ``inverse`` is
+the repeatable inverse with the potentials h, ``problem`` has bounds on its J_V over boxes of
+joints, and ``start`` (n,) is the start.
 """
 
 from __future__ import annotations

@@ -18,7 +18,9 @@ rates T_k. From the rates follows the length ρ of lines whose lifts cannot leav
 A place is the box of configurations in which a lift begins. Its clearance is how far each joint can
 then move within Ω. There are K places, n joints, and M boxes S_k around each place. The rate of a
 joint is its motion per metre of a line, rad or m per m. J_V is the task Jacobian stacked on the
-potentials' gradients; G_r exists where J_V is regular.
+potentials' gradients; G_r exists where J_V is regular. An argument ``field`` has the potentials,
+``problem`` has bounds on J_V over boxes of joints, and ``ratio`` is α/ρ, 0 for lines without
+rotation.
 """
 
 from __future__ import annotations

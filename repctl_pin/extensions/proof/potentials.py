@@ -8,7 +8,7 @@ are the second, ∂²V the third derivatives of h.
 An argument z is a linear function of q. A feature φ is 1, a product of an earlier feature and an
 argument, or the sine or cosine of an argument. V and its derivatives are sums of features: G, C and
 C_3 are their coefficients, T and T_4 are bounds. The features are numbered in the order in which
-they are added.
+they are added. An argument ``field`` has the r potentials.
 
 .. math:: z = Z q - z_0, \quad φ_f = 1,\; φ_{parent} z,\; \sin z,\; \cos z, \qquad
           V = G φ, \quad ∂V = C φ,

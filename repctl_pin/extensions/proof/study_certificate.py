@@ -33,7 +33,7 @@ def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -
     If Ω, the region of joint space of the design, is a tube, the certificate has a closing radius:
     the distance from the path within which closed paths end in their start configuration.
     ``spent`` is the processor time of the study so far, s. The proof of the leaf margin may take
-    5 % of it, and always 0.3 s. ``say`` displays the name of this step.
+    5 % of it, or 0.3 s if that is longer. ``say`` displays the name of this step.
     """
     say("proving its leaf margin and closing radius")
     seconds = max(_LEAST_PROVING, _PROVING * spent)

@@ -236,7 +236,7 @@ class Run:
             self._looked = 0.0
 
     def _quickest(self, goals: Array) -> _Change | None:
-        """Find a change to one of the overrides ``goals`` (G,) within the limits, and a short one.
+        """Find a short change to one of the overrides ``goals`` (G,) within the limits.
 
         The goals are tried in turn, each with longer and longer durations; the first change within
         the limits is returned. Return None if there is none.

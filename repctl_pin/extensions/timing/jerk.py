@@ -18,11 +18,12 @@ are all but the first and the last, where x = 0. The linear program minimises ``
 one limit of one joint at one point of an interval. An interval touches two stages, so a row has
 four coefficients: those of x at the beginning, x at the end, x′ at the beginning and x′ at the end.
 
-Three arguments recur. ``ties`` are the indices of two stages that get equal x and x′, so that the
-profile between them, a cycle, can be repeated; empty if there is no such cycle. ``weights``, one
-per interval, multiply the times of the intervals: by the number of traversals of this cycle between
-the ties, by 1 elsewhere. ``tight``, one number per interval, at least 1, divides the limits of
-acceleration and jerk there; it is raised where a solution exceeds them between two stages.
+Five arguments recur. ``path`` is q(s) evaluated at the stages, and ``limits`` are those of the
+joints. ``ties`` are the indices of two stages that get equal x and x′, so that the profile between
+them, a cycle, can be repeated; empty if there is no such cycle. ``weights``, one per interval,
+multiply the times of the intervals: by the number of traversals of this cycle between the ties, by
+1 elsewhere. ``tight``, one number per interval, at least 1, divides the limits of acceleration and
+jerk there; it is raised where a solution exceeds them between two stages.
 """
 
 from __future__ import annotations
@@ -144,7 +145,7 @@ class _JerkSegment(Segment):
 
 
 def _exponentials(z: Array) -> tuple[Array, Array]:
-    """Evaluate ``sinh(√z)/√z`` and ``(cosh √z − 1)/z`` at an array z of either sign.
+    """Evaluate (``sinh(√z)/√z``, ``(cosh √z − 1)/z``) at an array z of any shape and either sign.
 
     For z < 0 these are ``sin(√|z|)/√|z|`` and ``(1 − cos √|z|)/|z|``. They describe a motion whose
     acceleration is linear in the distance.
@@ -222,10 +223,10 @@ def _converged(
 ) -> tuple[Array, Array]:
     """Solve linear programs until the duration stops decreasing; return x and x′ at the K stages.
 
-    Each program is linearised at the preceding solution, the first at ``x`` and ``slope`` (K,),
-    which is x′. On the line from one solution to the next, the point of shortest duration, weighted
-    by ``weights`` (K − 1,), is taken. ``ties``, ``weights`` and ``tight`` are explained at the top
-    of this module. InputError is raised if a program has no solution.
+    Each program is linearised at the preceding solution; the first one at x = ``x`` and x′ =
+    ``slope``, (K,) each. On the line from one solution to the next, the point of shortest weighted
+    duration is taken. ``ties``, ``weights`` (K − 1,) and ``tight`` (K − 1,) are explained at the
+    top of this module. InputError is raised if a program has no solution.
     """
     took = np.inf
     for _ in range(_MOST_PROGRAMS):
@@ -259,7 +260,7 @@ def _passed(knots: Array, s: Array, t: Array) -> Array:
 
 
 def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
-    """Return the stages ``grid`` with stages inserted or removed next to both ends: (K,).
+    """Insert or remove stages next to both ends of ``grid``; return the new stages (K,).
 
     The arm is at rest at both ends, where x″ is not bounded. The first stage after rest is placed
     at half the distance ``a³ / 6J²`` at which constant jerk J reaches the acceleration a, with the

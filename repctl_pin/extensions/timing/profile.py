@@ -438,7 +438,7 @@ class _Program:
     limits: JointLimits
 
     def best(self, weights: Array) -> Array:
-        """Find the y (K,) within the limits that maximises ``weights·y``."""
+        """Find the y (K,) within the limits that maximises ``weights · y``, with weights (K,)."""
         from scipy.optimize import Bounds, LinearConstraint, milp  # slow to import
 
         rows, bounds = LinearConstraint(self.A, self.low, self.high), Bounds(0.0, self.top)
@@ -448,7 +448,7 @@ class _Program:
         return np.asarray(np.maximum(x, 0.0))
 
     def times(self, y: Array) -> Array:
-        """Compute the times of the intervals (K − 1,), s, from y (K,)."""
+        """Compute the times that the intervals between stages take, (K − 1,), s, from y (K,)."""
         speed = np.sqrt(y * self.scale)
         return np.asarray(2 * np.diff(self.grid) / np.maximum(speed[1:] + speed[:-1], 1e-300))
 

@@ -3,7 +3,7 @@
 The joint path is cut at the stops into segments. Each segment is timed, and the result is sampled.
 A cycle is one traversal of the closed path; the steady cycle is the one between those that speed up
 and slow down. ``JointLimits`` are the limits of all n joints, as arrays. s is the length of the
-joint path.
+joint path. An argument ``laps`` is the joint path of a few cycles, see :class:`_Laps`.
 """
 
 from __future__ import annotations
@@ -162,7 +162,10 @@ class _Laps:
         steps, t = motion.steps, motion.t[: motion.steps + 1] - motion.t[0]
         moving = np.linalg.norm(np.diff(Q, axis=0), axis=1) > 1e-9
         if not moving.any():
-            raise InputError("the joints do not move in this motion, so it cannot be timed")
+            raise InputError(
+                "the joints do not move in this motion, so it cannot be timed",
+                remedy="time a motion along a path that has a length",
+            )
         first = np.flatnonzero(np.append(True, moving))
         last = np.append(first[1:], len(Q)) - 1
         laps = t[:-1] + t[-1] * np.arange(cycles)[:, None]
