@@ -1,7 +1,9 @@
 """Sums over the nodes of a fit, in batches, within a bound of memory.
 
-A node is a configuration of the region at which the cost of a design is evaluated. Terms are always
-added in the order of the nodes, so that a sum is the same whether or not its batches are stored.
+A node is a configuration of the region at which the cost of a design is evaluated. A batch holds
+the matrices of some nodes, see :class:`.criterion.Batch`, from which their terms of a sum follow.
+Terms are always added in the order of the nodes, so that a sum is the same whether or not its
+batches are stored.
 """
 
 from __future__ import annotations
@@ -44,11 +46,11 @@ class Batches:
     Parameters
     ----------
     builder
-        Function (Q, weights) → batch, which evaluates the arm at some nodes.
+        Function (Q, weights) → batch, which evaluates the arm at some of the nodes.
     Q, weights : (K, n), (K,) arrays
         Nodes (configurations) and their quadrature weights.
     tick
-        Progress callback, called with the fraction of the batches that are built.
+        Progress callback, called with the fraction of the batches that are built, 0 to 1.
     size
         Number of nodes per batch.
     most_bytes

@@ -1,10 +1,12 @@
 """Continuation in the degree of the potentials, to an optimum without algorithmic singularities.
 
 At an algorithmic singularity the repeatable inverse fails though J has full rank: det(Nᵀ V) = 0,
-where N spans the null space of J, and V = ∂hᵀ/∂q are the gradients of the r potentials h. With a
-basis of potentials whose gradients are the columns of D, a candidate design has coefficients A, and
-V = D A. A candidate is regular if a search finds no algorithmic singularity in the region Ω.
-Independent potentials are those of the basis that remain without linearly dependent ones.
+where N spans the null space of J, and V are the gradients of the r potentials h. A basis of
+potentials has gradients D, one column per potential; a candidate design has coefficients A, and V =
+D A. Its cost is the mean squared distance from the desired inverse G_d over the nodes, which are
+configurations in the region Ω. A candidate is regular if a search finds no algorithmic singularity
+in Ω. Independent potentials are those of the basis that remain without linearly dependent ones;
+their degrees rise.
 
 A descent evaluates det(Nᵀ V) at the nodes alone, and potentials of high degree vary between them.
 So Ω is searched for singularities after each descent. A configuration with det(Nᵀ V) = 0 is added
@@ -52,7 +54,7 @@ class FitProblem:
     desired, potentials, region
         G_d, the basis of the potentials, and Ω.
     options
-        Nodes, seed and stopping.
+        Numbers of nodes, random seed, and when to stop.
     warm : (N_first, r) array, optional
         Coefficients of a design of lower degree, for the first N_first potentials of the basis; one
         of the starting points of the fit. By default none.
@@ -94,7 +96,7 @@ class Continuation:
         self._starts: dict[int, Start] = {}
 
     def margin(self, A: Array) -> LeafMargin:
-        """Make the measure of the signed leaf margin of the candidate A (N', r).
+        """Make the function that measures the signed leaf margin of the candidate A (N', r).
 
         It maps configurations (K, n) to ±σ_min(Nᵀ V̂) (K,), with V̂ the orthonormalised V. The
         absolute value is the distance from an algorithmic singularity, and the sign is positive
@@ -107,9 +109,9 @@ class Continuation:
     def regular(self) -> Iterator[Descent]:
         """Yield regular optima on the coarse nodes, the best first.
 
-        The first one uses all independent potentials, if such an optimum is regular. With ``warm``,
-        the second and last one is the given design of lower degree. Without ``warm``, the optima
-        reached by raising the degree step by step follow, the highest degree first.
+        The first one uses all independent potentials, if such an optimum is regular. With
+        :attr:`FitProblem.warm`, the second and last one is that design of lower degree. Without it,
+        the optima reached by raising the degree step by step follow, the highest degree first.
         """
         whole = len(self.chosen.kept)
         warm = self.problem.warm
@@ -123,7 +125,7 @@ class Continuation:
             yield Descent(below, cost, 0.0, False, 0, sides)
             return
         ladder: list[Descent] = []
-        for size in self._rungs():
+        for size in self._sizes():
             found = self.fit_degree(size, ladder[-1].A if ladder else None)
             if found is not None:
                 ladder.append(found)
@@ -255,11 +257,11 @@ class Continuation:
         region = self.problem.region
         return search(self.margin(A), region, region.random(1024, self.problem.options.seed + 7919))
 
-    def _rungs(self) -> list[int]:
-        """Return the numbers of independent potentials up to degree 1, 2, …, if at least r.
+    def _sizes(self) -> list[int]:
+        """List the numbers of independent potentials up to degree 1, 2, …, without those below r.
 
-        They are the steps of the continuation. For a basis that is not polynomial, return the
-        number of all independent potentials.
+        They are the steps of the continuation. For a basis that is not polynomial, the one step is
+        the number of all independent potentials.
         """
         potentials = self.problem.potentials
         if not isinstance(potentials, Polynomial):

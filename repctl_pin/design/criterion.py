@@ -1,16 +1,19 @@
 """Cost of coefficients A of the potentials, its gradient and its Gauss–Newton matrix, per batch.
 
 The cost is the mean of ‖G_r − G_d‖² over the region Ω: the squared distance of the repeatable
-inverse G_r from the desired inverse G_d. G_r belongs to the potentials h = Aᵀ (h_1 … h_N) with
-gradients V = D A, where D = [∇h_1 … ∇h_N], and N spans the null space of J. As a size, N is the
-number of potentials of the basis. The nodes are the configurations over which the mean is taken.
-Equation numbers are the paper's.
+inverse G_r from the desired inverse G_d. A basis has the potentials h_1 … h_N with the gradients D
+= [∇h_1 … ∇h_N]. G_r keeps the r potentials h = Aᵀ (h_1 … h_N) constant; A (N, r) are their
+coefficients, and V = D A their gradients. The columns of N span the null space of J; in shapes, N
+is the number of potentials of the basis. The mean is over K nodes, which are configurations in Ω.
+Equation numbers such as (38) are those of the paper.
 
 Everything that depends on the arm is in the arrays E and F of :class:`Batch`, which are built once
 (34), (36), (38). Each evaluation is then dense linear algebra. :func:`linear`, :func:`cost`,
-:func:`linearised` and :func:`gauss_newton` take one batch b and return its terms of the sums over
-all batches. If A has fewer rows than there are potentials, only the first potentials are used. B is
-a basis of coefficients in which the gradients of the potentials are orthonormal over Ω.
+:func:`linearised` and :func:`gauss_newton` take one batch b. They return its part of a weighted
+sum over the nodes; the sum over all batches is the mean. If A has fewer rows than there are
+potentials, only the first potentials are used. B (N, N) is a basis of coefficients: the gradients D
+B are orthonormal in the mean over Ω. An argument ``desired`` is G_d, and ``task`` gives the names
+of the joints in error messages.
 """
 
 from __future__ import annotations
@@ -43,8 +46,8 @@ class Batch:
         E above F. The null-space basis N is oriented such that ``det [J; Nᵀ] > 0``. So det(E A)
         has one sign over all of Ω unless V has an algorithmic singularity there.
     null_alignment : (K, r, r) array
-        ``Nᵀ N(center)``: components, in the basis N, of the projection onto the null space of
-        N(center), the null-space basis at the centre of Ω.
+        ``Nᵀ N(center)``, where N(center) is the null-space basis at the centre of Ω. Its columns
+        are the projections of N(center) onto the null space at the node, in the basis N.
     weights : (K,) array
         Quadrature weights, summing to 1 over all batches.
     r : int
@@ -192,9 +195,9 @@ def _oriented(J: Array, task: Task, Q: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class SignCount:
-    """Numbers of nodes with det(Nᵀ V) above 0, and with det(Nᵀ V) at most 0.
+    """Numbers of nodes: ``positive`` with det(Nᵀ V) above 0, ``negative`` with at most 0.
 
-    If both are positive, an algorithmic singularity lies between the nodes.
+    If both numbers are above 0, an algorithmic singularity lies between the nodes.
     """
 
     positive: int
@@ -210,10 +213,10 @@ class SignCount:
 
 
 def linear(b: Batch) -> tuple[Array, Array, Array]:
-    """Evaluate this batch's terms of three means for the linear problem of :func:`descend.start`.
+    """Evaluate this batch's parts of three means for the linear problem of :func:`descend.start`.
 
-    The means are those of ``EᵀE`` and ``FᵀF``, (N, N) each, and ``Eᵀ NᵀN(center)`` (N, r), with
-    N(center) the null-space basis at the centre of Ω.
+    Return the parts of the means of ``EᵀE`` and ``FᵀF``, (N, N) each, and ``Eᵀ NᵀN(center)``
+    (N, r), with N(center) the null-space basis at the centre of Ω.
     """
     root = np.sqrt(b.weights)[:, None, None]
     E = (b.E * root).reshape(-1, b.EF.shape[-1])
@@ -222,9 +225,9 @@ def linear(b: Batch) -> tuple[Array, Array, Array]:
 
 
 def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
-    """Evaluate this batch's term of the cost ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38).
+    """Evaluate this batch's part of the cost ``C(A) = mean ‖F A (E A)⁻¹‖_F²`` (34), (36), (38).
 
-    A (N, r) are the coefficients of the potentials. Return the term, and the numbers of nodes with
+    A (N, r) are the coefficients of the potentials. Return the part, and the numbers of nodes with
     either sign of det(E A) = det(Nᵀ V), whose zeros are algorithmic singularities.
     """
     X, _, sides = _difference(b.first(len(A)), A)
@@ -236,9 +239,9 @@ def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
 class Differential:
     """First-order change ``dX = L dA P⁻¹`` of ``X = F A P⁻¹`` (38), ``P = E A``, at K nodes.
 
-    X is the difference of the null-space components of G_d and G_r, see :class:`Batch`. The mean
-    square of dX is the Gauss–Newton model of the cost: ``Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:,
-    j']``, with ``S = P⁻¹ P⁻ᵀ`` (r, r).
+    X is the difference of the null-space components of G_d and G_r, see :class:`Batch`; dA (N, r)
+    is a change of the coefficients. The mean square of dX is the Gauss–Newton model of the cost:
+    ``Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']``, with ``S = P⁻¹ P⁻ᵀ`` (r, r).
 
     Attributes
     ----------
@@ -266,7 +269,7 @@ class Differential:
         return Differential(self.L.astype(np.float32), self.S.astype(np.float32))
 
     def traces(self, basis: Array) -> Array:
-        """Evaluate the trace of each node's term of the Gauss–Newton matrix: (K,).
+        """Evaluate the trace of each node's part of the Gauss–Newton matrix: (K,).
 
         The matrix is that for the coordinates ``B⁻¹ A`` of the coefficients; ``basis`` is B (N, N).
         """
@@ -294,11 +297,11 @@ class Differential:
 def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differential, float]:
     """Estimate the Gauss–Newton matrix from ``count`` randomly drawn nodes, without bias.
 
-    ``model`` are the differentials of all batches. A node is drawn with a probability that is half
-    constant, half in proportion to the trace of its term for the coordinates ``B⁻¹ A``, so that
-    nodes near a singularity are seldom missed; the drawn terms are divided by their probabilities.
-    ``basis`` is B (N, N). Return the :class:`Differential` of the drawn nodes, and the trace of the
-    matrix of all nodes for the coordinates ``B⁻¹ A``.
+    ``model`` are the differentials of all batches, and ``basis`` is B (N, N). The probability of
+    drawing a node is half constant, half in proportion to the trace of its part of the matrix for
+    the coordinates ``B⁻¹ A``; so nodes near a singularity are seldom missed. Each drawn part is
+    divided by its probability. Return the :class:`Differential` of the drawn nodes, and the trace
+    of the matrix of all nodes for the coordinates ``B⁻¹ A``.
     """
     traces = [one.traces(basis) for one in model]
     every = np.concatenate(traces)
@@ -314,7 +317,7 @@ def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differ
 
 
 def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], SignCount]:
-    """Evaluate this batch's terms of the cost C(A), its gradient, and its first-order model.
+    """Evaluate this batch's parts of the cost C(A), of half its gradient, and of its model.
 
     With P = E A, X = F A P⁻¹ and L = F − X E, ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``, and the first-order
     change of X is ``dX = L dA P⁻¹``.
@@ -322,10 +325,12 @@ def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], Si
     Returns
     -------
     cost : float
+        Part of C(A).
     half_gradient : (N, r) array
-        ½ ∂C/∂A.
+        Part of ½ ∂C/∂A.
     differentials : list of Differential
-        First-order model of this batch alone; over several batches, the lists are joined.
+        First-order change of X at the batch's nodes, as a list of one item, so that the sum over
+        several batches joins the lists.
     sides : SignCount
         Numbers of nodes with either sign of det P.
     """
@@ -344,10 +349,10 @@ def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], Si
 
 
 def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
-    """Evaluate this batch's terms of the cost C(A), of half its gradient, and of its model.
+    """Evaluate this batch's parts of the cost C(A), of half its gradient, and of its model.
 
-    As :func:`linearised`, but the model is the Gauss–Newton matrix (r, N, r, N) of
-    :meth:`Differential.matrix`.
+    The results are those of :func:`linearised`, but the model is the Gauss–Newton matrix
+    (r, N, r, N) of :meth:`Differential.matrix`.
     """
     total, gradient, (differential,), sides = linearised(b, A)
     return total, gradient, differential.matrix(), sides

@@ -2,10 +2,12 @@
 
 The cost C is the mean over the region Ω of ‖G_r − G_d‖², with G_r the repeatable inverse and G_d
 the desired one. V = D A are the gradients of the potentials h, D those of their basis, and N spans
-the null space of J; det(Nᵀ V) = 0 is an algorithmic singularity. At each node, E = Nᵀ D and F =
-G_dᵀ D. N(center) is the null-space basis at the centre of Ω. As sizes, K, N and r are the numbers
-of nodes, of potentials of the basis, and of potentials h. B (N, N) is a basis of coefficients: in
-the coordinates x = B⁻¹ A, the gradients of the potentials are orthonormal over Ω.
+the null space of J; det(Nᵀ V) = 0 is an algorithmic singularity. The mean is over nodes, which are
+configurations in Ω. At each node, E = Nᵀ D and F = G_dᵀ D. N(center) is the null-space basis at the
+centre of Ω. In shapes, K is the number of nodes, N the number of potentials of the basis, and r the
+number of potentials h. N' is the number of potentials that a fit uses, the first of the basis. B
+(N, N) is a basis of coefficients: the gradients D B are orthonormal in the mean over Ω. A fit works
+with the coordinates x = B⁻¹ A.
 """
 
 from __future__ import annotations
@@ -114,7 +116,7 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
     basis : (N', N') array
         B for the first N' potentials; only these are used.
     moments
-        The sums of :func:`criterion.linear` over the nodes, for all potentials.
+        The three means that :func:`criterion.linear` evaluates, for all potentials.
     """
     size = len(basis)
     EE = moments[0][:size, :size]
@@ -162,7 +164,7 @@ def descend(
     A : (N', r) array
         Initial coefficients.
     penalty
-        Relative weight of the penalty.
+        Relative weight of the penalty, from which τ follows.
     tolerance
         Relative decrease of the cost below which the iteration ends.
     report
@@ -198,9 +200,9 @@ differentials, and the number of nodes with either sign of det(Nᵀ V)."""
 class _PenalisedCost:
     """Penalised cost as a least-squares problem in x = B⁻¹ A, for :func:`levenberg_marquardt`.
 
-    A step dx solves ``(H + μ I) dx = −g`` with half the gradient g, the Gauss–Newton matrix H, both
-    with the penalty, and the damping μ. If potentials are nearly dependent, B is large, and the
-    rounding errors of ``Bᵀ H B`` determine the smallest useful μ.
+    A step dx solves ``(H + μ I) dx = −g``. g is half the gradient of the penalised cost in x, H is
+    its Gauss–Newton matrix, and μ is the damping. If potentials are nearly dependent, B is large,
+    and rounding errors of H determine the smallest useful μ.
     """
 
     terms: Sum = staticmethod(criterion.gauss_newton)
@@ -215,8 +217,9 @@ class _PenalisedCost:
     def evaluate(self, x: Array) -> Point[_Evaluated]:
         """Evaluate the cost at x (N, r), half its gradient and its Gauss–Newton matrix in one pass.
 
-        Return them as a :class:`Point`. Its ``merit`` includes the penalty, and it is allowed if
-        det(Nᵀ V) has one sign at all nodes. The pass over the nodes takes most of the time.
+        Return them as a :class:`Point`. Its ``merit`` includes the penalty, and the point is
+        allowed if det(Nᵀ V) has one sign at all nodes. The pass over the nodes takes most of the
+        time.
         """
         total = self.batches.total(self.terms, self.basis @ x)
         cost, gradient, second, sides = total
@@ -252,8 +255,8 @@ class _PenalisedCost:
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
         """Solve ``(H + μ I) dx = −g`` with μ = ``damping`` · mean(diag H).
 
-        ``model`` is (g, H), the result of :meth:`model`. The damping used is larger than the
-        requested one if the matrix would not be positive definite.
+        ``model`` is (g, H), the result of :meth:`model`. The damping in the returned step is larger
+        than ``damping`` if the matrix would not be positive definite.
         """
         gradient, H = model
         g = gradient.T.ravel()

@@ -39,12 +39,12 @@ class DesignMap:
     joints : (int, int)
         Indices of the joints on the x and the y axis, counted from 0.
     x, y : (k,) arrays
-        Grid values of the first and the second joint, over the smallest box around Ω, rad or m.
+        k grid values of the first and the second joint, over the smallest box around Ω, rad or m.
     distance, reference : (k, k) arrays
         ‖G_r − G_d‖_F and ‖G_d‖_F; NaN at singularities. Row i belongs to ``y[i]``, column j to
         ``x[j]``.
     leaf_margin : (k, k) array
-        σ_min(Nᵀ V̂), in the same order.
+        σ_min(Nᵀ V̂), from 0 to 1, in the same order.
     """
 
     joints: tuple[int, int]
@@ -98,7 +98,8 @@ def design_map(
 def _grid(center: Array, joints: tuple[int, int], x: Array, y: Array) -> Array:
     """List the configurations of a grid over two joints, row by row: (k², n).
 
-    x and y (k,) are the values of the two joints; all other joints are as in ``center`` (n,).
+    ``x`` and ``y`` (k,) are the values of the two ``joints``, which are indices; x varies first.
+    All other joints are as in ``center`` (n,).
     """
     Q = np.tile(center, (len(x) * len(y), 1))
     Q[:, joints] = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -188,9 +189,10 @@ def report_maps(design: Design) -> ReportMaps:
 
 
 def _liveliest(design: Design) -> tuple[int, int]:
-    """Choose the two joints along which ‖G_r − G_d‖ changes most; their indices, in rising order.
+    """Choose the two joints along which ‖G_r − G_d‖ changes most; return their indices, rising.
 
-    Each joint is moved alone through its range in Ω, from the centre of Ω.
+    Each joint is moved alone through its range in the smallest box around Ω; the others stay at the
+    centre of Ω.
     """
     box = design.region.bounds
     center = design.region.center
@@ -224,10 +226,10 @@ def _defects(design: Design, Q: Array) -> Array:
 
 
 def _with_gaps(evaluate: Callable[[Array], Array], Q: Array, width: int) -> Array:
-    """Evaluate a function of configurations Q (K, n) as (K, width); NaN at singularities.
+    """Evaluate a function of configurations Q (K, n): (K, width), with NaN rows at singularities.
 
-    ``evaluate`` raises a SingularityError if any row is singular. The rows are therefore divided
-    into halves until each singular row is alone.
+    ``evaluate`` returns ``width`` numbers per row, and raises a SingularityError if any row is
+    singular. So the rows are divided into halves until each singular row is alone.
     """
     try:
         return evaluate(Q)

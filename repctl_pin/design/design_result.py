@@ -41,8 +41,8 @@ class Design:
     desired : Inverse
         Desired inverse G_d.
     potentials, region, coefficients
-        Basis of N potentials (35), region Ω, and coefficients A (N, r) of the r potentials h that
-        G_r holds constant.
+        Basis of N potentials h_i, region Ω, and coefficients A (N, r) of the r potentials
+        ``Σ_i h_i A[i, :]`` (35) that G_r holds constant.
     cost, cost_error : float
         Mean over Ω of ‖G_r − G_d‖_F² (26), and its standard error.
     relative_distance : float
@@ -147,11 +147,11 @@ class Design:
 
     @property
     def subject(self) -> str:
-        """Fingerprint of all that a certificate of the design depends on; empty if none can be.
+        """Fingerprint of all that a certificate of the design depends on; empty if none can exist.
 
         It covers the joint chain, its limits, potentials, coefficients and region. A saved proof
-        with another fingerprint is dropped. It is empty for a design with user-defined potentials
-        or a user-defined region, of which nothing can be proved.
+        with another fingerprint is dropped. The fingerprint is empty for a design with user-defined
+        potentials or a user-defined region, because nothing can be proved about them.
         """
         return subject_of(self.task, self.potentials, self.coefficients, self.region)
 

@@ -235,7 +235,7 @@ def baselines(
 
     They are the augmented Jacobian with constant rows (linear potentials), and the extended
     Jacobian of ``U = ½ ‖q − center‖²``; ``center`` is the centre of Ω. ``report`` is the progress
-    callback; the other parameters are those of :func:`evaluate_design`.
+    callback (step, fraction); the other parameters are those of :func:`evaluate_design`.
     """
     from ..strategies.extended import ExtendedJacobian
 

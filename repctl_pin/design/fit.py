@@ -4,7 +4,8 @@ The steps are: a search for singularities of the arm, the selection of independe
 minimisation of the cost on a few nodes and then on all, and the evaluation on held-out nodes. Nodes
 are configurations of the region Ω at which the cost is evaluated. A barrier point is a
 configuration at which an earlier fit had an algorithmic singularity; it is added to the nodes, so
-that the next fit has none there.
+that the next fit has none there. An argument ``problem`` has the desired inverse, the basis of
+potentials, Ω and the options of the fit.
 """
 
 from __future__ import annotations
@@ -70,17 +71,17 @@ def fit(problem: FitProblem) -> Design:
 
     few_nodes = batches_of(Q_few, few_weights)
     coarse = BarrierCost(few_nodes, builder, 1 / len(Q_few))
-    way = Continuation(problem, chosen, coarse)
+    continuation = Continuation(problem, chosen, coarse)
     fine = coarse
     refusal: SingularRegionError | None = None
-    for near in way.regular():
+    for near in continuation.regular():
         if fine is coarse and len(Q_few) < len(Q):
             fine = BarrierCost(batches_of(Q, weights), builder, 1 / len(Q), coarse.guards)
-        found = _refined(problem, chosen, way, near, fine, len(Q))
+        found = _refined(problem, chosen, continuation, near, fine, len(Q))
         if isinstance(found, Design):
             return found
         refusal = found
-    raise way.refusal(Q_few, refusal)
+    raise continuation.refusal(Q_few, refusal)
 
 
 def _refuse_arm_singularities(problem: FitProblem) -> None:
@@ -96,9 +97,9 @@ def _refuse_arm_singularities(problem: FitProblem) -> None:
 
 
 def _numbers_of_nodes(problem: FitProblem) -> tuple[int, int]:
-    """Compute two numbers of nodes: all nodes, for the last fit, and a few, for the fits before it.
+    """Compute two numbers of nodes: all, for the last descents, and few, for those before them.
 
-    InputError is raised if all nodes are too few for the potentials.
+    InputError is raised if even all nodes are too few for the potentials.
     """
     task, size, samples = problem.desired.task, problem.potentials.size, problem.options.samples
     unknowns = (size - task.r) * task.r
@@ -115,31 +116,31 @@ def _numbers_of_nodes(problem: FitProblem) -> tuple[int, int]:
 def _refined(
     problem: FitProblem,
     chosen: Independent,
-    way: Continuation,
+    continuation: Continuation,
     near: Descent,
     fine: BarrierCost,
     samples: int,
 ) -> Design | SingularRegionError:
     """Descend on all nodes from ``near``, a result on few nodes, and evaluate on held-out nodes.
 
-    A singularity that the evaluation finds becomes a barrier point of ``fine``, all nodes with
-    their barrier points, and the descent is repeated. The error of the singularity is returned
-    instead of a design if ``near`` is singular at that configuration, too, or after the last
-    repetition. ``chosen`` are the independent potentials, ``way`` is the continuation that made
-    ``near``, and ``samples`` the number of all nodes.
+    ``chosen`` are the independent potentials, and ``continuation`` has made ``near``. ``fine`` are
+    all nodes with barrier points, configurations that repel singularities; ``samples`` is the
+    number of all nodes. A singularity that the evaluation finds becomes a barrier point, and the
+    descent is repeated. Return the error of the singularity, instead of a design, if ``near`` is
+    singular at that configuration, too, or after the last repetition.
     """
     refusal: SingularRegionError | None = None
     for _ in range(_ROUNDS):
-        found = way.descend(fine, near.A, _PENALTY, problem.options.tolerance)
+        found = continuation.descend(fine, near.A, _PENALTY, problem.options.tolerance)
         result = found or replace(near, converged=False, steps=0)
         cost, _ = fine.batches.total(criterion.cost, result.A)
         result = replace(result, cost=cost, steps=result.steps + near.steps)
         problem.report("evaluating on held-out nodes", 0.0)
         try:
-            return _judged(problem, chosen, result, samples)
+            return _evaluated_design(problem, chosen, result, samples)
         except SingularRegionError as error:
             refusal = error
-        if way.margin(near.A)(refusal.at[None])[0] <= 0:
+        if continuation.margin(near.A)(refusal.at[None])[0] <= 0:
             break
         fine.guard(refusal.at[None])
     assert refusal is not None
@@ -147,14 +148,17 @@ def _refined(
 
 
 def undetermined(potentials: PotentialBasis, task: Task, nodes: int) -> bool:
-    """Test whether there are more potentials than equations; each of the nodes gives m equations.
+    """Test whether a number of ``nodes`` is too small to determine the potentials of a basis.
 
-    A fit to so few nodes is refused, and a search for the best degree ends before it.
+    Each node gives m equations, and there must be at least as many equations as potentials. A fit
+    to fewer nodes is refused, and a search for the best degree ends before it.
     """
     return nodes * task.m < potentials.size
 
 
-def _judged(problem: FitProblem, chosen: Independent, result: Descent, samples: int) -> Design:
+def _evaluated_design(
+    problem: FitProblem, chosen: Independent, result: Descent, samples: int
+) -> Design:
     """Make the design from the result of a descent, and evaluate it on held-out nodes.
 
     ``chosen`` are the independent potentials whose coefficients the descent found, and ``samples``

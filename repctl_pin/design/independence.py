@@ -41,9 +41,9 @@ class Independent:
         Names of the potentials that are left out, each with the reason.
     basis : (N', N') array
         B: the columns of D B, with D the gradients of the independent potentials, are orthonormal
-        in the mean over Ω. The optimiser uses these coordinates, so that its result does not
-        depend on the given basis. B is upper triangular, so its leading blocks orthonormalise the
-        first potentials.
+        in the mean over Ω. The optimiser uses the coordinates B⁻¹ A, so that its result does not
+        depend on the given basis. B is upper triangular, so the leading (k, k) block of B does the
+        same for the first k potentials.
     size : int
         N, the number of all potentials of the basis.
     """
@@ -136,10 +136,11 @@ def _dropped(
     in_rows: NDArray[np.bool_],
     dependent: NDArray[np.intp],
 ) -> list[str]:
-    """Write the names of the potentials that are left out, each with its reason.
+    """List the potentials that are left out, as texts "name: reason".
 
-    ``constant`` and ``in_rows`` (N,) are True for potentials that are constant, or functions of the
-    task coordinates alone; ``dependent`` are indices of potentials that depend on earlier ones.
+    ``constant`` (N,) is True for potentials that are constant, ``in_rows`` (N,) for functions of
+    the task coordinates alone. ``dependent`` are the indices of potentials that depend linearly on
+    earlier ones.
     """
     reasons = {
         "constant over the region": np.flatnonzero(constant),
@@ -152,10 +153,11 @@ def _dropped(
 
 
 def _sequential(triangle: Array) -> tuple[Array, list[int]]:
-    """Factor the columns of a square matrix by QR, and skip those that depend on earlier columns.
+    """Factor ``triangle`` (N, N) by QR, without the columns that depend on earlier columns.
 
-    Return R of the remaining columns, and their indices. A column is dependent if less than 1e-8 of
-    its norm is perpendicular to earlier columns, which belong to potentials of lower degree.
+    A column belongs to a potential; earlier ones have lower degree. Return R (N', N') of the N'
+    remaining columns, and their indices. A column is dependent if less than 1e-8 of its norm is
+    perpendicular to all earlier columns.
     """
     size = np.linalg.norm(triangle, axis=0)
     kept = list(range(triangle.shape[1]))

@@ -64,8 +64,8 @@ def nearest_repeatable(
     degree
         Alternative to potentials: all polynomials up to this degree over the box around Ω.
         ``"auto"`` raises the degree from 1 until the cost on held-out nodes falls by less than 1 %;
-        the search ends at degree 6 (8 for n ≤ 3), at 1000 unknowns, or at as many potentials as
-        given ``samples`` determine.
+        the search ends at degree 6 (8 for n ≤ 3), at 1000 unknowns, or when the number of
+        potentials exceeds what the given ``samples`` can determine.
     shrink
         If Ω contains a singularity, or a leaf margin below 0.1, design over the largest region with
         the same centre that has neither.

@@ -115,12 +115,12 @@ class Dexterity:
         return np.where(values[:, -1] > _RANK * values[:, 0], values[:, -1] / values[:, 0], 0.0)
 
     def newton(self, Q: Array, scale: Array) -> Array:
-        """Compute the Newton steps (K, n) to the nearest configurations at which J loses rank.
+        """Compute the Newton steps from Q (K, n) towards configurations where J loses rank: (K, n).
 
-        A step is divided by ``scale`` (n,), and is the shortest one to first order. With the
-        singular value decomposition J = X Σ Yᵀ, J loses rank where the n − m + 1 equations ``Y₂ᵀ Jᵀ
-        x = 0`` hold; x is the last column of X, Y₂ the columns m, …, n of Y. Where the arm is
-        stretched out, σ_min has the shape of a cone, to whose tip gradient descent does not
+        A step is in units of ``scale`` (n,), rad or m, and is the shortest one to first order. With
+        the singular value decomposition J = X Σ Yᵀ, J loses rank where the n − m + 1 equations
+        ``Y₂ᵀ Jᵀ x = 0`` hold; x is the last column of X, Y₂ the columns m, …, n of Y. Where the arm
+        is stretched out, σ_min has the shape of a cone, to whose tip gradient descent does not
         converge.
         """
         m = self.task.m
@@ -134,10 +134,11 @@ class Dexterity:
 class LeafMargin:
     """Signed leaf margin: a measure of the distance from an algorithmic singularity.
 
-    Its absolute value is ``σ_min(Nᵀ V̂)``, with N the null space of J, and V̂ the gradients V of
-    the potentials, orthonormalised. It is negative where ``det [J; Vᵀ]`` has the opposite sign of
-    the determinant at ``center`` (n,), so that it changes sign at an algorithmic singularity. Where
-    J has full rank, the margin is smooth, also at its zeros, except where singular values cross.
+    Its absolute value is ``σ_min(Nᵀ V̂)``, with N an orthonormal basis of the null space of J, and
+    V̂ the gradients V of the potentials, orthonormalised. The margin is negative where
+    ``det [J; Vᵀ]`` has another sign than at ``center`` (n,), so that it changes sign at an
+    algorithmic singularity. Where J has full rank, the margin is smooth, also at its zeros, except
+    where singular values cross.
 
     With the QR factorisation ``V = V̂ R`` and the solution X of ``J_V X = [0; I]``, it is computed
     as ``σ_min(Nᵀ V̂) = 1 / σ_max(X Rᵀ)``, because ``X Rᵀ = N (V̂ᵀ N)⁻¹``. It is 0 where J_V is
@@ -177,7 +178,7 @@ class LeafMargin:
 
 
 def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
-    """Minimise a measure over Ω by local searches from several starting points at once.
+    """Minimise a measure over Ω by S local searches from several starting points at once.
 
     The searches end when one of them reaches a value of 0 or below, or when no search can lower its
     value. A step goes down the gradient, at most to where the measure would be 0 to first order.
@@ -218,10 +219,10 @@ def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
 
 
 def _newton(measure: Dexterity, region: Region, Q: Array, value: Array) -> None:
-    """Move Q (S, n) by Newton steps towards singularities of the arm, until one is reached.
+    """Move configurations Q (S, n) by Newton steps towards singularities of the arm, in place.
 
-    Q and ``value`` (S,), the measure at Q, are updated in place. A row changes only if its value
-    falls.
+    ``value`` (S,), the measure at Q, is updated, too. A row changes only if its value falls. The
+    steps end when one row has reached a singularity, where the value is 0.
     """
     scale = region.bounds.half_width
     ends = Q.copy()
@@ -260,7 +261,7 @@ def _corners(region: Region, Q: Array) -> Array:
     Half of the moves have twice the half-widths of Ω as lengths, which leads to the corners of a
     box: to all of them for n ≤ 7, else to every combination of the first seven joints. The other
     half have a tenth of the half-widths, along random diagonals, because a tube is narrow. Return
-    at most 256 rows.
+    the results that lie in Ω, at most 256 rows.
     """
     rng = np.random.default_rng(0)
     start = np.resize(Q, (_CORNERS, Q.shape[1]))
@@ -323,9 +324,9 @@ def refuse_singular(
 ) -> SingularRegionError:
     """Make the error for a region with singularities at the configurations ``bad`` (B, n).
 
-    The message begins with ``what``, such as "the Jacobian loses rank in Ω", and names the first of
-    these configurations, and the largest singularity-free region with the same centre. ``measure``
-    is 0 or below, or for a leaf margin below 0.1, at ``bad``.
+    The message begins with ``what``, such as "the Jacobian loses rank in Ω". It names the first of
+    these configurations, and the largest singularity-free region with the same centre. At ``bad``,
+    ``measure`` is at most 0 or, if it is a leaf margin, below 0.1.
     """
     at = bad[0]
     largest = largest_free(measure, region, bad)

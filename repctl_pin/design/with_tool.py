@@ -33,7 +33,7 @@ _BELOW = 1 - 1e-12
 
 
 def for_task(design: Any, task: Task) -> Any:
-    """Convert a :class:`Design` to the task of another frame on the same body.
+    """Convert a :class:`Design` to ``task``, the task of another frame on the same body.
 
     So a changed gripper needs no new fit. Cost and margins are evaluated again on the design's
     held-out nodes; the figures of the fit are kept, and the cycle is dropped.
@@ -106,9 +106,10 @@ def _proof(proof: Proof, tool: pin.SE3) -> Proof:
 def _closes(closes: ClosingRadius, tool: pin.SE3) -> ClosingRadius:
     """Convert a closing radius of a frame to a smaller one of the tool, under the same proof.
 
-    The radius is ρ metres and α radians for the pose p, R of the frame, and λρ and λα for the pose
-    p', R of the tool, with the offset t. From ``p = p' − R t`` follows ``|p − p₀| ≤ λρ + 2
-    sin(λα/2) |t| ≤ λ (ρ + α|t|)``, which is ρ for ``λ = ρ / (ρ + α|t|)``.
+    The tool has the offset t, m, from the frame. The radius is ρ metres and α radians for the
+    position p and rotation R of the frame, and λρ and λα for those of the tool, p' and R; p₀ is the
+    frame's position on the path. From ``p = p' − R t`` follows ``|p − p₀| ≤ λρ + 2 sin(λα/2) |t| ≤
+    λ (ρ + α|t|)``, which is ρ for ``λ = ρ / (ρ + α|t|)``.
     """
     length = float(np.linalg.norm(tool.translation))
     angle = (closes.radians or 0.0) + _SAME_ANGLE

@@ -46,8 +46,8 @@ class _Derivative:
     dG : (K, n, m, n) array
         ``[:, i, a, k] = ∂G[i, a]/∂q[k]``.
     error : (K, n) array
-        Estimated maximum error of the entries of ∂G/∂q_k, for each joint k. Rows of G of prismatic
-        joints are in arm lengths.
+        Estimated maximum error of the entries of ∂G/∂q_k, for each joint k. Rows of G that belong
+        to prismatic joints are in arm lengths.
     exact : bool
         True if a formula was evaluated, so that all errors are rounding errors.
     """
@@ -227,10 +227,11 @@ def differentiate(
 
 
 def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> tuple[Array, Array]:
-    """Differentiate as :func:`differentiate` does, for one choice of the first steps (K, n).
+    """Differentiate as :func:`differentiate` does, once, with given first steps.
 
-    ``function`` and Q are as for that function; ``first`` is the longest step along each joint.
-    Return the slopes (K, …, n) and their estimated errors (K, n).
+    ``function`` and ``Q`` are the arguments of that function. ``first`` (K, n) is the first and
+    longest step along each joint, rad or m. Return the slopes (K, …, n) and their estimated errors
+    (K, n).
     """
     K, n = Q.shape
     steps = first[:, None] * 2.0 ** -np.arange(_LEVELS)[:, None]  # (K, L, n)
@@ -256,10 +257,11 @@ def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> 
 def _romberg(rows: Sequence[Array]) -> tuple[Array, Array, NDArray[np.intp], tuple[Array, Array]]:
     """Extrapolate differences for successively halved steps to step 0 by Romberg's table.
 
-    ``rows`` has one array of differences (K, n, size) per step, where size is the number of values
-    of the function. Return the table entries with the smallest estimated errors (K, n, size), these
-    errors (K, n), and the numbers of halvings that led to the entries (K, n). A fourth result is
-    used to measure noise: the two entries of order 8 for the shortest step and for twice that step.
+    ``rows`` has one array of differences (K, n, size) per step, the longest step first; size is the
+    number of values of the function. Return four results: the table entries with the smallest
+    estimated errors (K, n, size), these errors (K, n), the numbers of halvings (K, n) of the step
+    that led to the entries, and two more entries by which noise is measured. The latter have order
+    8, for the shortest step and for twice that step.
     """
     best = rows[-1]
     error = np.full(best.shape[:2], np.inf)

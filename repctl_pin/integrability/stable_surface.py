@@ -106,9 +106,10 @@ _Surface = Callable[[Array], tuple[Array, Array]]
 def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     """Evaluate s(q), the stacked defects of all pairs a < b: (K, pairs · n), and its error (K,).
 
-    s is the relative defects (see :func:`measure`) times ``det(BᵀB)``, with ``B = L⁻¹ G J M⁻¹ Jᵀ``,
-    L the unit of each joint, and M the weight of a weighted inverse, else I. For J⁺, n = 3 and
-    m = 2, B is Jᵀ and s is the paper's scalar (6) times the unit null vector n̂.
+    s consists of the relative defects (see :func:`measure`), multiplied by ``det(BᵀB)`` with
+    ``B = L⁻¹ G J M⁻¹ Jᵀ``. L is the diagonal matrix of the joints' units, and M is the weight of a
+    weighted inverse, else I. For J⁺, n = 3 and m = 2, B is Jᵀ and s is the paper's scalar (6) times
+    the unit null vector n̂.
 
     Without the factor, s contains the unit normal of G's column space. On an arm whose prismatic
     travel differs much from 1 m, the unit normal reverses over a very short distance, which
@@ -339,10 +340,11 @@ def _departure(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, 
 def _walked(
     strategy: Inverse, Q: Array, direction: Array, h: Array, L: Array
 ) -> tuple[Array, Array]:
-    """Follow G from Q (K, n) in one task direction (m,), by eight Runge–Kutta steps h (K, 1), rad.
+    """Follow G from Q (K, n) in one task direction by eight Runge–Kutta steps.
 
-    L (n,) is the unit of each joint, 1 rad or the arm length in m. Return the final configurations
-    (K, n), and the fraction (K,) of the motion that was completed before a singularity.
+    ``direction`` (m,) is the direction, ``h`` (K, 1) the length of each step, rad, and ``L`` (n,)
+    the unit of each joint, 1 rad or the arm length in m. Return the final configurations (K, n),
+    and the fraction (K,) of the motion that was completed before a singularity.
     """
 
     def velocity(P: Array) -> Array:

@@ -137,7 +137,7 @@ class _LeafCandidate:
 
     @property
     def order(self) -> tuple[float, ...]:
-        """Sort key by which the better of two candidates is the larger.
+        """Sort key: of two candidates, the better one has the larger key.
 
         First, a candidate without violations is better than one with joint-limit violations or
         collisions, or both. Then the smallest relative margins are compared, rounded to 0.01; if
@@ -326,9 +326,9 @@ class _Search:
     def allowed(self, starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
         """Evaluate starts (n,), and yield the candidates among which the best is chosen.
 
-        They have a full cycle inside the region, and a leaf margin of at least 0.1, or at least
-        that of the given start. A None in ``starts`` is a start that cannot be reached; it counts
-        as tried.
+        They have a full cycle inside the region. Their leaf margin is at least 0.1, or at least
+        that of the given start if it is smaller. A None in ``starts`` stands for a start that
+        cannot be reached; it counts as tried.
         """
         for q in starts:
             self.tried += 1
@@ -364,9 +364,9 @@ class _Search:
     def refined(self, best: _LeafCandidate, better: _Better) -> _LeafCandidate:
         """Improve the start ``best`` by a pattern search along the null vectors.
 
-        A candidate is replaced by one a step away that is better, as the function ``better`` tells;
-        if there is none, the step is halved until it is too short. Steps are in rad, or in arm
-        lengths for prismatic joints.
+        ``better(a, b)`` tells whether candidate a is better than b. The best candidate is replaced
+        by a better one that is one step away; if there is none, the step is halved, until it is too
+        short. Steps are in rad, or in arm lengths for prismatic joints.
         """
         target = self.path.placement(0.0)
         size = _STRIDE / 2
@@ -510,7 +510,7 @@ def _inside(
 
 
 def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Array | None]:
-    """Yield the neighbours of q (n,): one step along each null vector n and along −n.
+    """Yield the neighbours of q (n,): one step forward and one back along each null vector of J.
 
     The frame stays at the target. ``size`` is the length of the step, in rad, or in arm lengths for
     prismatic joints. None is yielded in place of a neighbour that is outside the joint limits or
@@ -537,7 +537,10 @@ def _directions(task: Task, start: Array, seed: int) -> list[Array]:
 
 
 def _line(candidate: _LeafCandidate | None) -> str:
-    """Format the margins and violations of a candidate on one line; None has no full cycle."""
+    """Format the margins and violations of a candidate on one line.
+
+    None stands for a start whose leaf allows no full cycle; the line says so.
+    """
     if candidate is None:
         return "no full cycle from this start"
     outside = candidate.motion.outside

@@ -35,7 +35,8 @@ def displacements(
     Parameters
     ----------
     before, after : (T, S, 4, 4) arrays
-        Rigid placements of S bodies at T moments, m; an axis of length 1 counts for all moments.
+        Rigid placements of S bodies at T moments, m. A first axis of length 1 stands for the same
+        placements at all moments.
     bodies : sequence of S arrays (P, 3)
         Corners of each body's convex hull in its own frame, m; at least one.
 
@@ -44,7 +45,7 @@ def displacements(
     displacement : (T, S) array
         Displacement of each body, m.
     which : (T, S) array of int
-        Index of the corner, of each body, that moves farthest.
+        Index of the corner of each body that moves farthest.
     """
     D = (after - before)[..., :3, :]  # (T, S, 3, 4)
     way = np.empty(D.shape[:2])
@@ -162,9 +163,10 @@ class LinkPoints:
 
 
 def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
-    """Compute the displacements of other end effectors from their start: {link: (T,) array, m}.
+    """Compute the displacements of the other end effectors from their start, by link: (T,) each, m.
 
-    On a robot with two arms on one waist, the other hand drifts as well.
+    Others are those that the task does not control but its joints move: on a robot with two arms on
+    one waist, the other hand drifts as well.
 
     Parameters
     ----------

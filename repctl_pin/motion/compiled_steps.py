@@ -79,9 +79,9 @@ def _run(
 ) -> int:
     """Take the steps from ``step`` to ``end`` in C, and return the first step that was not taken.
 
-    ``native`` is the library, and ``law`` the struct of the control law, whose memory ``held``
-    keeps alive. The results are written to rows of Q and Qdot. C stops at a step that fails or is
-    too long; Python then repeats the step and raises the error.
+    ``native`` is the library, and ``law`` the struct of the control law; ``held`` keeps its memory
+    alive. The results are written to the rows of Q and Qdot, which have one row per step. C stops
+    at a step that fails or is too long; Python then repeats the step and raises the error.
     """
     rows = [ctypes.c_void_p(array.ctypes.data) for array in (Q, Qdot)]
     while step < end:
@@ -95,9 +95,9 @@ def _run(
 def _law_of(strategy: Strategy) -> tuple[Any, dict[str, float], dict[str, Array]] | None:
     """Return the parts of the C struct LAW that depend on a strategy; None if C lacks its formula.
 
-    They are (struct :data:`ARM`, numbers, arrays). The numbers are ``on_leaf``, 1 for a repeatable
-    inverse, and ``gain`` of a posture control; the array ``posture`` (n,) is that of the latter.
-    For J⁺, both dicts are empty.
+    They are (struct :data:`ARM`, numbers by name, arrays by name). A repeatable inverse has the
+    number ``on_leaf``, 1. A posture control has the number ``gain``, 1/s, and the array ``posture``
+    (n,). For J⁺, both dicts are empty.
     """
     kind = type(strategy)
     if isinstance(strategy, RepeatableInverse) and kind is RepeatableInverse:

@@ -195,9 +195,9 @@ def _rows_by_key(table: CsvTable, count: int) -> dict[str, list[int]]:
 def _count(end: float | None, asked: int | None, table: CsvTable, row: int) -> int:
     """Return the number of cycles of a motion: ``asked``, else ``end``, else 1.
 
-    ``asked`` is the user's number, and ``end`` the value of the column ``cycle`` in the motion's
-    last row, number ``row`` of the table; None without them. InputError is raised if ``end`` is
-    used and is not a whole number.
+    ``asked`` is the user's number, or None. ``end`` is the value of the column ``cycle`` in the
+    motion's last row, or None without such a column; that row has the number ``row`` in the table.
+    InputError is raised if ``end`` is used and is not a whole number.
     """
     count = asked or (1 if end is None else round(end))
     if asked is None and end is not None and (count < 1 or abs(end - count) > 1e-6):

@@ -3,7 +3,8 @@
 A strategy gives joint velocities q̇ from the configuration q and the task velocity ẋ. The path
 parameter s runs from 0 to 1 in each cycle; a cycle is divided into steps, which end at all corners.
 A repeatable strategy keeps its potentials h constant, and so the arm on a leaf, the set h(q) = c of
-the level c. J⁺ is the pseudoinverse, the usual strategy.
+the level c. J⁺ is the pseudoinverse, the usual strategy. T = cycles · steps is the number of all
+steps of a motion.
 """
 
 from __future__ import annotations
@@ -62,7 +63,8 @@ class _Method:
     Attributes
     ----------
     advance : function (step of the cycle, q) → (next q, q̇ at the start of the step, damping λ)
-        Takes one step in Python; with a leaf lock, q̇ is the mean over the step.
+        Takes one step in Python. With a leaf lock, q̇ is not that at the start, but the mean over
+        the step.
     at_end : function q → q̇, optional
         Velocity at the end of the motion; by default, q̇ there is that of the last step.
     compiled : function (most (n,)) → Steps or None
@@ -261,7 +263,7 @@ def unresolved(strategy: Strategy, motion: Motion) -> str:
 
 
 def check_length(task: Task, cycles: int, steps: int) -> None:
-    """Raise InputError if a motion of ``cycles`` of ``steps`` steps does not fit into memory."""
+    """Raise InputError if a motion does not fit into memory: too many cycles or steps per cycle."""
     if cycles * steps * task.n > _MOST:
         raise InputError(
             f"{cycles} cycles of {steps} steps do not fit into memory; use fewer cycles or steps"
@@ -276,12 +278,12 @@ def _size(points: ArrayLike) -> float:
 def _run(
     method: _Method, task: Task, path: TaskPath, counts: tuple[int, int], size: float, q: Array
 ) -> tuple[Array, Array, float]:
-    """Take all steps from q (n,); return q and q̇, (T + 1, n) each, and the maximum damping λ.
+    """Take all T steps from q (n,); return q and q̇, (T + 1, n) each, and the maximum damping λ.
 
-    ``counts`` are (number of cycles, steps per cycle), and ``size`` is the path's size, m. A
-    SingularityError that names the cycle is raised if a joint moves in one step by more than 1 rad,
-    or a prismatic joint by more than the arm's length and the path's size: the result would be
-    meaningless.
+    ``counts`` are (number of cycles, steps per cycle), whose product is T, and ``size`` is the
+    path's size, m. A SingularityError that names the cycle is raised if a joint moves in one step
+    by more than 1 rad, or a prismatic joint by more than the arm's length and the path's size: the
+    result would be meaningless.
     """
     (cycles, n_steps), used = counts, 0.0
     # largest credible motion of a joint in one step
@@ -397,9 +399,9 @@ def _velocity(
 
 
 def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
-    """Return a cached function of a path, ``sample``, or the same function without its cache.
+    """Return the function ``sample`` of a path, without its cache if the path can change.
 
-    ``sample`` has an ``lru_cache``, which is right for the paths of this package, those with a
+    ``sample`` has an ``lru_cache``. It is kept for the paths of this package, those with a
     ``spec``. A path that the user defines by functions can change between two calls.
     """
     return sample if path.spec else sample.__wrapped__  # type: ignore[attr-defined]
@@ -407,7 +409,7 @@ def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
 
 @lru_cache(maxsize=4)
 def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
-    """Evaluate a path's twists at fractions ``places`` of each step: (steps, places, 6 F).
+    """Evaluate a path's twists at the P fractions ``places`` of each step: (steps, P, 6 F).
 
     A twist is (v, ω) of each of the F frames, m and rad per cycle. At a corner, it is the twist on
     the step's side. The last results are cached, because several strategies follow the same path.

@@ -87,9 +87,9 @@ class JointMotion:
 
     @property
     def _gaps(self) -> Array:
-        """Distance of the end of each cycle from the start: (cycles + 1,), rad or arm lengths.
+        """Distance in joint space of the end of each cycle from the start: (cycles + 1,), rad.
 
-        The first entry, 0, is that of the start itself.
+        Prismatic joints count in arm lengths. The first entry, 0, is that of the start itself.
         """
         gaps = (self.q[:: self.steps] - self.q[0]) / joint_scale(self.task, self.q[0])
         return np.linalg.norm(gaps, axis=1)
@@ -304,7 +304,8 @@ def violations_of(motion: JointMotion) -> tuple[Violation, ...]:
 def checked_words(motion: JointMotion) -> str:
     """Return the text " at N points" to qualify a body distance that was only sampled.
 
-    The text is empty if the distance holds between the samples too, and after a collision.
+    The text is empty if the distance also holds between the samples, and for a motion with a
+    collision.
     """
     found = motion.clearance
     return "" if found.between or found.touch else f" at {found.points:,} points"

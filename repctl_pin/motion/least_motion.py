@@ -2,8 +2,9 @@
 
 A closed motion is K configurations q_k, one at each point x(s_k) of the path, with s from 0 to 1.
 Its cost, an augmented Lagrangian with the joint limits, is :class:`_Cost`. It is minimised by
-Newton steps along the null space of J, each followed by a correction back onto the path. A
-self-motion moves the joints while the frame rests. J⁺ is the pseudoinverse of the Jacobian J.
+Newton steps along the null space of J, each followed by a correction back onto the path. An
+argument ``cost`` is this cost; it holds the task and the placements on the path. A self-motion
+moves the joints while the frame rests. J⁺ is the pseudoinverse of the Jacobian J.
 """
 
 from __future__ import annotations
@@ -203,12 +204,12 @@ def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
 class _Cost:
     """Augmented Lagrangian of a closed motion: a function of the K configurations q_k of its cycle.
 
-    ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``, where w_k = 1 / (s_{k+1} − s_k) is ``weights``,
-    and ``e_k`` is how far ``q_k + λ_k / ρ_k`` exceeds the joint limits, narrowed by ``margin``. λ_k
-    are the ``multipliers`` of the limits, and ρ_k = ``stiffness · share``, where ``share`` (K,) is
-    the fraction of the cycle that point k stands for. ``targets`` are the placements on the path.
-    ``first`` is the index of the first configuration that is optimised: 0, or 1 if the start is
-    fixed.
+    It is ``½ Σ w_k ‖q_{k+1} − q_k‖² + ½ Σ ρ_k ‖e_k‖²``. The ``weights`` are
+    w_k = 1 / (s_{k+1} − s_k). ``e_k`` (n,) is how far ``q_k + λ_k / ρ_k`` exceeds the joint limits,
+    which are narrowed by ``margin``, rad or m. λ_k (n,) are the ``multipliers`` of the limits, and
+    ρ_k = ``stiffness · share``, where ``share`` (K,) is the fraction of the cycle that point k
+    stands for. ``targets`` are the K placements on the path. ``first`` is the index of the first
+    configuration that is optimised: 0, or 1 if the start is fixed.
     """
 
     task: Task
@@ -270,11 +271,12 @@ class _Cost:
         return None if moved is None else np.vstack([Q[: self.first], moved])
 
     def step(self, Q: Array, *, exact: bool) -> tuple[Array, float]:
-        """Compute a Newton step (K, n) at Q along the null space, and the predicted decrease.
+        """Compute a Newton step (K, n) at Q (K, n) along the null space, and predict its decrease.
 
-        N spans the null space of J. Self-motions are ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so
-        Newton's matrix is the Gauss–Newton matrix plus the blocks of :meth:`_bent`. If ``exact`` is
-        False, their positive semidefinite parts are used, so that the matrix is positive definite.
+        The decrease is that of the cost. N spans the null space of J, and H = ∂J/∂q. Self-motions
+        are ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so Newton's matrix is the Gauss–Newton matrix
+        plus the blocks of :meth:`_bent`. If ``exact`` is False, their positive semidefinite parts
+        are used, so that the matrix is positive definite.
 
         Raises
         ------
@@ -301,10 +303,11 @@ class _Cost:
     def _bent(self, Q: Array, inverse: Array, N: Array, gradient: Array, *, exact: bool) -> Array:
         """Evaluate the blocks ``−Σ_a μ_a Nᵀ H_a N`` (K, r, r) of Newton's matrix.
 
-        ``μ = J⁺ᵀ ∇`` are the multipliers of the path constraint, with the gradient ∇ of the cost.
-        Q (K, n) are the configurations that are optimised; ``inverse`` is J⁺ (K, n, m), N is
-        (K, n, r), and ``gradient`` (K, n) is ∇. Unless ``exact``, each block is replaced by its
-        positive semidefinite part.
+        ``μ = J⁺ᵀ ∇`` are the multipliers of the path constraint, with the gradient ∇ of the cost;
+        H_a are the second derivatives of task coordinate a by q. Q (K, n) are the configurations
+        that are optimised. ``inverse`` is J⁺ (K, n, m), N (K, n, r) are null-space bases, and
+        ``gradient`` (K, n) is ∇. Unless ``exact``, each block is replaced by its positive
+        semidefinite part.
         """
         forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
         bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(Q))

@@ -53,7 +53,7 @@ class _LeastStart(NamedTuple):
     ----------
     best : Motion
         The motion of lowest joint speed (rms) without a collision and with at least half of the
-        joint-limit margin of ``clearest``; ``given`` if no such motion is slower than it.
+        joint-limit margin of ``clearest``; ``given`` if no such motion has a lower joint speed.
     given : Motion
         The motion from the given start.
     clearest : Motion
@@ -110,8 +110,9 @@ def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
     """Improve a motion by freeing its start; return ``given`` if no result is better than it.
 
     ``given`` is the motion from the user's start, and ``kept`` the joint-limit margin that the
-    result must have, rad or m. The search requires larger and larger margins, the multiples
-    ``_SPARE`` of ``kept``, until the result has that margin.
+    result must have, rad or m. A search with a free start may end below the margin that it
+    requires. So searches with larger and larger margins follow, the multiples ``_SPARE`` of
+    ``kept``, until the result has the margin ``kept``.
     """
     found = (_free(motion, factor * kept) for factor in _SPARE)
     better = (one for one in found if one is not None and _better(one, given, kept))
@@ -119,11 +120,11 @@ def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
 
 
 def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) -> Iterator[Motion]:
-    """Yield the motions from starts along the self-motions of the start of ``given``, a motion.
+    """Yield the closed motions from starts along the self-motions of the start of ``given``.
 
-    Each motion is the guess for that from the next start. The rotation ``turn`` (r, r) selects the
-    directions of the self-motions. They are followed beyond joint limits, because later parts can
-    be within them again.
+    The search from each start begins at the motion from the preceding start. The rotation ``turn``
+    (r, r) of a null-space basis gives the r directions of the self-motions. They are followed
+    beyond joint limits, because later parts can be within them again.
     """
     start = given.q[0]
     target = path.placement(0.0)

@@ -140,8 +140,9 @@ def _regular_polygon(corners: float, radius: float, text: str, blend: float) -> 
 def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> _Drawn:
     """Create the result of :func:`_drawn` for a polygon with corners (x, y) in the plane, m.
 
-    They are counted from the start, the corner (0, 0), which is not among them. ``blend`` is the
-    radius of rounded corners, m, and ``name`` describes the polygon in reports.
+    The coordinates are relative to the start, which is the corner (0, 0); ``corners`` does not
+    contain it. ``blend`` is the radius of rounded corners, m, and ``name`` describes the polygon in
+    reports.
     """
 
     def draw(task: Task, q0: Array, plane: str) -> TaskPath:

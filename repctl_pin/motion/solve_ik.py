@@ -234,7 +234,10 @@ def _where(target: pin.SE3) -> str:
 
 
 def _amount(task: Task, error: Array) -> str:
-    """Format a task error (m,): the distance, m, and the angle, rad, if it is the larger number."""
+    """Format a task error (m,) for a message: the distance, m, and the angle, rad.
+
+    The angle is left out if its number is not larger than that of the distance.
+    """
     way = float(np.linalg.norm(error[task.kind.linear]))
     angle = float(np.linalg.norm(error[~task.kind.linear]))
     return f"{way:.3g} m" if way >= angle else f"{way:.3g} m and {angle:.3g} rad"
@@ -297,10 +300,11 @@ def _with_corner(
 
 
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
-    """Ask whether waypoints are in mm, or counted from the start, if the path then is in reach.
+    """Write a question: are the waypoints in mm, or relative to the start?
 
-    The text is empty otherwise. ``start`` (n,) is the start configuration, and ``knots`` are the
-    values of the path parameter s at the corners and both ends.
+    The text asks whichever change would bring the path in reach; it is empty if neither does.
+    ``start`` (n,) is the start configuration, and ``knots`` are the values of the path parameter s
+    at the corners and both ends.
     """
     if len(task.frames) > 1:
         return ""

@@ -84,9 +84,10 @@ class TimedMotion:
 
     @property
     def cycle_time(self) -> float:
-        """Duration of a steady cycle, s: of the second one, or the mean of fewer than three cycles.
+        """Duration of a steady cycle, s, which is the second one.
 
-        The first and the last cycle take longer, because they begin or end at rest.
+        With fewer than three cycles, it is the mean duration of a cycle. The first and the last
+        cycle take longer, because they begin or end at rest.
         """
         times = np.diff(self.starts)
         return float(times[1] if len(times) > 2 else times.mean())

@@ -1,6 +1,7 @@
 """Arm angle: rotation of the elbow about the line from shoulder to wrist.
 
-A potential is a function of the configuration q that a repeatable controller keeps constant.
+A potential is a function of the configuration q (n,) that a repeatable controller keeps constant. Q
+(K, n) are K configurations.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class ArmAngle(PotentialBasis):
     where y is the direction of ψ = 0. This conventional angle is singular at ŵ = ±r: the wrist is
     on the line through the shoulder along r. The stereographic angle (Elias and Wen, 2024) has
     ``y = ((ŵ − t) × r) × ŵ`` with t ⊥ r. It is singular only at ŵ = t: the wrist is on a half-line
-    from the shoulder, which t can turn away from the arm's workspace.
+    from the shoulder, which a choice of t keeps away from the arm's workspace.
 
     Parameters
     ----------
@@ -117,7 +118,8 @@ class ArmAngle(PotentialBasis):
     def distance(self, q: ArrayLike) -> float:
         """Compute the angle, rad, at q (n,) from ŵ to the nearest direction in which ψ is singular.
 
-        ŵ points from the shoulder to the wrist. A region for a design should keep away from 0.
+        ŵ points from the shoulder to the wrist. In all of a design's region, this angle should be
+        well above 0.
         """
         w = self._points(vector(q, self.task.n, "q"))[1][0]
         w = w / np.linalg.norm(w)
@@ -128,9 +130,9 @@ class ArmAngle(PotentialBasis):
         return self.names[0]
 
     def _points(self, q: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Evaluate elbow e and wrist w from the shoulder (3,), m, and their Jacobians (3, n).
+        """Evaluate the vectors e and w (3,), m, from the shoulder to the elbow and to the wrist.
 
-        Returns ``((e, J_e), (w, J_w))``, all in base axes.
+        Return them with their Jacobians (3, n), all in base axes: ``((e, J_e), (w, J_w))``.
         """
         model, data = self.task.model, self.task._data
         q = self.task._vector(q)
@@ -171,10 +173,10 @@ class ArmAngle(PotentialBasis):
         return float(np.arctan2(s, c)), (c * ds - s * dc) / (s**2 + c**2)
 
     def _zero(self, w_hat: Array) -> tuple[Array, Array]:
-        """Evaluate y, the direction of ψ = 0 (not normalised), and ∂y/∂ŵ (3, 3).
+        """Evaluate the vector y (3,), in whose direction ψ = 0, and ∂y/∂ŵ (3, 3).
 
-        ``w_hat`` is ŵ, the unit vector (3,) from the shoulder to the wrist, about which ψ is
-        counted from y.
+        ``w_hat`` is ŵ, the unit vector (3,) from the shoulder to the wrist. The angle ψ is counted
+        from y, about ŵ. y is not normalised.
         """
         r, t = self.reference, self.singular
         if t is None:

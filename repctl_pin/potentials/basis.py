@@ -1,9 +1,10 @@
 """Potentials h(q), whose level sets are leaves, and bases h_1 … h_N of them.
 
 A repeatable controller keeps r potentials h = Aᵀ (h_1 … h_N) constant, the paper's equation (35); a
-design chooses the coefficients A (N, r). V = ∂hᵀ/∂q (n, r) are their gradients. A class named
-``…Map`` has r potentials whose coefficients are fixed; it is made by ``weighted`` of a basis. A
-joined basis ``a + b`` concatenates bases.
+design chooses the coefficients A (N, r). V = ∂hᵀ/∂q (n, r) are their gradients, one column per
+potential. q (n,) is one configuration, Q (K, n) are K configurations. A class named ``…Map`` has r
+potentials whose coefficients are fixed; the method ``weighted`` of a basis makes it. A joined basis
+``a + b`` has the potentials of a, then those of b.
 """
 
 from __future__ import annotations
@@ -79,9 +80,9 @@ def check_joints(potentials: object, n: int) -> None:
 
 
 def _common_joints(parts: Sequence[object]) -> int | None:
-    """Return the common number of joints of several potentials; None if they take any number.
+    """Return the number of joints of which all ``parts`` are functions; None if any number will do.
 
-    Potentials of different arms cannot be added.
+    Parts are potentials or bases; those of different arms cannot be joined.
 
     Raises
     ------
@@ -111,7 +112,10 @@ def coefficients(A: ArrayLike, size: int) -> Array:
 
 
 class SumMap(Potentials):
-    """Sum ``h = h_a + h_b + …`` of several maps with r potentials each; made by a joined basis."""
+    """Sum ``h = h_a + h_b + …`` of several maps with r potentials each.
+
+    The method ``weighted`` of a joined basis makes it.
+    """
 
     def __init__(self, maps: Sequence[Potentials]) -> None:
         self.maps, self.n = tuple(maps), _common_joints(maps)
@@ -128,7 +132,8 @@ class SumMap(Potentials):
 class _CurvedSumMap(SumMap):
     """Sum of several maps with r potentials each, all of which have second derivatives.
 
-    A separate class, because the presence of ``hessian`` marks potentials with second derivatives.
+    It is a class of its own, because the method ``hessian`` marks potentials with second
+    derivatives.
     """
 
     def __init__(self, maps: Sequence[CurvedPotentials]) -> None:
@@ -218,8 +223,8 @@ class CustomMap(Potentials):
 class Joined(PotentialBasis):
     """Concatenation of several bases of potentials, written ``a + b``; N is the sum of their sizes.
 
-    For example, d_1 and d_2, and polynomials of θ_3, for a planar arm with two prismatic joints d_1
-    and d_2 and a revolute joint θ_3::
+    For example, a planar arm has two prismatic joints d_1 and d_2, and a revolute joint θ_3. This
+    basis has the potentials d_1 and d_2, up to scale, and polynomials of θ_3::
 
         Polynomial(center, 1, scale, variables=[0, 1]) + Polynomial(center, 5, scale, variables=[2])
 
@@ -276,7 +281,7 @@ class Joined(PotentialBasis):
         return np.concatenate([part.gradients(Q) for part in self.parts], axis=-1)
 
     def split(self, A: ArrayLike) -> list[Array]:
-        """Split coefficients A (N, r) into one array (N_i, r) per basis of ``parts``."""
+        """Split coefficients A (N, r) into one array (N_i, r) for each of the joined bases."""
         return np.split(coefficients(A, self.size), self._ends[:-1])
 
     def weighted(self, A: ArrayLike) -> SumMap:
@@ -290,9 +295,9 @@ class Joined(PotentialBasis):
 
 
 def as_joint_indices(variables: Sequence[int] | None, n: int) -> tuple[int, ...]:
-    """Check the indices, from 0, of the joints on which potentials depend; None is all n joints.
+    """Check the indices, from 0, of the joints on which potentials depend.
 
-    Returns the indices sorted and without duplicates.
+    Return the indices sorted and without duplicates; for None, those of all n joints.
 
     Raises
     ------

@@ -29,8 +29,8 @@ class CustomPotentials(PotentialBasis):
     ----------
     functions : sequence
         Functions q (n,) → h, a number, or pairs of such a function and its gradient q → ∇h (n,). A
-        missing gradient is computed by central differences, which :attr:`numerical` and
-        :attr:`names` show.
+        missing gradient is computed by central differences; :attr:`numerical` and :attr:`names`
+        show for which potentials.
     names : sequence of str, optional
         Names of the potentials; by default the functions' own names.
 

@@ -131,10 +131,10 @@ class Fourier(PotentialBasis):
 
 
 class FourierMap(Potentials):
-    """r Fourier series ``h = Σ_k a_k sin(k · q) + b_k cos(k · q)`` with a_k and b_k (r,).
+    """r Fourier series ``h = Σ_w (a_w sin(w · q) + b_w cos(w · q))`` with a_w and b_w (r,).
 
-    The wave vectors k, per rad or m, are the rows of ``waves`` (N/2, n). The coefficients A (N, r)
-    are those of all sines, then of all cosines.
+    The sum is over the wave vectors w, per rad or m, which are the rows of ``waves`` (N/2, n). The
+    coefficients A (N, r) are those of all sines, ``sines``, then those of all cosines, ``cosines``.
     """
 
     def __init__(self, waves: Array, A: Array) -> None:

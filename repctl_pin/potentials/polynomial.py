@@ -173,8 +173,8 @@ class Polynomial(PotentialBasis):
     def _tables(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Evaluate the Legendre polynomials P_a(u_i) and dP_a/du_i: two arrays (K, n, d + 1).
 
-        u_i are the scaled joint coordinates at the rows of Q (K, n); the last axis is the degree
-        a = 0 … d. All potentials are products of the values P_a(u_i).
+        Entry ``[k, i, a]`` belongs to row k of Q (K, n), to the scaled joint coordinate u_i, and to
+        the degree a from 0 to d. All potentials are products of values P_a(u_i).
         """
         u = (as_configurations(Q, self.n, "this polynomial basis") - self.center) / self.scale
         P, dP = np.ones((2, *u.shape, self.degree + 1))
@@ -191,11 +191,12 @@ class Polynomial(PotentialBasis):
 class PolynomialMap(Potentials):
     r"""r polynomials h(q) of k joints, evaluated from one table of weights of monomials.
 
-    If powers of ``z_0 = 1`` fill each term up to degree d, h is homogeneous of degree d in
-    ``z = (1, q − center)`` (k + 1,). Its derivatives ``w_i = ∂h/∂z_i`` are weighted sums of the
-    monomials u^β of degree below d, with ``u = (q − center) / scale``, and by Euler's theorem
-    ``h = Σ_i w_i z_i / d``. One table of these weights thus gives values, gradients and second
-    derivatives, here and in arm.c.
+    The polynomials are sums of monomials u^β with ``u = (q − center) / scale``, where the tuple β
+    has one exponent per joint. Multiplied by a power of ``z_0 = 1``, each monomial has the degree
+    d. So h is homogeneous of degree d in ``z = (1, q − center)`` (k + 1,), and by Euler's theorem
+    ``h = Σ_i w_i z_i / d`` with the derivatives ``w_i = ∂h/∂z_i``. These are weighted sums of
+    monomials of degree below d. One table of their weights gives values, gradients and second
+    derivatives, here and in the native library (arm.c).
 
     Attributes
     ----------
@@ -204,7 +205,7 @@ class PolynomialMap(Potentials):
     degree : int
         d, the highest total degree.
     terms : dict of tuple to (r,) array
-        Coefficients of h by the exponents β, one per joint of the k, of the monomials u^β.
+        The coefficients (r,) of each monomial u^β in the r polynomials; the key is β.
     joints : (k,) array of int
         Indices, from 0, of the k joints among those of the arm.
     n : int
@@ -226,7 +227,7 @@ class PolynomialMap(Potentials):
         self.terms = terms
         self.joints = joints
         self.n = n
-        shares = _shares(terms, degree, scale)
+        shares = _weights(terms, degree, scale)
         monomials, self._parent, self._factor = _monomials(shares, len(center))
         none = np.zeros_like(next(iter(shares.values())))
         weight = [shares.get(beta, none) for beta in monomials]
@@ -269,9 +270,9 @@ class PolynomialMap(Potentials):
         return hessian
 
     def _powers(self, U: Array) -> Array:
-        """Evaluate all monomials u^β of the table at the rows u of U (K, k): (monomials, K).
+        """Evaluate all M monomials u^β of the table at the rows u of U (K, k): (M, K).
 
-        Each is the product of an earlier monomial, its parent, and one coordinate.
+        Each is the product of an earlier monomial, its parent, and one of the k coordinates.
         """
         M = np.ones((len(self._parent), len(U)))
         factors = U.T
@@ -292,11 +293,11 @@ class PolynomialMap(Potentials):
         return filled_struct(PART, indices, reals, sizes)[0]
 
 
-def _shares(terms: dict[_Powers, Array], degree: int, scale: Array) -> dict[_Powers, Array]:
-    """Compute the weights of the monomials u^β in ``w = ∂h/∂z``: β → (r, k + 1).
+def _weights(terms: dict[_Powers, Array], degree: int, scale: Array) -> dict[_Powers, Array]:
+    """Compute the weights (r, k + 1) of each monomial u^β in the derivatives ``w = ∂h/∂z``.
 
-    z and w are those of :class:`PolynomialMap`, as are ``terms``, the coefficients (r,) of h by the
-    exponents β, ``degree`` and ``scale`` (k,).
+    The keys of the result are the exponents β. Arguments and letters are those of
+    :class:`PolynomialMap`.
     """
     shares: dict[_Powers, Array] = {}
 
@@ -318,9 +319,10 @@ def _monomials(
 ) -> tuple[list[_Powers], NDArray[np.intp], NDArray[np.intp]]:
     """Order monomials so that each is an earlier one, its parent, times one of k variables.
 
-    One multiplication then evaluates each monomial. Parents that are not among the ``expected``
-    monomials are added. Returns three sequences with an entry per monomial, by rising degree: its
-    powers, the index of its parent, and the index of the variable.
+    One multiplication then evaluates each monomial. ``expected`` are the monomials that must be in
+    the result, as tuples of k powers; their parents are added. Return three sequences with an entry
+    per monomial, by rising degree: its powers, the index of its parent, and the index of the
+    variable. The first monomial is 1; it has no parent, and its two indices are 0.
     """
     needed = {(0,) * k}
     for beta in expected:

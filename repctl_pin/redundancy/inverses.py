@@ -46,9 +46,9 @@ def pseudoinverse(J: ArrayLike) -> Array:
 
 
 def weighted_pseudoinverse(J: ArrayLike, M: ArrayLike) -> Array:
-    """Evaluate the inverse of minimum ``q̇ᵀ M q̇``, ``J⁺_M = M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹``.
+    """Evaluate the inverse ``J⁺_M = M⁻¹ Jᵀ (J M⁻¹ Jᵀ)⁻¹``, which minimises ``q̇ᵀ M q̇``.
 
-    With M the joint-space inertia this is the inverse of minimum kinetic energy.
+    If M is the joint-space inertia, the inverse minimises the kinetic energy.
 
     Parameters
     ----------
@@ -110,8 +110,8 @@ def pseudoinverse_derivative(J: ArrayLike, H: ArrayLike) -> Array:
 def null_component(G: ArrayLike, N: ArrayLike) -> Array:
     """Evaluate the null-space component ``W = Gᵀ N``, (..., m, r), of an inverse G of J.
 
-    G (..., n, m) is a generalized inverse, and N (..., n, r) is an orthonormal null-space basis.
-    Inverses of one J differ only in W: ``G = J⁺ + N Wᵀ`` (21), (22).
+    G (..., n, m) is a generalized inverse, and N (..., n, r) is an orthonormal basis of the null
+    space of J. Inverses of the same J differ only in W: ``G = J⁺ + N Wᵀ`` (21), (22).
     """
     G, N = as_matrices(("G", G, "n m"), ("N", N, "n r"))
     return np.swapaxes(G, -1, -2) @ N
@@ -136,10 +136,11 @@ def inverse_condition_number(J: Array) -> Array:
 def row_factor(
     J: ArrayLike, mode: Literal["reduced", "complete"] = "reduced"
 ) -> tuple[Array, Array]:
-    """Factor ``Jᵀ = Q R``, with orthonormal columns of Q and R upper triangular; check J's rank.
+    """Factor ``Jᵀ = Q R`` for J (..., m, n), and check that J has full rank.
 
-    J⁺ and the null space are both computed from this factorisation. With ``mode="complete"``, Q is
-    square, and its last n − m columns span the null space of J.
+    The columns of Q are orthonormal, and R is upper triangular. J⁺ and the null space are both
+    computed from this factorisation. With ``mode="complete"``, Q is square, and its last n − m
+    columns span the null space of J.
 
     Returns
     -------

@@ -1,6 +1,7 @@
 """Null space of J: orthonormal basis N, smooth null vector for r = 1, alignment of bases.
 
-J (m, n) is the Jacobian, and r = n − m. Numbers in parentheses, such as (12), are equations of
+J (m, n) is the Jacobian, r = n − m, and q the configuration. Arrays may have further leading axes,
+written as "...": each of their entries is one matrix. Numbers in parentheses are equations of
 the paper.
 """
 

@@ -1,8 +1,8 @@
 """Symmetric block-tridiagonal systems, open or cyclic, by a banded Cholesky factorisation.
 
 Newton's method for a motion of many points has such a matrix, because each point is coupled to its
-neighbours only; a closed motion is cyclic. The effort grows with the number of points, not its
-cube.
+neighbours only; a closed motion is cyclic. The effort is proportional to the number of points, not
+to its cube.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ from ..base.arguments import Array
 def solve_block_tridiagonal(diagonal: Array, upper: Array, rhs: Array, *, cyclic: bool) -> Array:
     """Solve a positive definite system ``D_k a_k + U_k a_{k+1} + U_{k−1}ᵀ a_{k−1} = b_k``.
 
-    In a cyclic system, block K − 1 is coupled to block 0. The blocks are then reordered as
-    0, 1, K − 1, 2, K − 2, …, so that coupled blocks are at most two apart and the matrix is banded.
+    There are K equations of r rows each, k = 0, …, K − 1. In a cyclic system, block K − 1 is
+    coupled to block 0. The blocks are then reordered as 0, 1, K − 1, 2, K − 2, …, so that coupled
+    blocks are at most two apart and the matrix is banded.
 
     Parameters
     ----------
     diagonal : (K, r, r) array
         Symmetric blocks D_k.
     upper : (K, r, r) array
-        Blocks U_k; the last one is used by a cyclic system only, which has K ≥ 3.
+        Blocks U_k. Only a cyclic system uses the last one; it must have K ≥ 3.
     rhs : (K, r) array
         Right-hand sides b_k.
     cyclic

@@ -1,4 +1,7 @@
-"""Descent in a box from S starting points at once, each with its own adaptive step length."""
+"""Minimisation of a function over a box, by descents from S starting points at once.
+
+A point has n coordinates. Each descent has its own step length, which adapts to its success.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +59,8 @@ def descend_in_box(
 ) -> None:
     """Minimise a function over a box from several starting points at once.
 
-    The arrays x and value are overwritten by the final points and the function's values there.
+    The arrays ``x`` and ``value`` are overwritten by the final points and the function's values
+    there. L is the number of points that are still searched.
 
     Parameters
     ----------

@@ -91,7 +91,10 @@ class _LeastSquares(Protocol[D, M]):
         """
 
     def model(self, at: Point[D]) -> M:
-        """Evaluate the model of the merit at a point: its gradient g and Gauss–Newton matrix H."""
+        """Evaluate the gradient g and the Gauss–Newton matrix H of the merit at a point.
+
+        The problem chooses the form of the result, which it is given back in :meth:`step`.
+        """
 
     def step(self, model: M, damping: float) -> Step:
         """Solve ``(H + μ D) dx = −g`` with μ = ``damping``; the problem chooses the scaling D."""
@@ -223,7 +226,7 @@ def levenberg_marquardt(
             damping = max(damping / _RELAXED, rules.smallest)
             count += 1
             continue
-        trial = _taken(problem, here, step, rules)
+        trial = _accepted_step(problem, here, step, rules)
         if trial is None:
             damping = max(_RETRY * damping, _FIRST_RETRY)
             if rules.halvings or damping > rules.largest:
@@ -240,14 +243,14 @@ def levenberg_marquardt(
     return _Solution(here, start, count, False)
 
 
-def _taken(
+def _accepted_step(
     problem: _LeastSquares[D, M], here: Point[D], step: Step, rules: Damping
 ) -> Point[D] | None:
     """Halve a step from ``here`` until the merit decreases sufficiently; return the accepted point.
 
     ``rules`` has the number of halvings and the sufficient decrease. The result is None if no
-    length is accepted. The full step is evaluated with the data of the next model, because it is
-    usually accepted.
+    length is accepted. The full step is usually accepted, so it is evaluated by ``evaluate``, whose
+    data the next model needs; shorter steps are evaluated by ``merit`` first.
     """
 
     def most(length: float) -> float:

@@ -90,10 +90,10 @@ def newton(
 def _line_search(
     residual: Callable[[Array], float], q: Array, dq: Array, scale: float, left: float
 ) -> tuple[Array, float]:
-    """Halve the step ``scale · dq`` until the residual is below ``left``, the residual at q.
+    """Halve the step ``scale · dq`` from q (n,) until it lowers the residual.
 
-    Returns the new q (n,) and its residual, or q and ``left`` if no scale above 1e-6 lowers the
-    residual.
+    ``scale`` is the first factor of the step dq (n,), and ``left`` is the residual at q. Return the
+    new q (n,) and its residual, or q and ``left`` if no factor above 1e-6 lowers the residual.
     """
     while True:
         trial = q + scale * dq

@@ -4,7 +4,8 @@ A repeatable inverse keeps its potentials h at the level c. Pose x and level c d
 position of the elbow is chosen by a level. While the elbow moves towards the point, the frame
 rests: q̇ = N ż with J N = 0, where z (r,) are coordinates of the self-motion. The elbow is the
 origin of a link. Ω is the design region of the inverse. The ratio of a configuration is the scale
-of Ω at which the boundary passes through it: 1 at the edge, below 1 inside.
+of Ω at which the boundary passes through it: 1 at the edge, below 1 inside. An argument ``inverse``
+is the repeatable inverse, and ``lower`` and ``upper`` (n,) are joint limits, rad or m.
 """
 
 from __future__ import annotations
@@ -105,8 +106,8 @@ class _Regular:
     """Bounds that keep a search away from singularities and inside Ω.
 
     ``condition`` is the minimum of σ_min / σ_max of J, ``margin`` the minimum leaf margin, and
-    ``ratio`` the maximum ratio. If the start violates one of the usual bounds, its own value
-    becomes the bound.
+    ``ratio`` the maximum ratio. The usual bounds are 0.01, 0.05 and 1. If the start violates one of
+    them, the start's own value becomes the bound.
     """
 
     condition: float
@@ -124,7 +125,7 @@ class _Regular:
         )
 
     def holds(self, inverse: _OnLeaves, q: Array) -> bool:
-        """Test whether q (n,) is within the bounds."""
+        """Test whether the configuration q (n,) is within all three bounds."""
         condition = inverse_condition_number(inverse.task.jacobian(q))
         return bool(
             condition >= self.condition
@@ -179,10 +180,10 @@ class Elbow:
         return np.asarray(self._drive.derivatives(J))
 
     def _velocity(self, frame: int) -> Array:
-        """Return the Jacobian (6, N) of the model's frame with index ``frame``: rows of v, then ω.
+        """Return the Jacobian of the model's frame with index ``frame``: rows of v, then ω.
 
-        v is the velocity of the frame's origin; v and ω are in world axes. N is the number of
-        joint velocities of the model.
+        v is the velocity of the frame's origin; v and ω are in world axes. The Jacobian has six
+        rows, and one column per joint velocity of the model, of which q has a part.
         """
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return np.asarray(pin.getFrameJacobian(self._model, self._data, frame, axes))
@@ -190,7 +191,7 @@ class Elbow:
     def _relative(self) -> tuple[Array, Array]:
         """Return the base's rotation (3, 3), and the elbow's position (3,) in the base frame, m.
 
-        The rotation is relative to the root of the robot.
+        The rotation is relative to the root of the robot; it is I if the base is the root.
         """
         p = self._data.oMf[self._frame].translation
         if self._base is None:
@@ -204,10 +205,11 @@ def leaf_toward(
 ) -> ElbowLevel:
     """Move along the self-motion to the minimum of ½ ‖p_elbow − p_e‖², by Newton's method.
 
-    The method uses first and second derivatives by z (r,), the step along the columns of N. After a
-    step to q + N z, the frame is brought back to its pose. A joint at a limit stays there unless
-    the minimum is inside its limits. ``point`` (3,) is p_e, in the base frame, m, and ``margin`` is
-    the distance to keep from the joint limits, rad or m.
+    The search begins at q (n,). p_elbow is the position of ``elbow``, and p_e is ``point`` (3,),
+    both in the base frame, m. The method uses first and second derivatives by z (r,), the step
+    along the columns of N. After a step to q + N z, the frame is brought back to its pose. A joint
+    at a limit stays there unless the minimum is inside its limits. ``margin`` is the distance to
+    keep from the joint limits, rad or m.
     """
     task = inverse.task
     lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
@@ -238,7 +240,8 @@ def leaf_toward(
 def _derivatives(inverse: _OnLeaves, elbow: Elbow, q: Array, N: Array) -> tuple[Array, Array]:
     """Compute the first (3, r) and second (r, r, 3) derivatives of the elbow's position by z.
 
-    z are the coordinates of the self-motion, the steps along the columns of N (n, r).
+    z (r,) are the coordinates of the self-motion from q (n,): the steps along the columns of N
+    (n, r), a basis of the null space of J.
     """
     r, h, here = N.shape[1], _APART, elbow.point(q)
     place = inverse.task.placement(q)
@@ -263,8 +266,9 @@ def _newton_step(
 ) -> tuple[Array, bool]:
     """Compute the step z (r,) to the minimum of ``gᵀz + ½ zᵀHz`` within the joint limits.
 
-    g (r,) and H (r, r) are gradient and second derivatives of the squared distance, A (3, r) is the
-    derivative of the elbow's position by z, and ``lower`` and ``upper`` (n,) are the limits of q. A
+    The step leads from q (n,) to q + N z, with the null-space basis N (n, r). g (r,) and H (r, r)
+    are the gradient and the second derivatives of half the squared distance by z, and A (3, r) is
+    the derivative of the elbow's position by z. ``lower`` and ``upper`` (n,) are the limits of q. A
     joint at or beyond its limit that would move farther outward is moved to the limit. The second
     result is False if the minimum is not unique, see :func:`_model_step`.
     """
@@ -321,11 +325,12 @@ def _accepted(
     limits: tuple[Array, Array],
     regular: _Regular,
 ) -> Array | None:
-    """Find a configuration along the step ``way`` (n,) with the elbow nearer to the point.
+    """Find a configuration with the elbow nearer to a point, along the step ``way`` (n,) from q.
 
-    The step from q is halved until its end keeps the ``limits`` (lower, upper), with the tolerance
-    :data:`_INSIDE`, and the bounds ``regular``; the result is None if no step does. If q is beyond
-    the limits, the step moves the joints back, and may move the elbow away from the point.
+    ``point`` (3,) is in the base frame, m. The step is halved until its end is within the
+    ``limits`` (lower, upper), with the tolerance :data:`_INSIDE`, and within the bounds
+    ``regular``; the result is None if no step is. If q is beyond the limits, the step moves the
+    joints back, and may move the elbow away from the point.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)
@@ -350,8 +355,8 @@ def _accepted(
 def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: Array) -> Array:
     """Move joints of q (n,) that are beyond their limits back to them, with the frame at ``place``.
 
-    Returns the configuration (n,). A step that moves a joint by more than :data:`_LONGEST` is not
-    made; the joints then stay beyond their limits.
+    Return the configuration (n,). If that would move a joint by more than :data:`_LONGEST`, the
+    joints stay beyond their limits.
     """
     for _ in range(_NEWTON):
         back = np.clip(q, lower, upper) - q
@@ -372,9 +377,9 @@ def _limit_distance(q: Array, lower: Array, upper: Array) -> float:
 
 
 def _retracted(inverse: _OnLeaves, q: Array, place: pin.SE3) -> Array:
-    """Bring the frame back to ``place`` by Newton's method, from q (n,) and at its level.
+    """Bring the frame to ``place`` by Newton's method from q (n,), while the level c of q is kept.
 
-    Returns the configuration (n,). SingularityError is raised if the method does not converge.
+    Return the configuration (n,). SingularityError is raised if the method does not converge.
     """
     for _ in range(_NEWTON):
         before, q = q, inverse.step(q, place, 1.0)

@@ -1,8 +1,8 @@
 """Inverse kinematic function q = F(x; c) of Baker and Wampler on a leaf of a repeatable inverse.
 
-The leaf is the set h(q) = c, with h the potentials that the inverse keeps constant. Pose x and
-level c determine q there, up to the solution branch. J_V = [J; Vᵀ], with V = ∂hᵀ/∂q, is the
-derivative of (f, h).
+The leaf is the set h(q) = c, with h the r potentials that the inverse keeps constant; c is its
+level. f(q) is the pose of the frame. Pose x = f(q) and level c determine q (n,), up to the solution
+branch. J_V = [J; Vᵀ], with V = ∂hᵀ/∂q, is the derivative of (f, h).
 """
 
 from __future__ import annotations
@@ -112,9 +112,9 @@ def _newton(
 ) -> Array | None:
     """Solve ``[x − f(q); c − h(q)] = 0`` near q by Newton's method, to a tolerance, rad or m.
 
-    ``step`` is :meth:`RepeatableInverse.step`, with dt = 1 a Newton step, and ``target`` is the
-    placement x. The result is None if the first step is too long, the steps do not shrink, or J_V
-    is singular.
+    ``step`` is :meth:`RepeatableInverse.step`, which makes a Newton step if dt = 1. ``target`` is
+    the placement x, and ``c`` the level (r,). Return the solution (n,), or None if the first step
+    is too long, the steps do not shrink, or J_V is singular.
     """
 
     def correction(q: Array) -> Array:
@@ -148,8 +148,8 @@ def _line(
 ) -> Callable[[float], pin.SE3 | Placements]:
     """Create the function s → placement on a straight line to the target, for s from 0 to 1.
 
-    ``start`` has one placement per frame. ``target``, and the function's result, is one placement,
-    or :class:`Placements` for several frames.
+    ``start`` has one placement per frame. For one frame, ``target`` and the result of the function
+    are one placement; for several frames, they are :class:`Placements`.
     """
     if not isinstance(target, Placements):
         turn = _turn(task.kind, start[0], target)
@@ -162,9 +162,10 @@ def _line(
 
 
 def _turn(kind: str, start: pin.SE3, target: pin.SE3) -> Array:
-    """Compute the rotation vector (3,), rad, base axes, from start to target, for a kind of task.
+    """Compute the rotation vector (3,), rad, base axes, by which the frame turns to the target.
 
-    It is 0 if the task does not control the orientation.
+    ``kind`` is the kind of task, such as "pose" or "axis". The vector is 0 if the task does not
+    control the orientation.
     """
     if kind == "pose":
         return pin.log3(target.rotation @ start.rotation.T)

@@ -15,11 +15,12 @@ class LimitWeight:
 
     .. math:: w_i = 1 + \text{gain} \sum_\mu \left( 1 + (\max(\mu, 0) / \rho_i)^2 \right)^{-2},
 
-    with μ the distances of q_i from its lower and upper limit, and ρ_i = ``onset`` · half its
-    range. w_i is about 1 in the middle of the range and 1 + gain at a limit and beyond, with a
-    continuous slope; it is 1 for joints without limits. With M = diag w and e_i the i-th unit
-    vector, ``‖G − J⁺_M‖²_M`` is ``‖G − J⁺‖² + Σ_i (w_i − 1) ‖e_iᵀ G‖²`` up to a constant. So a
-    design near J⁺_M is near J⁺, but slow near limits.
+    The sum is over the two distances μ of q_i from its lower and its upper limit, and ρ_i is
+    ``onset`` times half the joint's range. w_i is about 1 in the middle of the range and 1 + gain
+    at a limit and beyond, with a continuous slope; it is 1 for joints without limits. Let M be
+    diag w, e_i the i-th unit vector, and J⁺_M the inverse with the weight M. Then
+    ``‖G − J⁺_M‖²_M`` is ``‖G − J⁺‖² + Σ_i (w_i − 1) ‖e_iᵀ G‖²`` up to a constant. So a design near
+    J⁺_M is near J⁺, but slow near limits.
 
     Parameters
     ----------

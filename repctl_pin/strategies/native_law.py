@@ -42,9 +42,10 @@ def holding_library() -> ctypes.PyDLL:
 def call_memory(task: Task, arm: Any, **more: Array) -> tuple[dict[str, Array], Any]:
     """Allocate the arguments of C functions for one thread: the struct Call of law_calls.c.
 
-    Returns the arrays by the names of the struct's members, and a pointer to the struct, the
-    argument of the C functions. ``more`` are arrays for further members. The memory is allocated
-    once, because allocation takes longer than the arithmetic of a step.
+    ``arm`` is the struct ARM, and ``more`` are arrays for further members of Call, by name. Return
+    the arrays of all members by name, and a pointer to the struct, which is the argument of the C
+    functions. The memory is allocated once, because allocation takes longer than the arithmetic of
+    a step.
     """
     n, m, r = task.n, task.m, task.r
     sizes = {"q": n, "xdot": m, "twist": task.twist_size, "leaf": r, "limit": n}
@@ -104,7 +105,7 @@ class NativeLaw:
         return self._result.copy()
 
     def inverse(self, q: Array) -> Array:
-        """Evaluate G_r (n, m) at q; errors are raised as by :meth:`velocity`."""
+        """Evaluate G_r (n, m) at q (n,); errors are raised as by :meth:`velocity`."""
         self._q[...] = q
         status = self._run_inverse(self._call)
         if status:
@@ -196,7 +197,8 @@ class NativeLaw:
     def _run_rows(self, name: str, *arrays: Array) -> bool:
         """Call the C function ``name`` on all rows of arrays; the last array receives the results.
 
-        Returns False if the function stopped at a row where it failed, such as a singular one.
+        Return True if all rows were computed, and False if the function failed at a row, such as a
+        singular one.
         """
         native = library()
         assert native is not None

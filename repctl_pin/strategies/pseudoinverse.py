@@ -107,7 +107,7 @@ class WeightedInverse:
             _check_inertia(self.task)
         n = self.task.n
         self.weight: Any = (
-            weight if isinstance(weight, str) or callable(weight) else _positive(weight, n)
+            weight if isinstance(weight, str) or callable(weight) else _weight_matrix(weight, n)
         )
 
     def __repr__(self) -> str:
@@ -134,7 +134,7 @@ class WeightedInverse:
         if isinstance(self.weight, str):
             return self.task.inertias(Q)
         if callable(self.weight):
-            return np.array([_positive(self.weight(q), self.task.n) for q in Q])
+            return np.array([_weight_matrix(self.weight(q), self.task.n) for q in Q])
         return np.asarray(self.weight)
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
@@ -208,11 +208,11 @@ def _least_inverse(task: Task) -> Callable[[Array], Array]:
     return inverse
 
 
-def _positive(weight: ArrayLike, n: int) -> Array:
+def _weight_matrix(weight: ArrayLike, n: int) -> Array:
     """Check a weight and return it as a matrix M (n, n).
 
-    The weight can be n positive numbers, or a symmetric positive definite (n, n) matrix. Otherwise
-    InputError is raised: ``q̇ᵀ M q̇`` would have no minimum.
+    The weight can be n positive numbers, which become the diagonal, or a symmetric positive
+    definite (n, n) matrix. InputError is raised for others: ``q̇ᵀ M q̇`` would have no minimum.
     """
     M = as_numbers(weight)
     if M is None:

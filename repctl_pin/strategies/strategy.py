@@ -51,7 +51,10 @@ class Strategy(Protocol):
 
 
 def described(strategy: object, task: Task, details: str = "") -> str:
-    """Format the repr of a strategy: ``<Pseudoinverse of panda panda_hand pose: details>``."""
+    """Format the repr of a strategy, such as ``<Pseudoinverse of panda panda_hand pose: details>``.
+
+    The text names the robot, the frame and the kind of its task.
+    """
     of = f"{type(strategy).__name__} of {task.robot.name} {task.frame} {task.kind}"
     return f"<{of}: {details}>" if details else f"<{of}>"
 

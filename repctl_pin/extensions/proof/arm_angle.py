@@ -3,10 +3,14 @@ r"""Taylor models of the gradient of an arm angle on boxes of joint positions.
 A Taylor model is a polynomial with a bound on its error. Proofs need these models for designs whose
 potential is an arm angle, the angle of the elbow about the line from shoulder to wrist.
 
+The task has n joints, and k of them move the arm angle. They drive P joints of the URDF, because
+one joint of a task can drive coupled joints. A box Q ± half contains the joint positions q with
+``|q − Q| ≤ half``, rad or m; K is the number of boxes.
+
 Let ``e`` and ``w`` be the elbow and the wrist relative to the shoulder, ``ρ = |w|`` and
-``a = w × e``. The gradient of the arm angle consists of joint torques and forces: those due to a
-force α at the elbow and β at the wrist, with the opposite of their sum at the shoulder. Each entry
-is the moment about a revolute joint's axis, or the force along a prismatic joint's axis.
+``a = w × e``. The gradient of the arm angle equals the joint torques and forces that are due to
+three forces: α at the elbow, β at the wrist, and −α − β at the shoulder. Each entry is the moment
+about a revolute joint's axis, or the force along a prismatic joint's axis.
 
 .. math::
 
@@ -48,28 +52,29 @@ class ArmAngleChain:
     """Joints that move the shoulder, elbow and wrist of an arm angle, and weights of the angle.
 
     An arm angle, the angle of the elbow about the line from shoulder to wrist, can be a potential
-    of a design. The proof of such a design needs bounds on the gradient of the angle.
+    of a design. The proof of such a design needs bounds on the gradient of the angle. The P joints
+    of the chain are numbered from the base, from 0.
 
     Attributes
     ----------
     R, p, a : (P, 3, 3), (P, 3) and (P, 3) arrays
-        Rotation and origin, m, of each joint in the frame of the preceding joint, and the joint's
-        axis.
+        Rotation and origin, m, of each joint in the frame of the preceding joint, and the direction
+        of the joint's axis.
     before : (P,) array of int
-        Index of the preceding joint, which is lower; −1 for the base.
+        Number of the preceding joint of each joint; −1 for the base.
     revolute : (P,) array of bool
         False for prismatic joints.
     S, o : (P, n) and (P,) arrays
-        Map ``θ = S q + o`` from q to the positions of the P joints.
+        Map ``θ = S q + o`` from the task's joints q to the positions θ of the P joints.
     joint, place : (3,) array of int and (3, 3) array
-        Joints that carry the shoulder, the elbow and the wrist, −1 for the base; and the positions,
-        m, of these points in the frames of their joints.
+        Number of the last joint that moves the shoulder, the elbow and the wrist, −1 for the base.
+        ``place`` has a row per point: its position, m, in the frame of that joint.
     direction : (3,) array
-        Vector r of the conventional angle, or t of the stereographic angle.
+        Vector r of the conventional angle, or t of the stereographic angle, in base axes.
     stereographic : bool
         True if the angle is stereographic.
     weights : (r,) array
-        Factor of the angle in each potential.
+        Factor of the angle in each of the r potentials.
     """
 
     R: Array
@@ -128,7 +133,7 @@ class ArmAngleChain:
 
     @property
     def moving(self) -> NDArray[np.intp]:
-        """Indices (k,) of the joints q that move the shoulder, the elbow or the wrist.
+        """Indices (k,), in q, of the task's joints that move the shoulder, the elbow or the wrist.
 
         Only these joints are variables of the Taylor models, whose size grows fast with k.
         """
@@ -136,7 +141,7 @@ class ArmAngleChain:
 
     @property
     def carries(self) -> NDArray[np.bool_]:
-        """Mask (P, 3): True if the joint moves the shoulder (column 0), elbow (1) or wrist (2)."""
+        """Mask (P, 3): True where a joint moves the shoulder (column 0), elbow (1) or wrist (2)."""
         found = np.zeros((len(self.p), 3), bool)
         for frame, joint in enumerate(self.joint):
             while joint >= 0:
@@ -147,8 +152,7 @@ class ArmAngleChain:
     def gradient_bounds(self, Q: Array, half: Array) -> _GradientBounds:
         """Expand the gradient of the arm angle to first order on boxes Q ± half, (K, n) each.
 
-        Boxes that differ only in joints that move neither shoulder, elbow nor wrist are evaluated
-        once.
+        Boxes that differ only in joints that do not move the arm angle are evaluated once.
         """
         on = self.moving
         both = np.concatenate([Q[:, on], half[:, on]], axis=1)
@@ -160,8 +164,9 @@ class ArmAngleChain:
     def models(self, Q: Array, half: Array) -> tuple[Array, Array]:
         """Compute Taylor models of degree 3 of the gradient, on boxes Q ± half, (K, k) each.
 
-        The k joints are :attr:`moving`. Return the coefficients (K, k, M) of the M monomials, for
-        each entry of the gradient, and bounds (K, k) on the errors of the polynomials.
+        The k joints are :attr:`moving`, and the variables are ``(q − Q) / half``. Return the
+        coefficients (K, k, M) of the M monomials, for each of the k entries of the gradient, and
+        bounds (K, k) on the errors of the polynomials.
         """
         native, on, (K, k) = required_library("a proof"), self.moving, Q.shape
         space = space_of(k)
@@ -186,12 +191,12 @@ class ArmAngleChain:
 def _carried(
     model: pin.Model, frame: pin.Frame, screw: Callable[[int], Array]
 ) -> tuple[int, Array]:
-    """Find the joint nearest to the tool that moves a frame's origin.
+    """Find the last joint, from the base, that moves a frame's origin.
 
     Return the joint's index in the Pinocchio model, 0 if no joint moves the origin, and the
     position (3,) of the origin in the joint's frame, m. A revolute joint whose axis passes through
-    the origin does not move it. ``screw(joint)`` gives the twist (6,) of a joint at unit speed, in
-    the joint's own axes, linear part first.
+    the origin does not move it. ``screw(joint)`` gives the twist (6,) of the joint with that index
+    at unit speed, in the joint's own axes, linear part first.
     """
     joint, place = int(frame.parentJoint), np.array(frame.placement.translation)
     while joint > 0 and not np.cross(screw(joint)[3:], place).any():
@@ -213,12 +218,13 @@ class _GradientBounds:
     Attributes
     ----------
     V, dV : (K, n) and (K, n, n) arrays
-        V at the centres, and its derivatives ∂V/∂q there.
+        V at the centres of the boxes, and its derivatives ∂V/∂q there, rows ∂V_i/∂q.
     rest : (K, n) array
         Bounds on the difference of V from its first-order expansion, rounding included; inf where
         no bound was found.
     size : (K,) array
-        Bounds on the largest entry of ``|V| + |∂V/∂q| half``, to which rounding is relative.
+        Bounds on the largest entry of ``|V| + |∂V/∂q| half`` on each box; rounding errors are
+        relative to it.
     """
 
     V: Array
@@ -230,9 +236,9 @@ class _GradientBounds:
 def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> _GradientBounds:
     """Convert Taylor models of the gradient to first-order expansions on boxes.
 
-    ``P`` (K, k, M) and ``r`` (K, k) are the coefficients and error bounds of the models, for the k
-    joints that move the arm angle; ``half`` (K, n) are the half-widths of the boxes. Terms of
-    higher order are added to the bounds.
+    ``P`` (K, k, M) and ``r`` (K, k) are the coefficients and error bounds that
+    :meth:`ArmAngleChain.models` returns; ``half`` (K, n) are the half-widths of the boxes. Bounds
+    on the terms of higher order are added to ``rest``.
     """
     on, (K, n) = chain.moving, half.shape
     V, dV, rest = np.zeros((K, n)), np.zeros((K, n, n)), np.zeros((K, n))

@@ -1,8 +1,8 @@
 """Boxes of joint positions, on which a proof computes its bounds.
 
-A box is the set of configurations between a lower and an upper corner, each (n,). The functions
-cover Ω, the region of joint space of a design, by boxes, halve boxes, and bound their distance to
-the joint limits.
+A box is the set of configurations between a lower and an upper corner, each (n,), rad or m.
+``low`` and ``high`` (K, n) are the corners of K boxes. The functions cover Ω, the region of joint
+space of a design, by boxes, halve boxes, and bound their distance to the joint limits.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def _stretches(tube: Tube) -> tuple[Array, Array]:
     """Enclose a tube in boxes: return their lower and upper corners, (K, n) each.
 
     Each box contains all configurations of the tube near one section of its samples, see
-    :func:`sections`. Rounding is included.
+    :func:`sections`. The boxes are enlarged by a bound on the rounding errors.
     """
     Q = tube.samples
     wide = tube.radius + 4 * U * np.abs(Q).max(axis=0)
@@ -60,11 +60,12 @@ def _stretches(tube: Tube) -> tuple[Array, Array]:
 
 
 def sections(Q: Array, clearance: Array) -> list[slice]:
-    """Divide a path through Q (K, n) into sections, each short enough for one box.
+    """Divide a path through K configurations Q (K, n) into sections, each short enough for one box.
 
-    ``clearance`` (K, n) is the distance that each joint may move within Ω, rad or m. On a section,
-    no joint moves by more than a quarter of its smallest clearance there. The sections are slices
-    of at least two rows of Q; the last row of a section is the first row of the next.
+    ``clearance`` (K, n) is how far each joint can move from Q within Ω, rad or m. On a section, no
+    joint moves by more than a quarter of its smallest clearance there, unless the section has two
+    configurations only. The sections are slices of at least two rows of Q; the last row of a
+    section is the first row of the next.
     """
     first, parts = 0, []
     for i in range(2, len(Q)):
@@ -99,9 +100,9 @@ def halved(
     Returns
     -------
     low, high : (L, n) arrays
-        Corners of the halves.
+        Corners of the L boxes that result.
     parents : (L,) array
-        Index of the box of each half.
+        Index of the given box that contains each of them.
     """
     whole, rows = np.flatnonzero(split < 0), np.flatnonzero(split >= 0)
     parents = np.concatenate([whole, rows, rows])
@@ -117,8 +118,8 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
     """Reduce boxes so that they overlap less but still cover the same union; return new corners.
 
     Arguments and results are lower and upper corners, (K, n) each; the number K of boxes may
-    change. Each box is replaced by its parts outside the preceding box. A part is reduced further
-    by an earlier box if what is left of it is a single box.
+    change. Each box is replaced by its parts outside the preceding box, each part a box. A part
+    that overlaps an earlier box is reduced, too, if the rest of the part is a single box.
     """
     boxes = list(zip(low, high, strict=True))
     pieces = boxes[:1]
@@ -134,9 +135,9 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _outside(box: tuple[Array, Array], other: tuple[Array, Array]) -> list[tuple[Array, Array]]:
-    """Divide the part of ``box`` that is outside ``other`` into at most two boxes per joint.
+    """Divide the part of ``box`` that is outside ``other`` into boxes, at most two per joint.
 
-    A box is the pair of its lower and upper corner, (n,) each. The list is empty if ``other``
+    A box is the pair (lower corner, upper corner), (n,) each. The list is empty if ``other``
     contains ``box``.
     """
     if ((box[1] <= other[0]) | (box[0] >= other[1])).any():
@@ -157,7 +158,7 @@ def _outside(box: tuple[Array, Array], other: tuple[Array, Array]) -> list[tuple
 
 
 def enclosing(low: Array, high: Array) -> Box:
-    """Create a box of joints that contains all boxes with corners low and high, (K, n) each."""
+    """Create one box of joints that contains all boxes with corners low and high, (K, n) each."""
     least, most = low.min(axis=0), high.max(axis=0)
     slack = 1e-9 * (np.abs(least) + np.abs(most) + most - least)
     return Box.between(least - slack, most + slack)
@@ -166,7 +167,8 @@ def enclosing(low: Array, high: Array) -> Box:
 def limit_margin(task: Task, low: Array, high: Array) -> tuple[float, int]:
     """Bound the joint-limit margin from below on boxes with corners low and high, (K, n) each.
 
-    Return the bound, rad or m, and the index of the box in which a joint is nearest to its limit.
+    The margin is the smallest distance of a joint from its limits, negative outside them. Return
+    the bound over all boxes, rad or m, and the index of the box with the smallest margin.
     """
     middle, reach = (low + high) / 2, (high - low) / 2
     size = np.abs(low).max() + np.abs(high).max()

@@ -1,23 +1,31 @@
 r"""Existence, uniqueness and margins of a cell's function F, bounded over boxes of poses, in C.
 
-F is the inverse kinematic function of the cell: it gives one configuration for each pose. The cell
-is a box of poses with coordinates u from −1 to 1; a sector is a cell in cylindrical coordinates
-around an axis. The chart of F is a pair of polynomials in u: q_ref approximates F, n_ref the null
-space of J. On a box ``u_c ± h`` of coordinates, Taylor models of q_ref(u), n_ref(u) and the pose
-x(u) are computed. Coordinates of x(u) that the task leaves free are those of f(q_ref(u)). Models of
-the joint screws J at q_ref(u), and of the displacement ξ(u) from f(q_ref(u)) to x(u), follow from
-these, in the frame of the middle link, which is chosen so that the bounds are tight. J_V is J
-stacked on n_refᵀ. Let A be an approximation of J_V⁻¹ at the centre, D a matrix, and Y and g
-vectors; inequalities hold entry by entry. If the first bound holds for all q with
-``|q − q_ref(u)| ≤ g``, then
+F is the inverse kinematic function of the cell: it gives one configuration q = F(u) for each pose.
+A cell is a box of poses, and its k coordinates u range from −1 to 1; a sector is a cell in
+cylindrical coordinates around an axis. A search divides the cell into boxes ``Uc ± half`` of
+coordinates. The functions take K such boxes at a time.
+
+The chart of F is a pair of polynomials in u: q_ref (n,) approximates F, and n_ref (n, r)
+approximates the null space of J. F solves ``f(q) = x(u)`` and ``n_refᵀ (q − q_ref) = 0``; f is the
+forward kinematics, and x(u) is the pose.
+
+On each box, Taylor models of q_ref, n_ref and x are computed: polynomials with bounds on their
+errors. Coordinates of x that the task leaves free are those of f(q_ref). From these models follow
+models of the joint screws J at q_ref, and of the displacement ξ from f(q_ref) to x. They are
+expressed in the frame of one link of the arm, the middle link, which is chosen so that the bounds
+are tight. J_V is J stacked on n_refᵀ. Let A be an approximation of J_V⁻¹ at the centre of the box,
+D a matrix, and Y and g vectors; inequalities hold entry by entry. If the first bound holds for all
+u of the box and all q with ``|q − q_ref(u)| ≤ g``, then
 
 .. math:: |A J_V(q, u) − 1| ≤ D, \qquad |A ξ| + D Y ≤ Y ≤ g ⇒ |F − q_{ref}| ≤ Y
 
-The gradients of the potentials on the leaf are ``Vᵀ = n_refᵀ − W J`` with ``W E = w``, where E are
-the twists of the pose and ``w = n_refᵀ ∂q_ref − (∂n_refᵀ) (F − q_ref)``. V and the null space of J
-are expanded to first order along F, and the leaf margin σ_min(Nᵀ V̂) is bounded from both. The
-reciprocal of the leaf margin, minus 1, is the extra joint speed in the worst direction, relative to
-J⁺.
+The values of F are the leaf of r potentials. The gradients V (n, r) of the potentials on the leaf
+are ``Vᵀ = n_refᵀ − W J`` with ``W E = w``. Here ∂ is the derivative with respect to the task's
+coordinates, E are the twists of the pose per unit of each, and
+``w = n_refᵀ ∂q_ref − (∂n_refᵀ) (F − q_ref)``. V and the null space of J are expanded to first order
+along F. From both follows a bound on the leaf margin σ_min(Nᵀ V̂): the columns of N and V̂ are
+orthonormal bases of the null space and of V. The reciprocal of the leaf margin, minus 1, is the
+extra joint speed in the worst direction, relative to J⁺.
 
 docs/theory.md derives this.
 """
@@ -70,18 +78,16 @@ class CellBounds:
     Attributes
     ----------
     leaf_margin, sigma_min, limit_margin : (K,) arrays
-        Lower bounds on the leaf margin ``σ_min(Nᵀ V̂)``, on σ_min(J), and on the distance to the
-        joint limits, rad or m. N and V̂ are orthonormal bases of the null space of J and of the
-        gradients V of the cell's potentials. Where F was not proved to exist, the bounds are 0, 0
-        and −inf.
+        Lower bounds on the leaf margin ``σ_min(Nᵀ V̂)``, on σ_min(J), and on the distance of F to
+        the joint limits, rad or m. Where F was not proved to exist, the bounds are 0, 0 and −inf.
     split : (K,) array of int
-        Index of the coordinate along which to halve each box.
+        Index of the coordinate u along which to halve each box if its bounds are too weak.
     level : (K,) array of int
-        Index of d*, the distance from q_ref within which F was shown to be the only solution, among
-        the distances of :class:`CellProof`; −1 where F was not.
+        Row of :attr:`CellProof.distances`: the distance d* from q_ref within which F was proved to
+        be the only solution. It is −1 where F was not proved to exist.
     Q, reach : (K, n) arrays
-        Centres and half-widths, rad or m, of boxes of joints that contain F on each box of poses;
-        NaN where F was not proved to exist.
+        Centres and half-widths, rad or m, of boxes of joints. On each box of poses, F(u) lies in
+        the box of joints; NaN where F was not proved to exist.
     """
 
     leaf_margin: Array
@@ -97,19 +103,20 @@ class CellProof:
     """Bounds for the function F of one cell on boxes of poses, computed in C.
 
     The search over the cell requests bounds on ever smaller boxes, until F is proved to exist with
-    its margins on all of them. F is proved to be the only solution within d* of q_ref.
+    its margins on all of them. Each proof also says that F is the only solution q for which
+    ``|q − q_ref| ≤ d*`` holds in every joint.
 
     Parameters
     ----------
     chart
-        Chart of the function.
+        Chart of the function, with its cell.
 
     Attributes
     ----------
     distances : (L, n) array
-        Distances d* from q_ref, rad or m, the largest first; each is above the next one in every
-        joint. On each box, F is proved to be the only solution within one of them. At a pose of two
-        boxes, both have the same F: it lies within the smaller d*, so within the larger one, too.
+        The L distances d* that are tried, rad or m per joint, the largest first. Each is above the
+        next one in every joint. At a pose that belongs to two boxes, the proofs of both are about
+        the same F: it lies within the smaller d*, so within the larger one, too.
 
     Raises
     ------
@@ -135,13 +142,16 @@ class CellProof:
 
     @property
     def near(self) -> Array:
-        """Largest distance d* from q_ref within which F may be proved to be unique: (n,)."""
+        """Largest distance d* from q_ref within which F may be proved to be unique: (n,), rad or m.
+
+        It is the first row of :attr:`distances`.
+        """
         return np.asarray(self.distances[0])
 
     def within(self, level: int) -> str:
-        """Write within which distance d* of q_ref F is the only solution.
+        """Write, as a phrase of a message, within which distances d* of q_ref F is unique.
 
-        ``level`` is the index of the smallest d* that a box needed.
+        ``level`` is the row of :attr:`distances` with the smallest d* that a box needed.
         """
         first, last = (", ".join(f"{v:.2g}" for v in self.distances[index]) for index in (0, level))
         return f"within ({first}) of q_ref" + (f", on some boxes within ({last})" if level else "")
@@ -152,19 +162,20 @@ class CellProof:
         self._run.restype = ctypes.c_int
 
     def see_from(self, chain: Chain) -> None:
-        """Set the chain whose middle link's frame expresses the joint screws.
+        """Choose the middle link, in whose frame the joint screws are expressed.
 
-        ``chain`` is the arm, see :meth:`.Chain.seen_from`. The bounds are valid for every middle
-        link, but tighter for some.
+        ``chain`` is the arm with that middle link, see :meth:`.Chain.seen_from`. The bounds are
+        valid for every middle link, but tighter for some.
         """
         self.chain = chain
         self._chain = chain.struct()
         self._cell = self._cell_struct()
 
     def _tightness(self, chain: Chain) -> float:
-        """Sum the lower bounds of the leaf margin on boxes at corners of the cell, for a chain.
+        """Sum the lower bounds on the leaf margin over some boxes at corners of the cell.
 
-        The chain with the largest sum is chosen, because its proof needs the fewest boxes.
+        ``chain`` is the arm with its middle link, which stays set. The middle link with the largest
+        sum is chosen, because its proof needs the fewest boxes.
         """
         self.see_from(chain)
         k = self.cell.k
@@ -189,9 +200,9 @@ class CellProof:
         start : (K, n, 1 + k) array
             Estimate of F − q_ref on each box, as :meth:`start` returns it.
         gradients : (K, r, n, 2 + k) array, optional
-            Array to fill with the gradients V along F: the value at the centre, the k slopes times
-            ``half``, and a bound on the difference from this expansion. It is not changed where F
-            was not proved to exist.
+            Array to fill with first-order expansions in u of the r gradients V along F. Its last
+            axis holds V at the centre, the k slopes times ``half``, and a bound on the difference
+            of V from the expansion. Boxes where F was not proved to exist are left unchanged.
         """
         K, n = len(Uc), self.chain.n
         leaf, sigma, limit = np.zeros((3, K))
@@ -213,9 +224,9 @@ class CellProof:
     def start(self, Uc: Array, half: Array) -> Array:
         """Estimate F − q_ref to first order on boxes Uc ± half, (K, k) each: (K, n, 1 + k).
 
-        The first column is the value at the centre, rad or m; the k others are the slopes with
-        respect to u, times ``half``. The proof is valid with any estimate, but tight only with a
-        good one. The estimate is 0 where F is not found, or differs from q_ref by more than d*.
+        The last axis holds the value at the centre, rad or m, and the k slopes with respect to u,
+        times ``half``. The proof is valid with any estimate, but tight only with a good one. The
+        estimate is 0 where F is not found, or differs from q_ref by more than :attr:`near`.
         """
         k = self.cell.k
         points = self.chart.solve(Uc)
@@ -228,7 +239,7 @@ class CellProof:
         return np.where(near[:, None, None], shift, 0.0)
 
     def _tables(self) -> dict[str, ArrayLike]:
-        """Return the integer tables of the C struct CELL: monomials, and which ones are used."""
+        """Return the integer arrays of the C struct CELL by name: the tables of the monomials."""
         k, parts = self.cell.k, self.polynomials
         made = Monomials(k, max(self.chart.monomials.degree, ORDER))
         models = Monomials(k, ORDER)
@@ -283,10 +294,10 @@ class CellProof:
 
 
 def _tips(chain: Chain, farthest: Array) -> Array:
-    """Bound the distance of each joint's origin from the end-effector frame: (P,), m.
+    """Bound the distances of the chain's P joint origins from the end-effector frame: (P,), m.
 
-    The bound is the sum of the lengths of the links in between, with the strokes of prismatic
-    joints. ``farthest`` (n,) bounds the absolute positions of the joints, rad or m.
+    A bound is the sum of the lengths of the links in between, with the strokes of prismatic
+    joints. ``farthest`` (n,) bounds the absolute joint positions |q|, rad or m.
     """
     slides = np.abs(chain.S[:, : chain.n]) @ farthest + np.abs(chain.o)
     lengths = np.linalg.norm(chain.p, axis=1) + np.where(chain.revolute, 0.0, slides)
@@ -296,8 +307,9 @@ def _tips(chain: Chain, farthest: Array) -> Array:
 def farthest(chart: Chart) -> Array:
     """Find the largest |F − q_ref| in the cell of a chart, per joint: (n,), rad or m.
 
-    The result is sampled, not proved: d* follows from it, the distance from q_ref within which F is
-    then proved to be unique. Random poses and corners are evaluated, then poses around the worst.
+    The result is found by sampling, not proved. It fixes d*, the distance from q_ref within which F
+    is then proved to be unique. Random poses and corners of the cell are evaluated, then poses
+    around those with the largest |F − q_ref|.
     """
     cell, rng = chart.cell, np.random.default_rng(1)
 
@@ -318,7 +330,7 @@ def farthest(chart: Chart) -> Array:
 
 
 def _nested(found: Array) -> Array:
-    """Make the distances d* (L, n), the largest first, from the largest distance found: (n,)."""
+    """Make the distances d* (L, n), the largest first, from the result (n,) of :func:`farthest`."""
     first = [factor * found + more for factor, more in _SLACKS]
     return np.array([*first, *np.outer(_NEARER, first[-1])])
 
@@ -326,9 +338,10 @@ def _nested(found: Array) -> Array:
 def limits_of(cell: Cell) -> tuple[Array, Array]:
     """Return the joint limits (lower, upper) that F of a cell must keep, (n,) each, rad or m.
 
-    F can leave out coordinates of a sector along which a single joint moves the frame. The limits
-    of such a joint are narrowed by the half-width of the coordinate. They are −inf and inf if the
-    coordinate has the range ``"all"``, which ends at the limits.
+    If a single joint moves the frame along a coordinate of a sector, F leaves that coordinate out.
+    The limits of such a joint are narrowed by the half-width of the coordinate, so that the joint
+    can still move along it. They are −inf and inf if the coordinate has the range ``"all"``, which
+    ends at the joint's limits.
     """
     lower, upper = cell.task.lower, cell.task.upper
     lower, upper = lower.copy(), upper.copy()
@@ -345,23 +358,24 @@ def limits_of(cell: Cell) -> tuple[Array, Array]:
 class _Polynomials:
     """The polynomials q_ref and n_ref of a chart, prepared for expansion to degree 3 on boxes.
 
-    The last axis of the arrays holds q_ref, then the r columns of n_ref; ∂^α is the derivative with
-    exponents α, one per coordinate of the cell.
+    The last axis of the arrays holds q_ref, then the r columns of n_ref. ∂^α p is the derivative of
+    such a polynomial p(u). The tuple α has one exponent per coordinate of u, and α! is the product
+    of their factorials.
 
     Attributes
     ----------
     chart : Chart
         The chart.
     parts : (T, M, n, 1 + r) array
-        Coefficients of the polynomials ``∂^α / α!`` in the chart's T monomials, for each of the M
-        exponents α of degree up to 3.
+        Coefficients of the polynomials ``∂^α p / α!`` in the chart's T monomials, for each of the M
+        tuples α with a sum of at most 3.
     fourth : (F, k) array of int
-        The exponents α of degree 4.
+        The F tuples α with the sum 4.
     rest : (F, n, 1 + r) array
-        Bounds on ``|∂^α / α!|`` over the whole cell, for the exponents ``fourth``.
+        Bounds on ``|∂^α p / α!|`` over the whole cell, for the tuples ``fourth``.
     sizes : (n, 1 + r) array
-        Sums of the bounds on all derivatives ``∂^α / α!`` up to degree 3; rounding errors are
-        relative to these sums.
+        Sums over the M tuples of the bounds on ``|∂^α p / α!|``; rounding errors are relative to
+        these sums.
     """
 
     chart: Chart
@@ -372,7 +386,7 @@ class _Polynomials:
 
     @classmethod
     def of(cls, chart: Chart) -> _Polynomials:
-        """Compute the derivatives of a chart's polynomials to degree 3, and bounds on the fourth.
+        """Compute the derivatives of a chart's polynomials to order 3, and bounds on the fourth.
 
         The bounds limit the error of an expansion to degree 3. A bound is the sum of the absolute
         coefficients of a polynomial, because |u_i| ≤ 1.
@@ -392,22 +406,23 @@ class _Polynomials:
 
     @property
     def used(self) -> Array:
-        """Number (M,) of leading monomials whose coefficients in each ``∂^α`` can be nonzero."""
+        """Number (M,) of monomials, the first of the T, that each ``∂^α p`` can contain."""
         monomials = self.chart.monomials
         orders = Monomials(monomials.k, ORDER).exponents.sum(axis=1)
         return np.asarray(monomials.starts[np.maximum(monomials.degree - orders + 1, 0)])
 
 
 def _pose_tables(cell: Cell) -> dict[str, Array]:
-    r"""Return the poses (p, R) of a cell as functions of its coordinates u, and their velocities.
+    r"""Return the arrays, by name, from which C computes the poses of a cell and their velocities.
 
-    ``p = o + R_a(φ) (d + D u)``, ``R = R_a(φ) exp(\hat{Ω u}) R_0 R_z(ψ)``: R_a rotates about a
-    sector's axis, R_z about the tool's z axis. The angles φ and ψ are linear in u. If a sector's
-    range of radius depends on the height η, ``(b(η) + (s(η) − 1) y) e`` is added to ``D u``: see
-    :class:`Profile`. y is the radial coordinate, e the radial direction of the middle.
+    The position at the coordinates u is ``p = o + R_a(φ) (d + D u)``, the rotation
+    ``R = R_a(φ) exp(\hat{Ω u}) R_0 R_z(ψ)``. R_a rotates about a sector's axis, R_z about the
+    tool's z axis; the angles φ and ψ are linear in u. If a sector's range of radius depends on the
+    height η, ``(b(η) + (s(η) − 1) y) e`` is added to ``D u``, see :class:`Profile`. Here y is the
+    radial coordinate, and e is the radial direction at the cell's centre.
 
-    Velocities are given along each of the m task coordinates: first the k coordinates u, then those
-    that symmetries remove from u, then those of width 0.
+    Velocities are given along each of the m task coordinates: first the k coordinates u, then the l
+    coordinates that symmetries remove from u, then those of width 0.
 
     Returns
     -------
@@ -425,12 +440,12 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     around, twirl : (m,) arrays
         ``around`` is 1 for the coordinate φ, ``twirl`` is 1 for the coordinate ψ; both are 0 for
         others.
-    outward, profile : (3,) and (2, D + 1) arrays
-        The direction e, and the coefficients of the polynomials b and s.
+    outward, profile : (3,) and (2, g + 1) arrays
+        The direction e, and the coefficients of the polynomials b and s, of degree g.
     widths : (k,) array
         Metres or radians per unit of u.
     along : (n, l) array
-        Motion of the joints along the coordinates that symmetries remove.
+        Joint velocities per unit of each coordinate that symmetries remove.
     """
     o, a, rates = _coordinate_rates(cell)
     moved, removed = cell.moved, np.array(cell._removed, int)
@@ -451,10 +466,10 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
 
 
 def _bent_coordinates(cell: Cell) -> dict[str, int]:
-    """Return the degree of a sector's profile, and the indices of its radius and height in u.
+    """Return the degree of a sector's profile, and the indices of the radius and the height in u.
 
-    The names are those of the C struct CELL. The degree is 0 without a profile; then the indices
-    have no meaning.
+    The keys "bent", "radial" and "upright" are members of the C struct CELL. All are 0 for a cell
+    whose range of radius does not depend on the height.
     """
     if not (isinstance(cell, Sector) and cell.profile.degree):
         return {"bent": 0, "radial": 0, "upright": 0}
@@ -469,8 +484,8 @@ def _bent_coordinates(cell: Cell) -> dict[str, int]:
 def _coordinate_rates(cell: Cell) -> tuple[Array, Array, Array]:
     """Return a point (3,), m, and the direction (3,) of a sector's axis, and a table (6, 8).
 
-    A row of the table belongs to one coordinate of the task. Its columns are the entries way (3),
-    turn (3), around and twirl of :func:`_pose_tables`. In a box, the axis is not used.
+    Row i of the table belongs to coordinate i of the task. Its columns are the entries way (3),
+    turn (3), around and twirl of :func:`_pose_tables`. In a box of poses, the axis is not used.
     """
     m, R0, rows = cell.task.m, cell.placement.rotation, len(cell.half_width)
     rates = np.zeros((6, 8))

@@ -1,8 +1,10 @@
 """Branch and bound over a cell, to prove that its function F exists and keeps its margins.
 
-The cell is a box of poses with coordinates u from −1 to 1. F gives one configuration for each pose.
-Boxes of poses are halved until their bounds suffice. q_ref is a polynomial of u that approximates
-F.
+The cell is a box of poses with k coordinates u from −1 to 1. F gives one configuration for each
+pose. Boxes of poses are halved until their bounds suffice. q_ref is a polynomial of u that
+approximates F, and d* is the distance from q_ref within which F is proved to be the only solution.
+The leaf margin is the distance from an algorithmic singularity, from 0 to 1; the limit margin is
+the distance from the joint limits, rad or m.
 """
 
 from __future__ import annotations
@@ -42,18 +44,18 @@ def bound_cell(
     problem
         Bounds for F on boxes of poses.
     leaf, limit
-        Leaf margin (distance from an algorithmic singularity, 0 to 1) and limit margin (distance
-        from the joint limits, rad or m) to prove; −inf for none.
+        Leaf margin and limit margin to prove. The leaf margin to prove is at least 0; −inf as
+        ``limit`` stands for no limit margin.
     seconds
         Processor time, s, after which the search stops.
     report
-        Progress callback (step, fraction); the fraction is the proved share of the cell.
+        Progress callback (step, fraction); the fraction is the proved share of the cell, 0 to 1.
 
     Returns
     -------
     Proof
-        The proof; its description only says within which distance of q_ref F is unique. If the
-        search stopped before its goal, the bounds are 0 and −inf.
+        The proof; its description only says within which d* F is unique. If the search stopped
+        before its goal, the bounds are 0 for the leaf margin, and −inf for the limit margin.
     """
     end = thread_time() + seconds
     search = _CellSearch(problem, max(leaf, 0.0), limit)
@@ -72,9 +74,9 @@ class _CellSearch:
     ``low`` and ``high`` (K, k) are the corners of the undecided boxes of poses, in the cell's
     coordinates u. ``margins`` (3,) are the smallest proved leaf margin, σ_min(J) and limit margin.
     ``at`` is the box with the smallest leaf margin, or the box at which the search stopped: its
-    centre and half-widths. ``level`` is the index of the smallest distance d* from q_ref within
-    which F is the only solution on a box. ``reason`` says why the search stopped; it is empty while
-    the search runs.
+    centre and half-widths. ``level`` is the index of the smallest d* that a box needed, in
+    :attr:`.CellProof.distances`. ``reason`` says why the search stopped; it is empty while the
+    search runs.
     """
 
     def __init__(self, problem: CellProof, leaf: float, limit: float) -> None:
@@ -88,9 +90,9 @@ class _CellSearch:
     def _counts(self) -> Array:
         """Choose the number of initial boxes along each of the k coordinates of the cell: (k,).
 
-        The edges of a box are such that the joints move equally far along each. The counts grow
-        until half of a sample of boxes is proved at once. If that takes too many boxes, all counts
-        are 1.
+        The joints move about equally far along each edge of a box. The counts grow until half of a
+        random sample of boxes is proved without halving. If that takes more than 400,000 boxes, all
+        counts are 1.
         """
         k, chart = self.problem.cell.k, self.problem.chart
         S = np.random.default_rng(0).uniform(-1, 1, (_TRIALS, k))
@@ -113,7 +115,7 @@ class _CellSearch:
         return np.ones(k)
 
     def _proved(self, found: CellBounds) -> NDArray[np.bool_]:
-        """Test on which boxes both margins are proved to exceed their goals: (K,)."""
+        """Test on which of the K boxes both margins are proved to exceed their goals: (K,)."""
         return np.asarray((found.leaf_margin > self.leaf) & (found.limit_margin > self.limit))
 
     def volume(self) -> float:
@@ -121,7 +123,7 @@ class _CellSearch:
         return float(np.prod((self.high - self.low) / 2, axis=1).sum())
 
     def advance(self) -> None:
-        """Evaluate the newest boxes of poses, and halve those that are not proved."""
+        """Evaluate the newest undecided boxes of poses, and halve those that are not proved."""
         take = slice(max(0, len(self.low) - _BATCH), None)
         low, high = self.low[take], self.high[take]
         Uc, half = (low + high) / 2, (high - low) / 2
@@ -146,8 +148,8 @@ class _CellSearch:
         """Stop the search if a box of poses cannot be proved by halving it.
 
         The corners of the boxes are low and high, (K, k) each. At the centre of such a box, F does
-        not exist, misses a margin, or differs from q_ref by more than d*, the distance within which
-        F is proved to be the only solution. Or the box is already too small.
+        not exist, misses a margin, or differs from q_ref by more than the largest d*. Or the box is
+        already too small.
         """
         problem, chart = self.problem, self.problem.chart
         points = chart.solve((low + high) / 2)
@@ -185,7 +187,7 @@ class _CellSearch:
     def proof(self) -> Proof:
         """Return the margins proved on the whole cell, or where and why the search stopped.
 
-        The rest of the description, and the fingerprint of what is proved, are added later.
+        Callers add the rest of the description, and the fingerprint of what is proved.
         """
         leaf, sigma, limit = (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
         proved, what = not self.reason, self.problem.within(self.level)

@@ -2,8 +2,10 @@
 
 The region Ω is the part of joint space over which a design was made. A level is the value h_i(q) of
 a potential, which the controller holds constant; a leaf is the set of configurations with the same
-levels. The leaf margin is the distance from an algorithmic singularity, at which the controller
-fails.
+levels. The leaf margin, from 0 to 1, is the distance from an algorithmic singularity, at which the
+controller fails. Within the closing radius of a start or a path, each closed path of the frame ends
+in the configuration it began in. An argument ``field`` has the r potentials of a design, and
+``report`` is the progress callback (step, fraction).
 """
 
 from __future__ import annotations
@@ -127,7 +129,7 @@ def prove(
                 "the first argument must be a design, such as the result of "
                 f"rp.nearest_repeatable; got a {type(what).__name__}"
             )
-    goal = None if margin is None else _share(margin)
+    goal = None if margin is None else _checked_margin(margin)
     least = None if limit_margin is None else finite(limit_margin, "limit_margin", "rad or m")
     seconds = positive(seconds, "seconds", "s")
     if region is not None:
@@ -155,7 +157,7 @@ def prove(
         return _of_cell(what, goal, least, seconds, report)
 
 
-def _share(margin: float) -> float:
+def _checked_margin(margin: float) -> float:
     """Check a leaf margin to prove, from 0 to 1, and return it; else raise an InputError."""
     value = positive(margin, "margin", zero=True)
     if value > 1:
@@ -230,7 +232,7 @@ def _of_region(
     problem = leaf_margin_of(task, design.inverse.potentials, enclosing(low, high))
     found = bound_leaf_margin(problem, low, high, goal, seconds, report)
     if not found and found.leaf_margin == 0:
-        found = _named(found, design, region, report)
+        found = _with_singularity(found, design, region, report)
     proof = replace(
         found,
         what=f"{task.robot.name} {task}, {region}",
@@ -264,7 +266,9 @@ def _of_region(
     return replace(proof, closes=closes)
 
 
-def _named(found: Proof, design: Design, region: Region, report: reporting.Report) -> Proof:
+def _with_singularity(
+    found: Proof, design: Design, region: Region, report: reporting.Report
+) -> Proof:
     """Return a failed proof, with the singularity as its reason if signs of det J_V prove one.
 
     J_V is the task Jacobian stacked on the gradients of the potentials. If no two configurations

@@ -54,9 +54,9 @@ class Chain:
     revolute : (P,) array of bool
         False for prismatic joints.
     level : (P,) array of bool
-        True for virtual joints at the tool whose axes are kept parallel to axes of the middle link:
-        three joints that span all rotations or, for a pose task, one joint without a column of S,
-        which marks the frame.
+        True for virtual joints at the tool whose axes are kept parallel to axes of the middle link.
+        They are three joints that span all rotations or, for a pose task, one joint that only marks
+        the frame; its row of S is 0.
     S, o : (P, N) and (P,) arrays
         Map ``θ = S q + o`` from q to the positions of the P joints. The last N − n entries of q
         belong to the virtual joints.
@@ -86,7 +86,7 @@ class Chain:
 
     @property
     def reach(self) -> Array:
-        """Bounds (P,), m, on the distance of each joint from the origin of the screws.
+        """Bounds (P,), m, on the distance of each joint's origin from the origin of the screws.
 
         A bound is the sum of the lengths of the links in between; strokes of prismatic joints are
         not included.
@@ -166,8 +166,8 @@ def chain_of(task: Task) -> Chain:
 def frames_of(task: Task) -> tuple[Task, ...]:
     """Return the tasks of the single frames of a task, each with all of its joints.
 
-    A task can control several frames, such as those of two arms. With one frame, the result is the
-    task itself.
+    A task can control several frames, such as those of two arms. With one frame, the result has one
+    item, the task itself.
     """
     return task.parts if isinstance(task, SeveralFrames) else (task,)
 
@@ -201,9 +201,10 @@ def tool_reach(chain: Chain) -> float:
 def frame_change(kind: str, distance: Array) -> Array:
     """Bound the factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``: the norm of a change of frame for twists.
 
-    Y is a right inverse of J for screws at the middle link, while J is expressed at the task's
-    frame; ``distance`` (…), m, bounds how far the two are apart. ``kind`` is the kind of the task,
-    such as "pose". For a task of positions β = 1, because its twists have no rotation.
+    Y is a right inverse of the Jacobian whose twists are those of the middle link; the twists of J
+    are those of the task's frame. ``distance``, an array of any shape, m, bounds how far the two
+    origins are apart; the result has its shape. ``kind`` is the kind of the task, such as "pose".
+    For a task of positions β = 1, because its twists have no rotation.
     """
     t = np.asarray(distance, float)
     turns = kind in ("pose", "axis")
@@ -222,10 +223,11 @@ def relative_rounding(chain: Chain) -> float:
 
 
 def screw_sizes(chain: Chain, theta: Array, eta: Array) -> Array:
-    """Bound the entries in each row of J on a box, plus their slopes times the half-widths: (6,).
+    """Bound the entries of each row of the screws on a box of joints: (6,).
 
-    Rounding errors are relative to these bounds. The first three rows are linear, the others
-    angular. The box of the P joint positions is θ ± η, ``theta`` and ``eta`` (P,) each.
+    Slopes times half-widths of the box are included; rounding errors are relative to these bounds.
+    The first three rows are linear, the others angular. The box of the P joint positions is θ ± η,
+    ``theta`` and ``eta`` (P,) each.
     """
     L = chain.reach.max() + (np.abs(theta) + eta)[~chain.revolute].sum()
     columns = np.abs(chain.S).sum(axis=0).max()

@@ -1,9 +1,12 @@
 """The closing radius of a design: around its start, or along a closed path.
 
-Within this distance, each closed path of the frame ends in the configuration it began in. A leaf is
-the set h(q) = c of the potentials h, and c its level. A lift is the joint motion on a leaf over a
-path of the frame, such as a straight line. A place is a box of configurations in which lifts begin,
-see :mod:`.lifts`, and a :class:`Reach` the length of lines whose lifts stay in Ω.
+Within this distance of the start or of the path, each closed path of the frame ends in the
+configuration it began in. It is a distance in m and, for tasks with a rotation, a rotation in rad.
+A leaf is the set h(q) = c of the potentials h, and c its level. Ω is the region of joint space to
+prove over. A lift is the joint motion on a leaf over a path of the frame, such as a straight line.
+A place is a box of configurations in which lifts begin, see :mod:`.lifts`. A :class:`Reach` is the
+length of lines whose lifts stay in Ω. An argument ``problem`` has bounds on J_V, the task Jacobian
+stacked on the potentials' gradients, over boxes of joints.
 """
 
 from __future__ import annotations
@@ -54,14 +57,14 @@ def closing_radius(
     path
         Closed path along which to prove the radius; None for the surroundings of the start.
     ratio
-        Rotation of the radius per distance, rad per m.
+        Rotation within the radius per distance within it, rad per m.
     goal
         Radius, m, at which the search may stop; None for the largest radius.
     seconds
         Processor time, s, after which the bounds found so far are returned.
     leaf
-        Largest change of each level from its value at the start; 0 for paths on one leaf. Only 0
-        is possible along a path.
+        Largest change of each level from its value at the start, in the unit of h; 0 for paths on
+        one leaf. Only 0 is possible along a path.
     """
     task = design.task
     turns = any(part.kind.turns for part in frames_of(task))
@@ -106,7 +109,10 @@ def closing_radius(
 def _at_start(
     design: Design, problem: LeafMarginProblem, start: Array, leaf: float, region: Region
 ) -> Enclosure:
-    """Enclose the configurations at the start's pose whose levels differ by at most ``leaf``."""
+    """Enclose in boxes the configurations at the start's pose whose levels differ little.
+
+    ``start`` (n,) is the start; ``leaf`` is the maximum difference of each level from its level.
+    """
     if leaf == 0:
         return Enclosure(start[None], np.zeros((1, design.task.n)), True, "")
     return level_boxes(design.inverse, problem, start, leaf, partial(_clearance, region))
@@ -116,7 +122,8 @@ def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
     """Choose poses of a path through Q (K, n), from which to measure distances to the path.
 
     Neighbouring poses are about half of ``radius``, m, or of ``angle``, rad, apart, if Q has enough
-    rows. Return positions (P, 3 F) and rotations (P, 3 F, 3), with the F frames side by side.
+    rows. Return the positions (P, 3 F), m, and the rotations (P, 3 F, 3) of P poses, with the F
+    frames of the task side by side.
     """
     poses = [task.placements(q) for q in Q]
     p = np.array([[x.translation for x in pose] for pose in poses])
@@ -134,7 +141,10 @@ def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
 
 
 def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[bool, str]:
-    """Return whether a radius is the largest provable one, and why no larger one was proved."""
+    """Return whether the radius found is the largest provable one, and why none larger was proved.
+
+    ``goal`` is the requested radius, m, or None for the largest one.
+    """
     if goal is not None and found.radius >= goal:
         return True, "no larger radius was requested"
     where = _edge(task, places, found)
@@ -146,7 +156,7 @@ def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[
 def _edge(task: Task, places: Places, found: Reach) -> str:
     """Write what limits a closing radius: a joint that may leave Ω, or a possible singularity.
 
-    ``found`` has the indices of the joint and of its place, the box in which the line begins.
+    ``found`` has the index of that joint, and the index of the place at which its line begins.
     """
     if not found.regular:
         return "farther away, J_V is not proved to be regular"
@@ -189,11 +199,11 @@ def _clearance(region: Region, Q: Array) -> Array:
 
 
 def _places(Q: Array, clearance: Array, half: Array) -> Places:
-    """Divide a path through Q (K, n) into places: boxes of configurations in which lines begin.
+    """Divide a motion through Q (K, n) into places: boxes of configurations in which lines begin.
 
-    The path is within ``half`` (K, n) of each row of Q until the next row, so the boxes contain the
-    path also between the rows. ``clearance`` (K, n) is the distance that each joint may move within
-    Ω, rad or m; the clearance of a place is the smallest in it.
+    From each row of Q to the next, the motion differs from the row by at most ``half`` (K, n); so
+    the boxes also contain the motion between the rows. ``clearance`` (K, n) is how far each joint
+    can move from Q within Ω, rad or m. The clearance of a place is the smallest in it.
     """
     parts = sections(Q, clearance)
     low = np.array([Q[part].min(axis=0) for part in parts])

@@ -7,9 +7,14 @@ sample Q, and J̄ a mean of J_V. Any q and q' in a box of half-widths h around Q
 
 .. math:: |q − Q| ≤ |A| ℓ + |A|\, Δ(h)\, h < h,
 
-with Δ a bound of the change of J_V on the box. The lift then stays in the box, in which Φ is
+with Δ(h) a bound of the change of J_V on the box. The lift then stays in the box, in which Φ is
 injective, so its end is the only solution near the next sample. The theory, "The path itself
 closes", has the theorem.
+
+A closed path is sampled at K + 1 path parameters s_i, which divide it into K arcs; ``Q`` are the
+joints at the samples. Half-widths of boxes are in rad or m. The task has n joints, r potentials and
+F frames, such as two hands. An argument ``inverse`` is the repeatable inverse with the potentials
+h, and ``problem`` has bounds on its J_V over boxes of joints.
 """
 
 from __future__ import annotations
@@ -67,13 +72,13 @@ class Enclosure:
         Configurations along the path; the last row repeats the first. Around a start, one
         configuration per box, in any number.
     half : (K + 1, n) array
-        Half-widths of boxes around the rows of Q, rad or m. The box of a row contains the motion
-        until the next row. If ``proved`` is False, it is an estimate.
+        Half-widths of the boxes around the rows of Q, rad or m. The box of a row contains the
+        motion until the next row. If ``proved`` is False, the half-widths are estimates.
     proved : bool
         True if the motion is proved to close, and the boxes to contain it.
     reason : str
-        Reason why the motion cannot be used: it ends in a singularity, or does not close. Empty if
-        it can be used.
+        Reason why the motion cannot be used: it ends in a singularity, or does not close, or its
+        levels are not proved. Empty if it can be used.
     """
 
     Q: Array
@@ -121,7 +126,7 @@ def enclosed(
 
 
 def _bent(Q: Array) -> Array:
-    """Estimate how far a closed path through Q (K, n) is from lines between its rows: (K, n).
+    """Estimate how far a closed path through Q (K, n) is from the lines between its rows: (K, n).
 
     The estimate is ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``. It suffices for a corner anywhere between
     two rows, and is four times the sag of a parabola.
@@ -134,9 +139,10 @@ def _bent(Q: Array) -> Array:
 def _boxes(
     inverse: RepeatableInverse, problem: LeafMarginProblem, path: TaskPath, s: Array, Q: Array
 ) -> Array | None:
-    """Bound how far the lift is from sample Q_i until path parameter s_(i+1): (K + 1, n).
+    """Bound how far the lift moves from sample Q_i between s_i and s_(i+1): (K + 1, n).
 
-    The last row of the result repeats the first. Return None if the bounds are not proved.
+    ``s`` (K + 1,) are path parameters, ``Q`` (K + 1, n) the joints there. The last row of the
+    result repeats the first. Return None if the bounds are not proved.
     """
     K = len(s) - 1
     samples = _Samples.of(inverse, problem, path, s, Q[:-1])
@@ -162,9 +168,9 @@ def _boxes(
 class _Samples(NamedTuple):
     """K samples Q (K, n) of a lift, with bounds on their errors, and the path's arcs between them.
 
-    ``arcs`` (K, F, 2) are the length, m, and the rotation, rad, of each of F frames until the next
-    sample. ``off`` (K,) bounds the norm of the task error, m and rad; ``level_off`` (K, r) bounds
-    the error of each level, rad or m.
+    ``arcs`` (K, F, 2) bounds the length, m, and the rotation, rad, of each of F frames until the
+    next sample. ``off`` (K,) bounds the norm of the task error, m and rad; ``level_off`` (K, r)
+    bounds the error of each level, in the unit of the potential.
     """
 
     Q: Array
@@ -194,7 +200,7 @@ class _Samples(NamedTuple):
         return cls(Q, arcs * (1 + ROUND), *off)
 
     def part(self, at: NDArray[np.intp]) -> _Samples:
-        """Select the samples with the given indices."""
+        """Return only the samples with the indices ``at``."""
         return _Samples._make(values[at] for values in self)
 
 
@@ -203,7 +209,8 @@ def errors_of(
 ) -> tuple[Array, Array]:
     """Bound the errors of pose (K,) and levels (K, r) at samples Q (K, n), rounding included.
 
-    The errors are relative to the poses ``places`` and the levels c, (r,) or (K, r).
+    ``places`` are the K exact poses, and ``c`` are the exact levels, (r,) or (K, r). The error of
+    the pose is the norm of the task error, m and rad.
     """
     task = inverse.task
     reach = max(
@@ -221,8 +228,8 @@ class _ProvedArcs(NamedTuple):
     """Proved boxes of a lift on K arcs, each after one sample: half-widths (K, n), rad or m.
 
     On its arc, the lift stays within ``half`` of the sample. Φ, pose and levels, is injective
-    within ``box``. The lift begins within ``start`` of the sample, and ends within ``end`` of the
-    next sample.
+    within ``box`` of the sample. The lift begins within ``start`` of the sample, and ends within
+    ``end`` of the next sample.
     """
 
     half: Array
@@ -234,7 +241,10 @@ class _ProvedArcs(NamedTuple):
 def _proved_arcs(
     inverse: RepeatableInverse, problem: LeafMarginProblem, here: _Samples, after: _Samples
 ) -> _ProvedArcs | None:
-    """Bound the lift on the arcs from samples ``here`` to samples ``after``; None if not proved."""
+    """Bound the lift on the arcs from samples ``here`` to samples ``after``; None if not proved.
+
+    Row i of ``after`` is the sample that follows row i of ``here``.
+    """
     bounds = LiftBoxes(inverse, problem, here.Q)
     found = bounds.around(bounds.moved(here.arcs + here.off[:, None, None], here.level_off))
     if found is None:
@@ -242,10 +252,10 @@ def _proved_arcs(
     half, h, bent = found
 
     def shift(off: Array, level_off: Array) -> Array:
-        """Bound the distance of the exact solution from its sample: half-widths (K, n).
+        """Bound the distance of exact solutions of Φ from K samples: half-widths (K, n).
 
-        ``off`` (K,) and ``level_off`` (K, r) bound the task error and the level error of the
-        sample.
+        ``off`` (K,) and ``level_off`` (K, r) bound the task errors and the level errors of the
+        samples.
         """
         moved = bounds.moved(np.repeat(off[:, None, None], 2, 2), level_off)
         share = np.max(moved / h, axis=1) / (1 - np.max(bent / h, axis=1))
@@ -283,10 +293,10 @@ class LiftBoxes:
         self.rounding = wrong + 4 * task.n * 2.0**-53 * sizes
 
     def moved(self, arcs: Array, levels: Array) -> Array:
-        """Bound ``|A| ℓ`` (K, n), the motion of the joints over arcs, to first order.
+        """Bound ``|A| ℓ`` (K, n), the motion of the joints over K arcs, to first order.
 
-        ℓ are ``arcs`` (K, F, 2), the length, m, and rotation, rad, of each frame, and the changes
-        ``levels`` (K, r) of the levels.
+        ℓ consists of ``arcs`` (K, F, 2), the length, m, and rotation, rad, of each frame, and of
+        ``levels`` (K, r), the largest change of each level.
         """
         found = np.einsum("kir,kr->ki", self.level, levels)
         for f, (linear, angular) in enumerate(zip(self.linear, self.angular, strict=True)):
@@ -297,9 +307,9 @@ class LiftBoxes:
     def around(self, arc: Array) -> tuple[Array, Array, Array] | None:
         """Find boxes in which lifts stay, given their motion ``arc`` (K, n) to first order.
 
-        ``arc`` is the result of :meth:`moved`. Return, (K, n) each: bounds on the lifts;
-        half-widths h of boxes in which Φ, pose and levels, is injective; and the nonlinear part of
-        the bounds. Return None if a lift may leave its box.
+        ``arc`` is the result of :meth:`moved`. Return three arrays (K, n): bounds on the motion of
+        the lifts; half-widths h of boxes in which Φ, pose and levels, is injective; and the part of
+        the bounds that :meth:`bent` gives. Return None if a lift may leave its box.
         """
         h = 1.5 * arc
         for _ in range(3):
@@ -352,7 +362,7 @@ class LiftBoxes:
 def _pose_changes(chain: JointChain, Q: Array, h: Array) -> tuple[Array, Array]:
     """Bound ``|ΔJ| h``, with ΔJ the change of a frame's Jacobian on boxes Q ± h, (K, n) each.
 
-    Return bounds (K,) for the linear and for the angular part.
+    Return bounds (K,) on the norm of the linear part, m, and of the angular part, rad.
 
     Let L_l bound the distance from joint l to the frame, and η be the half-widths of the joints.
     The linear part of a revolute joint's column changes by ``η_j min(L_j, L_l)`` for each revolute

@@ -39,9 +39,9 @@ class LeafMarginBounds:
     Attributes
     ----------
     leaf_margin : (K,) array
-        Lower bound of the leaf margin on the whole box; 0 where J_V was not shown to be regular.
+        Lower bound of the leaf margin on the whole box; 0 where J_V was not proved to be regular.
     center : (K,) array
-        Upper bound of the leaf margin at the centre; no lower bound on the box can exceed it.
+        Upper bound of the leaf margin at the box's centre. It limits the lower bound on the box.
     sigma_min : (K,) array
         Lower bound of σ_min(J) on the whole box; 0 where none was found.
     split : (K,) array of int
@@ -60,12 +60,14 @@ class LeafMarginProblem:
     """Leaf margin of potentials of a task, prepared for bounds over boxes inside one region.
 
     J_V (N, N) is the task Jacobian stacked on the potentials' gradients. It includes rows and
-    columns of virtual joints, which represent motions that the task leaves free.
+    columns of virtual joints, which represent motions that the task leaves free, see
+    :class:`.Chain`. A box Q ± half contains the joint positions q with ``|q − Q| ≤ half``, rad or
+    m; K is the number of boxes, and n is the number of joints.
 
     Attributes
     ----------
     chains : tuple of Chain
-        Extended chain of each frame of the task.
+        Chain of each frame of the task, virtual joints included.
     features : Features
         The potentials as sums of features: monomials, sines, cosines and arm angles.
     round : (N,) array
@@ -73,8 +75,8 @@ class LeafMarginProblem:
     eps : float
         Relative rounding error of sums.
     beta : float
-        Factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, see :func:`.frame_change`. Y is a right inverse of
-        J for screws at the middle link.
+        Factor β in the bound ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, see :func:`.frame_change`. Y is a right
+        inverse of the joint screws at the middle link.
     """
 
     chains: tuple[Chain, ...]
@@ -118,8 +120,8 @@ class LeafMarginProblem:
     def run(self, kernel: str, Q: Array, half: Array, *more: Any) -> None:
         """Run a function of the native library on boxes of joints Q ± half, (K, n) each.
 
-        ``kernel`` is the name of the C function. ``more`` are its further arguments, numbers and
-        contiguous arrays; the function writes its results into the last of these arrays.
+        ``kernel`` is the name of the C function. ``more`` are its further arguments: numbers and
+        contiguous arrays of inputs, then arrays into which the function writes its results.
         """
         call = getattr(required_library("a proof"), kernel)
         problem = self.struct()
@@ -149,9 +151,10 @@ class LeafMarginProblem:
     def arm_angles(self, Q: Array, half: Array) -> Array | None:
         """Expand the gradients of arm angles to first order on boxes Q ± half, (K, n) each.
 
-        The result (K, r, n² + 2 n + 1) is an argument of C functions; None without arm angles. For
-        each of the r potentials, it has the gradient V (n,) at the centre, its n² derivatives, n
-        bounds on the remainder, and a bound on the rounding error.
+        The result (K, r, n² + 2 n + 1) is an argument of C functions; None if no potential contains
+        an arm angle. For each of the r potentials, the last axis holds the gradient of its arm
+        angles (n) at the centre, n² derivatives of this gradient, n bounds on the remainder, and a
+        bound on the rounding error.
         """
         if not self.features.arms:
             return None
@@ -176,7 +179,7 @@ class LeafMarginProblem:
 
 
 def _as_argument(value: Any) -> Any:
-    """Convert an argument for C: arrays to their address, numbers to doubles."""
+    """Convert an argument for C: arrays to their address, numbers to doubles; None stays None."""
     if value is None:
         return None
     if isinstance(value, np.ndarray):
@@ -193,10 +196,10 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem
     features, chains = features_of(field, task.n, box), list(chains_of(task))
 
     def needed(f: int, links: Chain) -> float:
-        """Estimate how tight the bounds are with the chain ``links`` of frame f; lower is better.
+        """Estimate how tight the bounds are with the chain ``links`` for frame number f.
 
-        The result is the spectral radius of the bound on ``|A J_V − I|`` on a box; inf if there is
-        no bound.
+        The result is the spectral radius of the bound on ``|A J_V − I|`` on a box around the
+        centre: lower is better, and inf means that there is no bound.
         """
         one = _prepared(task, (*chains[:f], links, *chains[f + 1 :]), features, box)
         D = one.deviations(box.center[None], box.half_width[None] / 8)[0]
@@ -214,7 +217,7 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem
 def _prepared(
     task: Task, chains: tuple[Chain, ...], features: Features, box: Box
 ) -> LeafMarginProblem:
-    """Create the problem of bounding a leaf margin, with bounds on its rounding errors.
+    """Create a leaf-margin problem, with bounds on the rounding errors.
 
     ``chains`` has one chain per frame of the task. The bounds hold for boxes inside ``box``.
     """

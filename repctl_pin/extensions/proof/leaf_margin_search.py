@@ -50,7 +50,7 @@ def bound_leaf_margin(
         Lower and upper corners of the boxes.
     goal
         Leaf margin to prove. The search stops as soon as this margin is proved, or when it finds a
-        configuration with a smaller margin. With None, the largest bound is searched for.
+        configuration with a smaller margin. With None, the search is for the largest bound.
     seconds
         Processor time, s, after which the search stops and returns the bound found so far.
     report
@@ -79,8 +79,9 @@ class _Search:
 
     ``low``, ``high``, ``bound``, ``sigma`` and ``split`` have one row per undecided box: its lower
     and upper corner, the bounds of the leaf margin and of σ_min(J) on it, and the joint along which
-    to halve it, −1 before its evaluation. ``upper`` is the smallest leaf margin at any centre.
-    ``reason`` says why the search stopped; it is empty while the search runs.
+    to halve it, −1 before its evaluation. ``upper`` is the smallest leaf margin at the centre of
+    any box so far. ``reason`` says why the search stopped; it is empty while the search runs. A box
+    is named by its centre and half-widths, Q ± half.
     """
 
     def __init__(
@@ -97,7 +98,10 @@ class _Search:
         self.gave_up = False
 
     def volume(self) -> float:
-        """Compute the total volume of the undecided boxes, in the units of the joints."""
+        """Compute the total volume of the undecided boxes: the product of their n widths, summed.
+
+        Widths are in rad or m.
+        """
         return float(np.prod(self.high - self.low, axis=1).sum())
 
     def advance(self) -> None:
@@ -129,7 +133,7 @@ class _Search:
             self._stop(Q, half, int(np.argmax(small)), "a box too small to halve is undecided")
 
     def _next(self) -> NDArray[np.intp]:
-        """Choose the indices of the undecided boxes to halve next, see :meth:`advance`."""
+        """Choose which undecided boxes to halve next, see :meth:`advance`; return their indices."""
         count = len(self.low)
         if count <= _BATCH:
             return np.arange(count)
@@ -138,12 +142,11 @@ class _Search:
         return np.argpartition(self.bound, _BATCH)[:_BATCH]
 
     def _enough(self, found: LeafMarginBounds, Q: Array, half: Array) -> float:
-        """Return the bound of the leaf margin with which a box counts as decided.
+        """Return the lower bound of the leaf margin from which a box counts as decided.
 
         ``found`` are the bounds on the boxes Q ± half, (K, n) each. With a goal, the result is the
-        goal. Without a goal, it is 95 % of the smallest leaf margin at any centre, which no proved
-        bound can exceed. The search stops if the leaf margin at a centre is below the goal or,
-        without a goal, 0.
+        goal. Without a goal, it is 95 % of ``upper``, which no proved bound can exceed. Update
+        ``upper``, and stop the search if it is below the goal or, without a goal, 0.
         """
         least = int(np.argmin(found.center))
         if found.center[least] < self.upper:
@@ -161,8 +164,8 @@ class _Search:
         """Count waiting boxes as decided if their bound is at least ``enough``.
 
         Without a goal, ``enough`` falls when a smaller leaf margin is found. ``stays`` is a mask of
-        the undecided boxes, False for those that were just halved. Return a mask, True for boxes
-        that are still undecided; halved boxes are True.
+        the undecided boxes, False for those that were just halved. Return a mask of the undecided
+        boxes: False for those that now count as decided, True for all others.
         """
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():
@@ -173,7 +176,7 @@ class _Search:
     def _settle(
         self, found: LeafMarginBounds, done: NDArray[np.bool_], Q: Array, half: Array
     ) -> None:
-        """Record the smallest bounds of newly decided boxes, and the box with the smallest margin.
+        """Record the smallest bounds of newly decided boxes, and the box with the smallest one.
 
         ``found`` are the bounds on the boxes Q ± half, (K, n) each; ``done`` (K,) is True for
         decided boxes.
@@ -186,7 +189,7 @@ class _Search:
         self.settled_sigma = min(self.settled_sigma, float(found.sigma_min[rows].min()))
 
     def _stop(self, Q: Array, half: Array, at: int, why: str) -> None:
-        """Stop the search for the reason ``why`` at the box number ``at`` of Q ± half, (K, n) each.
+        """Stop the search for the reason ``why`` at the box in row ``at`` of Q ± half, (K, n) each.
 
         If an arm angle is not defined at the centre of the box, that is the reason instead.
         """
@@ -204,7 +207,8 @@ class _Search:
     def proof(self) -> Proof:
         """Return the proof with the smallest bounds over all boxes, decided or not.
 
-        If the search stopped early, the proof has the reason, and the box at which it stopped.
+        If the search stopped early, the proof has the reason. Its box ``worst`` ± ``half`` is the
+        box that misses the goal or cannot be halved, if any, else the box with the smallest bound.
         """
         bound, sigma = self.decided, self.settled_sigma
         worst = self.at_least_bound
@@ -216,15 +220,15 @@ class _Search:
             bound = min(bound, float(self.bound[least]))
             sigma = min(sigma, float(self.sigma.min()))
             if self.gave_up:
-                worst = self._named(worst)
+                worst = self._with_arm_angle(worst)
         proved = bound > 0 and (self.goal is None or (bound >= self.goal and not self.reason))
         return Proof("", proved, bound, np.nan, sigma, self.boxes, *worst, self.reason, self.goal)
 
-    def _named(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Add an arm angle to the reason if it may be undefined in the smallest undecided box.
+    def _with_arm_angle(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
+        """Say in the reason whether an arm angle may be undefined in the smallest undecided box.
 
         ``worst`` is the box that the proof names so far: its centre and half-widths, (n,) each.
-        Return the smallest undecided box if the arm angle may be undefined there, else ``worst``.
+        Return the smallest undecided box if an arm angle may be undefined there, else ``worst``.
         """
         small = int(np.argmin(np.prod(self.high - self.low, axis=1)))
         Q, half = centered(self.low[small, None], self.high[small, None])

@@ -11,7 +11,9 @@ the cell, the joints stay in a box,
 with A_h the last r columns of A and Δ a bound of the change of J_V on the box of half-widths h. The
 motion ends at F_k(c). A wider box, in which Φ is injective, contains the ends of the neighbouring
 cells, so they agree on common faces: one continuous function F(x₀, c). The theory, "Hand and
-elbow", has the theorem. Ω is the region of joint space of the design.
+elbow", has the theorem. Ω is the region of joint space of the design. An argument ``inverse`` is
+the repeatable inverse with the potentials h, ``problem`` has bounds on its J_V over boxes of
+joints, and ``start`` (n,) is the start.
 """
 
 from __future__ import annotations
@@ -46,10 +48,11 @@ def level_boxes(
 ) -> Enclosure:
     """Enclose the joints F(x₀, c) at the start's pose x₀, for all levels c near those of the start.
 
-    ``most`` is the largest change of each level. The cells become smaller until each is proved, and
-    its box is inside Ω: ``clearance(Q)`` bounds how far each joint may move within Ω from Q (K, n).
-    In the result, each row of Q is the middle of one cell, ``half`` bounds the distance of F(x₀, c)
-    from it, and neighbouring rows are neighbouring cells.
+    ``start`` (n,) is the start, and ``most`` is γ, the largest change of each level. The cells
+    become smaller until each is proved, and its box is inside Ω: ``clearance(Q)`` bounds how far
+    each joint may move within Ω from Q (K, n), rad or m. In the result, each row of Q is the
+    configuration in the middle of one cell, and ``half`` bounds the distance of F(x₀, c) from it.
+    Neighbouring rows are neighbouring cells. If that is not proved, the result has a reason.
     """
     r = inverse.task.r
     why = f"levels within {most:g} of the start's"
@@ -85,8 +88,8 @@ def _solved(
     """Solve for the configuration in the middle of each cell, from cell to neighbouring cell.
 
     ``count`` cells along each level divide the range ± ``most``. Return the indices (K, r) of the
-    cells, counted from the start's cell, and the configurations (K, n). Neighbouring rows are
-    neighbouring cells.
+    cells, counted from the start's cell (0, …, 0), and the configurations (K, n), ordered so that
+    neighbouring rows are neighbouring cells.
     """
     task, c, x = inverse.task, inverse.leaf(start), inverse.task.placements(start)
     width, side = 2 * most / count, count // 2
@@ -104,13 +107,13 @@ def _far(cell: tuple[int, ...]) -> int:
 
 
 def _inward(cell: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the neighbouring cell that is one step nearer to the start's cell (0, …, 0)."""
+    """Return the neighbour of a cell that is one step nearer to the start's cell (0, …, 0)."""
     k = int(np.argmax(np.abs(cell)))
     return (*cell[:k], cell[k] - int(np.sign(cell[k])), *cell[k + 1 :])
 
 
 def _in_turn(side: int, r: int) -> list[tuple[int, ...]]:
-    """List all cells with indices from −side to side, so that consecutive cells are neighbours."""
+    """List all cells of r levels with indices from −side to side; each is next to its neighbour."""
     if r == 0:
         return [()]
     found: list[tuple[int, ...]] = []
@@ -127,23 +130,23 @@ def _proved(
     start: Array,
     cells: Array,
     Q: Array,
-    width: float,
+    half_width: float,
 ) -> tuple[Array, Array] | None:
-    """Bound how far F(x₀, c) is from the row of Q in each cell: half-widths (K, n).
+    """Bound, for the levels c of each cell, how far F(x₀, c) is from its row of Q: (K, n).
 
-    Return also the half-widths (K, n) of boxes in which Φ is injective; None if a cell is not
-    proved. ``width`` is half the width of a cell, ``cells`` (K, r) and Q (K, n) are as in
-    :func:`_solved`.
+    Return also the half-widths (K, n) of boxes around Q in which Φ is injective. Return None if a
+    cell is not proved. ``half_width`` is that of a cell, ``cells`` (K, r) and Q (K, n) are the
+    result of :func:`_solved`.
     """
     task, bounds = inverse.task, LiftBoxes(inverse, problem, Q)
-    c = inverse.leaf(start) + 2 * width * cells
+    c = inverse.leaf(start) + 2 * half_width * cells
     places = [task.as_target(task.placements(start))] * len(Q)
     off, level_off = errors_of(inverse, problem, Q, places, c)
     poses = np.repeat(off[:, None, None], 2, axis=2)
 
     # the box of the lifts in a cell, and the wider box in which Φ is injective
-    near = bounds.around(bounds.moved(poses, width * (1 + ROUND) + level_off))
-    wide = bounds.around(bounds.moved(poses, _OVERLAP * width + level_off))
+    near = bounds.around(bounds.moved(poses, half_width * (1 + ROUND) + level_off))
+    wide = bounds.around(bounds.moved(poses, _OVERLAP * half_width + level_off))
     if near is None or wide is None:
         return None
     half, box = near[0], wide[1]

@@ -15,9 +15,12 @@ line, rad/m. All frames move along lines of their own, in the same time. Branch 
 rates T_k. From the rates follows the length ρ of lines whose lifts cannot leave S_M. The theory,
 "The closing radius", has the theorem.
 
-A place is the box of configurations in which a lift begins; its clearance is the distance that each
-joint may then move within Ω. The rate of a joint is its motion per metre of a line, rad or m per m.
-J_V is the task Jacobian stacked on the potentials' gradients; G_r exists where J_V is regular.
+A place is the box of configurations in which a lift begins. Its clearance is how far each joint can
+then move within Ω. There are K places, n joints, and M boxes S_k around each place. The rate of a
+joint is its motion per metre of a line, rad or m per m. J_V is the task Jacobian stacked on the
+potentials' gradients; G_r exists where J_V is regular. An argument ``field`` has the potentials,
+``problem`` has bounds on J_V over boxes of joints, and ``ratio`` is α/ρ, 0 for lines without
+rotation.
 """
 
 from __future__ import annotations
@@ -67,9 +70,9 @@ class Places:
     Attributes
     ----------
     center, extent : (K, n) arrays
-        Centres and half-widths of the boxes.
+        Centres and half-widths of the boxes, rad or m.
     clearance : (K, n) array
-        Distance that each joint may move within Ω from any configuration in the box, rad or m.
+        How far each joint can move within Ω from any configuration in the box, rad or m.
     """
 
     center: Array
@@ -91,12 +94,12 @@ class Reach:
     boxes : int
         Number of boxes evaluated.
     place, joint : int
-        Indices of the place with the smallest length, and of the joint that may leave its clearance
-        on a longer line.
+        Index of the place with the smallest length, and of the joint that may leave the clearance
+        of that place on a longer line.
     complete : bool
         False if the search ended before all boxes were decided.
     regular : bool
-        False if J_V is not proved to be regular on some box around that place.
+        False if J_V is not proved to be regular in all boxes S_k around that place.
     """
 
     radius: float
@@ -122,7 +125,7 @@ def bound_reach(
     Parameters
     ----------
     problem, task, field
-        Bounds on J_V, the task, and its potentials.
+        Bounds on J_V, the task, and the potentials of the design.
     places
         Places with their clearance.
     ratio
@@ -145,10 +148,11 @@ def bound_reach(
 class _Search:
     """Branch and bound on the rates of the joints, in the boxes S_1 ⊂ … ⊂ S_M around each place.
 
-    ``widths`` and ``rates`` (K, M, n) are the half-widths of the boxes S around K places, and the
-    rates to prove in them. ``low``, ``high``, ``place``, ``within``, ``bound`` and ``split`` have
-    one row per undecided box: its corners relative to the place's centre, the indices of its place
-    and of its set S, the bounds of its rates, and the joint along which to halve it.
+    ``widths`` and ``rates`` (K, M, n) are the half-widths of the boxes S_k around K places, without
+    the place's own half-widths, and the rates to prove in them. ``low``, ``high``, ``place``,
+    ``within``, ``bound`` and ``split`` have one row per undecided box, a part of some S_k: its
+    corners relative to the place's centre, the index of its place, the number k − 1 of the smallest
+    S_k that contains it, the bounds of its rates, and the joint along which to halve it.
     """
 
     def __init__(
@@ -174,10 +178,10 @@ class _Search:
         self.boxes = 0
 
     def _layers(self) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
-        """Divide S_1, and each S_k without S_(k−1), into boxes that branch and bound can halve.
+        """Divide S_1, and each S_k without S_(k−1), into L boxes that branch and bound can halve.
 
         Return the lower and upper corners of the boxes, (L, n) each, relative to the centre of
-        their place; the index of the place; and k − 1.
+        their place; the indices (L,) of their places; and their numbers k − 1 (L,).
         """
         K, M, n = self.widths.shape
         half = self.widths + self.places.extent[:, None] * (1 + 1e-12)
@@ -204,7 +208,7 @@ class _Search:
     def advance(self) -> None:
         """Halve one batch of undecided boxes, and bound the rates of the joints on the halves.
 
-        Boxes in the smallest S_k around their place come first.
+        Boxes with the smallest k come first.
         """
         take = np.arange(len(self.low))
         if len(take) > _BATCH:
@@ -238,8 +242,8 @@ class _Search:
     ) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
         """Halve the undecided boxes with the indices ``take``, as :func:`halved` does.
 
-        Return the lower and upper corners of the L halves, (L, n) each, and two indices per half:
-        its place, and the smallest set S that contains it.
+        Return the lower and upper corners of the L halves, (L, n) each, the indices (L,) of their
+        places, and their numbers k − 1 (L,).
         """
         low, high, parents = halved(self.low[take], self.high[take], self.split[take])
         order = take[parents]
@@ -249,8 +253,8 @@ class _Search:
         """Raise the rates to prove where the rate at a box's centre exceeds the sampled rates.
 
         ``value`` (L, n) are the rates at the centres of L boxes, ``place`` and ``within`` (L,) the
-        indices of their place and of the smallest set S that contains them. Rates of larger sets
-        are raised as well.
+        indices of their places, and the numbers k − 1 of the smallest S_k that contain them. Rates
+        of larger S_k are raised as well.
         """
         over = np.flatnonzero((value > self.rates[place, within]).any(axis=1))
         for b in over:
@@ -261,9 +265,8 @@ class _Search:
     def reach(self) -> Reach:
         """Return the length that lines may have at all places, with the rates proved so far.
 
-        A line is extended through the sets S_1 ⊂ S_2 ⊂ … until a joint may leave the last set.
-        Undecided boxes count with their last bounds, so the length is valid at any time of the
-        search.
+        A line is extended through S_1 ⊂ S_2 ⊂ … until a joint may leave the last one. Undecided
+        boxes count with their last bounds, so the length is valid at any time of the search.
         """
         rates = self.rates.copy()
         bound = np.where(np.isnan(self.bound), np.inf, self.bound)
@@ -297,9 +300,10 @@ def _largest_slack(
 ) -> tuple[float, float]:
     """Choose the shares by which the rates to prove may exceed sampled rates, for a goal.
 
-    ``goal`` is the length of the lines, m. With larger shares fewer boxes are needed, but wider
-    boxes have larger rates. Return the shares for the first and the last box around a place: the
-    defaults, or larger ones if the goal allows them.
+    ``goal`` is the length of the lines, m. A share of 0.1 means rates 10 % above the sampled ones.
+    With larger shares the proof needs fewer boxes, but the sets S_k are wider, and rates in them
+    are larger. Return the shares for the first and the last S_k around a place: the defaults, or
+    larger ones if the goal allows them.
     """
     best = _sampled(task, field, places, ratio, None, (0.0, 0.0))[2]
     slack = 0.95 * best / goal - 1
@@ -318,19 +322,20 @@ def _sampled(
     goal: float | None,
     slacks: tuple[float, float],
 ) -> tuple[Array, Array, float]:
-    """Choose half-widths of boxes S around K places, and rates to prove in them: (K, M, n) each.
+    """Choose half-widths of boxes S_k around K places, and rates to prove in them: (K, M, n) each.
 
-    Each box exceeds the preceding box by the motion of the joints on a step of the line. The rates
-    of this motion are the largest rates sampled in the box, times 1 plus a share; the share goes
-    from the first of ``slacks`` to the second. Return also the length of the lines, m, which is the
-    same for all places. A SingularityError is raised if J_V, the task Jacobian stacked on the
-    potentials' gradients, is singular at the start, or if there is no clearance.
+    S_k exceeds S_(k−1) by the motion of the joints on a step of the line. The rates of this motion
+    are the largest rates sampled in S_k, times 1 plus a share; from S_1 to S_M the share goes from
+    ``slacks[0]`` to ``slacks[1]``. ``goal`` is a length, m, or None for the largest length.
+
+    Return the half-widths, the rates, and the length of the lines, m, which is the same for all
+    places. A SingularityError is raised if J_V is singular at the start, or without clearance.
     """
     K, n = places.center.shape
     signs = np.sign(np.random.default_rng(0).uniform(-1, 1, (max(8, _SAMPLES // K), n)))
 
     def largest(Q: Array) -> Array:
-        """Evaluate the largest rates over S configurations Q (K, S, n) per place: (K, n)."""
+        """Evaluate the largest rates at each place over its configurations Q (K, s, n): (K, n)."""
         return _rates(task, field, Q, ratio).max(axis=1)
 
     # rates at the start give the length of a step
@@ -364,7 +369,7 @@ def _sampled(
 
 
 def _rates_at_start(rates: Array) -> Array:
-    """Replace the zero rates of joints that do not move by a small positive rate: (K, n).
+    """Replace zero rates (K, n), those of joints that do not move, by a small positive rate.
 
     A SingularityError is raised if J_V is singular at the start.
     """
@@ -378,11 +383,12 @@ def rate_bounds(
 ) -> tuple[Array, Array, NDArray[np.int32]]:
     """Bound the rates of the joints, rad or m per metre of a line, on boxes Q ± half, (K, n) each.
 
-    The rate of a joint is ``‖g_v‖ + ratio ‖g_ω‖``, summed over the frames, with g the joint's row
-    of the repeatable inverse G_r, v its linear and ω its angular columns. ``ratio``, rad per m, is
-    one number, or one per frame. Return the bounds (K, n), the values at the centres (K, n), and
-    the joint (K,) along which to halve each box, chosen such that the bounds fall below ``most``
-    (K, n) after few halvings.
+    The rate of a joint is ``‖g_v‖ + ratio ‖g_ω‖``, summed over the frames. g is the joint's row of
+    the repeatable inverse G_r, in its linear columns (v) and its angular columns (ω). ``ratio`` is
+    the rotation per metre of the line, rad per m, one number or one per frame.
+
+    Return the bounds (K, n), the rates at the centres (K, n), and the index (K,) of the joint along
+    which to halve each box. It is chosen so that the bounds fall below ``most`` (K, n) soon.
     """
     bound, value = np.zeros((2, *Q.shape))
     split = np.zeros(len(Q), np.int32)
@@ -396,9 +402,8 @@ def rate_bounds(
 def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
     """Evaluate the rate of each joint, rad or m per metre of a line, at Q (K, s, n): (K, s, n).
 
-    The rate is ``‖g_v‖ + ratio ‖g_ω‖``, summed over the frames: g is the joint's row of the
-    repeatable inverse G_r, v its linear and ω its angular columns. It is inf where G_r does not
-    exist.
+    There are s configurations per place. The rates are those of :func:`rate_bounds`; they are inf
+    where the repeatable inverse does not exist.
     """
     points = Q.reshape(-1, Q.shape[2])
     J, V = task.jacobians(points), field.gradients(points)

@@ -1,9 +1,11 @@
 """Check of one closed path: can it be shrunk to its start through paths that close?
 
-A leaf is the set {q : h(q) = c} of the potentials h. Where J_V, the task Jacobian stacked on the
-potentials' gradients, is regular, pose and level determine the configuration locally. So each pose
-of a surface that is swept from the start has one configuration, if J_V is regular all over it. The
-cone from the start pose to the path is such a surface.
+A leaf is the set {q : h(q) = c} of the potentials h, and c its level. J_V is the task Jacobian
+stacked on the potentials' gradients; where it is regular, pose and level determine the
+configuration locally. The straight lines from the start pose to the poses of the path form a
+surface, a cone. If J_V is regular along all these lines, each pose of the cone has one
+configuration on the leaf. Shrinking the path within the cone to the start then shows that it
+closes.
 """
 
 from __future__ import annotations
@@ -41,7 +43,8 @@ class PathCertificate:
     Attributes
     ----------
     shrinks : bool
-        True if every ray ends on the motion along the path; that motion then closes.
+        True if every ray that was checked ends on the motion along the path; that motion then
+        closes.
     gap : float
         Largest joint difference between end and start of the motion, rad or m; NaN if the motion
         stops early.

@@ -1,9 +1,14 @@
 r"""Potentials as sums of features φ, with bounds on the second-order Taylor remainder of V.
 
-A potential h is a function of q that the controller holds constant; V are the gradients. A proof
-expands V on boxes of joints inside Ω, the region of the design. An argument z is a linear function
-of q. A feature φ is 1, a product of an earlier feature and an argument, or the sine or cosine of an
-argument. G, C and C_3 are coefficients, T and T_4 bounds:
+A potential h is a function of the n joint positions q that the controller holds constant. There are
+r potentials, and V are their gradients: V_ai = ∂h_a/∂q_i. A proof expands V on boxes of joints
+inside a box Ω, which contains the region of the design. ∂ is the derivative with respect to q: ∂V
+are the second, ∂²V the third derivatives of h.
+
+An argument z is a linear function of q. A feature φ is 1, a product of an earlier feature and an
+argument, or the sine or cosine of an argument. V and its derivatives are sums of features: G, C and
+C_3 are their coefficients, T and T_4 are bounds. The features are numbered in the order in which
+they are added. An argument ``field`` has the r potentials.
 
 .. math:: z = Z q - z_0, \quad φ_f = 1,\; φ_{parent} z,\; \sin z,\; \cos z, \qquad
           V = G φ, \quad ∂V = C φ,
@@ -41,32 +46,32 @@ _Exponents = tuple[int, ...]
 @dataclass(frozen=True, eq=False)
 @read_only
 class Features:
-    """r potentials of n joints as sums of F features, with bounds that hold in one box of joints.
+    """r potentials of n joints as sums of F features, with bounds that hold in the box Ω of joints.
 
     Attributes
     ----------
     Z, z0 : (s, n) and (s,) arrays
         The s linear arguments of the features, ``z = Z q − z0``.
     kind, parent, variable : (F,) arrays of int
-        Per feature: its kind (0 for 1, 1 for a product, 2 for a sine, 3 for a cosine); for a
-        product, the index of its earlier feature; and the index of its argument.
+        Per feature: its kind (0 for the feature 1, 1 for a product, 2 for a sine, 3 for a cosine);
+        for a product, the index of the earlier feature; and the index of the argument.
     G : (r, n, F) array
-        Coefficients of V.
+        Coefficients of V, the gradients.
     C : (r, n, n, F) array
-        Coefficients of ∂V.
+        Coefficients of ∂V, the second derivatives of the potentials.
     third : (F_3,) array of int
-        Indices of the features in C3.
+        Indices of the features to which the last axis of C3 belongs.
     C3 : (r, n, n, n, F_3) array
         Coefficients of those terms of the third derivatives of h that are not constant, and not
         sines or cosines.
     T, T4 : (r, n, n, n) and (r, n, n, n, n) arrays
-        Bounds over the box: T on the terms of the third derivatives that are not in C3, T4 on the
-        derivatives of ``C_3 φ``; if F_3 is 0, T4 is (r, 0, 0, 0, 0).
+        Bounds over Ω: T on the terms of the third derivatives of h that are not in C3, T4 on the
+        derivatives of ``C_3 φ``. If F_3 is 0, T4 is (r, 0, 0, 0, 0).
     E : (r, n) array
-        Bounds on the rounding errors of V and of its first-order expansion over the box.
+        Bounds on the rounding errors of V and of its first-order expansion over Ω.
     size : (r,) array
-        Bounds on the entries of |V| plus ``|∂V|`` times the half-widths of the box, to which
-        rounding is relative.
+        Bounds, per potential, on the largest entry of V plus ∂V times the half-widths of Ω, in
+        absolute values. Rounding errors are relative to them.
     arms : tuple of ArmAngleChain
         Arm angles among the potentials. They are not features, but have Taylor models of their own.
     """
@@ -88,7 +93,7 @@ class Features:
 
 
 def features_of(field: Potentials, n: int, box: Box) -> Features:
-    """Convert potentials of n joints to sums of features, with bounds that hold in a box of joints.
+    """Convert potentials of n joints to sums of features, with bounds that hold in the box Ω.
 
     Raises
     ------
@@ -104,7 +109,7 @@ def features_of(field: Potentials, n: int, box: Box) -> Features:
 class _Argument(NamedTuple):
     """Linear function ``z = row · q − z0`` of the joints.
 
-    ``most`` bounds |z| in the box, ``error`` its rounding error.
+    ``most`` bounds |z| in Ω, ``error`` the rounding error of z.
     """
 
     row: Array
@@ -117,7 +122,7 @@ class _Feature(NamedTuple):
     """One feature: 1, a product, a sine or a cosine.
 
     ``kind``, ``parent`` and ``variable`` are as in :class:`Features`. ``bound`` bounds the absolute
-    value of the feature in the box, ``error`` its rounding error.
+    value of the feature in Ω, ``error`` its rounding error.
     """
 
     kind: int
@@ -130,7 +135,8 @@ class _Feature(NamedTuple):
 class _Builder:
     """Collector of features, coefficients and bounds: :meth:`add` potentials, get :meth:`features`.
 
-    The potentials have n joints; the bounds hold in ``box``.
+    The potentials have n joints; the bounds hold in ``box``, which is Ω. An index of a feature or
+    an argument is its number in the order in which they are added, from 0.
     """
 
     def __init__(self, n: int, box: Box) -> None:
@@ -146,7 +152,7 @@ class _Builder:
         self.arms: list[ArmAngleChain] = []
 
     def add(self, field: Potentials) -> None:
-        """Add the features of potentials; for a sum, those of each part."""
+        """Add the features of potentials; if they are a sum, add those of each summand."""
         if isinstance(field, SumMap):
             for part in field.maps:
                 self.add(part)
@@ -192,7 +198,7 @@ class _Builder:
         return len(self.found) - 1
 
     def _room(self, r: int) -> Array:
-        """Return the array T (r, n, n, n), which :meth:`features` returns; create it if needed."""
+        """Return T (r, n, n, n), see :class:`Features`, to be added to; create it if needed."""
         if self.T is None:
             self.T = np.zeros((r, self.n, self.n, self.n))
         return self.T
@@ -202,8 +208,8 @@ class _Builder:
     def _polynomial(self, field: PolynomialMap) -> None:
         """Add the terms of polynomials ``h = Σ c_β u^β`` with ``u = (q − center) / scale``.
 
-        β are tuples of exponents. Every monomial that occurs in h or its derivatives becomes a
-        feature.
+        The tuples β have one exponent per variable u_i. Every monomial u^β that occurs in a
+        derivative of h becomes a feature.
         """
         scale, joints = field.scale, field.joints
         z = self._variables(field)
@@ -232,7 +238,10 @@ class _Builder:
                             self._third(three, cubic, ijl, joints, most, scale, monomial)
 
     def _variables(self, field: PolynomialMap) -> list[int]:
-        """Add the variables u of polynomials as linear functions of q; return their indices."""
+        """Add the variables u of polynomials as arguments, which are linear functions of q.
+
+        Return the index of each among the arguments.
+        """
         rows = np.zeros((len(field.joints), self.n))
         rows[np.arange(len(field.joints)), field.joints] = 1 / field.scale
         offsets = field.center / field.scale
@@ -250,10 +259,12 @@ class _Builder:
     ) -> None:
         """Add the term ``c u^three`` to the third derivative of h along the joints ``ijl``.
 
-        ``c`` (r,) are coefficients, ``three`` exponents. ``joints`` and ``scale`` are those of the
-        variables u, and ``most`` bounds each |u_i| in the box. ``monomial`` gives the index of the
-        feature with given exponents. Derivatives of the term with respect to the last of the three
-        joints and to later joints are bounded in T4.
+        ``c`` (r,) are the coefficients in the r potentials, and ``three`` are the exponents of the
+        variables u. ``joints`` and ``scale`` have the joint and the scale of each variable, and
+        ``most`` bounds each |u_i| in Ω. ``monomial(exponents)`` is the index of a feature.
+
+        The derivatives of the term are bounded in T4. Because T4 is symmetric, only those with
+        respect to the last of the three joints and to later joints are added.
         """
         feature = monomial(three)
         self.C3[ijl][feature] = self.C3[ijl].get(feature, 0.0) + c
@@ -268,8 +279,9 @@ class _Builder:
     ) -> int:
         """Add the monomial with exponents ``beta`` as a feature, and return its index.
 
-        It is the product of a monomial of lower degree, whose index ``monomial`` returns, and one
-        of the variables; ``z`` has the indices of the variables among the arguments.
+        It is the product of a monomial of lower degree and one of the variables.
+        ``monomial(exponents)`` is the index of the feature of lower degree, and ``z`` are the
+        indices of the variables among the arguments.
         """
         used = [i for i, power in enumerate(beta) if power]
         if not used:
@@ -283,10 +295,10 @@ class _Builder:
         return self._feature(_Feature(_PRODUCT, parent, z[i], bound, error))
 
     def _fourier(self, field: FourierMap) -> None:
-        """Add the terms of Fourier series ``h = Σ a sin(w · q) + b cos(w · q)``.
+        """Add the terms of Fourier series ``h = Σ (a sin(w · q) + b cos(w · q))``.
 
-        The features are sines and cosines of the linear functions w · q; the coefficients a and b
-        have one value per potential.
+        The features are sines and cosines of the linear functions w · q of the joints. The sum is
+        over the waves w (n,); a and b have one value per potential.
         """
         T = self._room(field.sines.shape[1])
         for row, a, b in zip(field.waves, field.sines, field.cosines, strict=True):
@@ -377,7 +389,8 @@ class _Builder:
 def _lowered(beta: _Exponents) -> list[tuple[int, _Exponents, int]]:
     """Differentiate a monomial with exponents ``beta`` with respect to each of its variables.
 
-    Return one triple per derivative: index of the variable, exponents, and factor.
+    Return one triple per derivative that is not 0: the index of the variable, and the exponents and
+    the factor of the derivative.
     """
     return [
         (i, (*beta[:i], power - 1, *beta[i + 1 :]), power) for i, power in enumerate(beta) if power

@@ -1,6 +1,7 @@
 """Certificate of a study's design; its proof gets a fraction of the study's processor time.
 
-The leaf margin is the distance from an algorithmic singularity, at which the controller fails.
+A certificate is a successful :class:`.Proof` that is stored in the design. The leaf margin is the
+distance from an algorithmic singularity, at which the controller fails.
 """
 
 from __future__ import annotations
@@ -30,9 +31,9 @@ def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -
     """Add a certificate to a design; return it unchanged if the proof of its leaf margin fails.
 
     If Ω, the region of joint space of the design, is a tube, the certificate has a closing radius:
-    the distance from the path within which closed paths end in their start configuration. The
-    processor time for the leaf margin is 5 % of ``spent``, that of the study so far, s, but at
-    least 0.3 s. ``say`` displays the step.
+    the distance from the path within which closed paths end in their start configuration.
+    ``spent`` is the processor time of the study so far, s. The proof of the leaf margin may take
+    5 % of it, or 0.3 s if that is longer. ``say`` displays the name of this step.
     """
     say("proving its leaf margin and closing radius")
     seconds = max(_LEAST_PROVING, _PROVING * spent)
@@ -49,8 +50,8 @@ def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -
 def unproved_note(design: Design) -> list[str]:
     """Write a note that a study's time did not suffice for a certificate, and how to get one.
 
-    The list is empty if the design has a certificate, if no proof of it exists (such as for
-    user-defined potentials), or if there is no native library.
+    The list has this one note. It is empty if the design has a certificate, if nothing can be
+    proved about it (such as about user-defined potentials), or without the native library.
     """
     if design.proof is not None or library() is None:
         return []

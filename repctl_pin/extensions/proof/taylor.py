@@ -1,7 +1,7 @@
 """Tables for the Taylor models of taylor.h: products of monomials, and frames of axes.
 
-A Taylor model is a polynomial of degree 3 that approximates a function on a box, with a bound on
-the error.
+A Taylor model is a polynomial of degree 3 in k variables that approximates a function on a box,
+with a bound on the error. Its monomials are those of :class:`.Monomials`, in that order.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ def space_of(k: int) -> Any:
     """Create the C struct SPACE: the table with which C multiplies Taylor models in k variables.
 
     The table has a row per product of two monomials up to degree 3: the indices of both factors.
-    Rows are sorted by the product; further arrays hold the first row of each product, and of each
-    degree. A copy of the struct does not keep its arrays alive, so keep the original.
+    Rows are sorted by the index of the product. Further arrays hold the first row of each product,
+    and the first monomial of each degree. A copy of the struct does not keep its arrays alive, so
+    keep the original.
     """
     from ..cells.chart.monomials import Monomials  # a study has no need of it
 

@@ -70,10 +70,11 @@ class _Change:
     time: Array
 
     def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate ∫o dt, o, ȯ and ö of all changes, each (..., K).
+        """Evaluate ∫o dt, o, ȯ and ö of the K changes at times t since the beginning, s.
 
-        ``t`` (..., K) is the time since the beginning, s, with one column per change. ∫o dt is the
-        time by which the motion's clock has advanced, s.
+        The last axis of ``t`` has one entry per change, or a single one for all. ∫o dt is the time
+        by which the motion's clock has advanced since the beginning, s. Return (∫o dt, o, ȯ, ö),
+        each (..., K).
         """
         W = np.maximum(self.time, 1e-12)
         u = np.clip(t / W, 0.0, 1.0)
@@ -200,7 +201,7 @@ class Run:
         return q, slope * o
 
     def _hold(self, t: float, override: float) -> None:
-        """Set a constant override from the time t, s, on the motion's clock onwards."""
+        """Set a constant override; the motion's clock shows the time ``t``, s, at present."""
         self._t = t
         self._override = override
         self._rate = 0.0
@@ -211,8 +212,9 @@ class Run:
     def _aim(self, wish: float) -> None:
         """Begin a change to the requested override ``wish``, unless one is under way already.
 
-        If the limits do not allow the whole change, a part of it is begun. The next attempt follows
-        after 5 ms. Before and after the motion, where the arm rests, o is set to ``wish`` at once.
+        If the limits do not allow the whole change, a change to a value on the way is begun, and
+        the next attempt follows after 5 ms. Before and after the motion, where the arm rests, o is
+        set to ``wish`` at once.
         """
         change, left = self._change, float(self._change.time[0]) - self._since
         if wish == self._wish and (
@@ -234,10 +236,10 @@ class Run:
             self._looked = 0.0
 
     def _quickest(self, goals: Array) -> _Change | None:
-        """Find the shortest change to one of the overrides ``goals`` (G,) within the limits.
+        """Find a short change to one of the overrides ``goals`` (G,) within the limits.
 
-        Earlier goals are preferred. For each, longer and longer durations are tried. Return None if
-        no change to any goal is within the limits.
+        The goals are tried in turn, each with longer and longer durations; the first change within
+        the limits is returned. Return None if there is none.
         """
         slope = np.abs(self._trajectory.derivatives(np.array([self._t]))[1, 0])
         far = np.abs(goals - self._override)

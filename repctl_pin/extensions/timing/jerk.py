@@ -12,11 +12,18 @@ solution of the linear program respects the limit at the stages. Between two sta
 parabola, so x″ is constant. In the first and last interval, which begin or end at rest, s⃛ is
 constant instead, hence ``x ∝ s^4/3`` with s counted from rest.
 
-Three arguments recur. ``ties`` are the indices of two stages that get equal x and x′, so that the
-profile between them, a cycle, can be repeated; empty if there is no such cycle. ``weights``, one
-per interval, multiply the times of the intervals: by the number of traversals of this cycle between
-the ties, by 1 elsewhere. ``tight``, one number per interval, at least 1, divides the limits of
-acceleration and jerk there; it is raised where a solution exceeds them between two stages.
+There are n joints and K stages, hence K − 1 intervals between stages. The m = K − 2 inner stages
+are all but the first and the last, where x = 0. The linear program minimises ``cost · z`` within
+``A z ≤ b``, where the 2 m unknowns z are x at the inner stages, then x′ there. A row of A and b is
+one limit of one joint at one point of an interval. An interval touches two stages, so a row has
+four coefficients: those of x at the beginning, x at the end, x′ at the beginning and x′ at the end.
+
+Five arguments recur. ``path`` is q(s) evaluated at the stages, and ``limits`` are those of the
+joints. ``ties`` are the indices of two stages that get equal x and x′, so that the profile between
+them, a cycle, can be repeated; empty if there is no such cycle. ``weights``, one per interval,
+multiply the times of the intervals: by the number of traversals of this cycle between the ties, by
+1 elsewhere. ``tight``, one number per interval, at least 1, divides the limits of acceleration and
+jerk there; it is raised where a solution exceeds them between two stages.
 """
 
 from __future__ import annotations
@@ -82,8 +89,8 @@ class _JerkSegment(Segment):
     Attributes
     ----------
     x, bend : (K,), (K - 1,) arrays
-        x = ṡ² at the K stages, and x″ in the intervals between them; x″ in the first and the last
-        interval is not used.
+        x = ṡ² at the K stages, and x″ in each interval between them. The entries for the first and
+        the last interval are not used.
     """
 
     x: Array
@@ -115,14 +122,14 @@ class _JerkSegment(Segment):
         return found
 
     def between(self) -> Array:
-        """List the times, s, at which limits are checked: 9 in each of the K − 1 intervals."""
+        """List the times (9 (K − 1),), s, at which limits are checked: 9 in each interval."""
         return (self.t[:-1, None] + np.diff(self.t)[:, None] * _BETWEEN * (1 - 1e-9)).ravel()
 
     def used(self, limits: JointLimits) -> Array:
-        """Compute, per interval, the largest ratio of acceleration or jerk to its limit: (K - 1,).
+        """Compute, per interval, the largest ratio of acceleration or jerk to its limit: (K − 1,).
 
-        If a ratio exceeds 1, the linear program is solved again with tighter limits in that
-        interval.
+        The ratio is the largest one over all joints. If it exceeds 1, the linear program is solved
+        again with tighter limits in that interval.
         """
         _, *rates = used_fractions(limits, self.derivatives(self.between()))
         share = np.maximum(*(used for _, _, used in rates))
@@ -138,7 +145,7 @@ class _JerkSegment(Segment):
 
 
 def _exponentials(z: Array) -> tuple[Array, Array]:
-    """Evaluate ``sinh(√z)/√z`` and ``(cosh √z − 1)/z`` at an array z of either sign.
+    """Evaluate (``sinh(√z)/√z``, ``(cosh √z − 1)/z``) at an array z of any shape and either sign.
 
     For z < 0 these are ``sin(√|z|)/√|z|`` and ``(1 − cos √|z|)/|z|``. They describe a motion whose
     acceleration is linear in the distance.
@@ -216,10 +223,10 @@ def _converged(
 ) -> tuple[Array, Array]:
     """Solve linear programs until the duration stops decreasing; return x and x′ at the K stages.
 
-    Each program is linearised at the preceding solution, the first at ``x`` and ``slope``, with x =
-    ṡ² and slope = x′. On the line from one solution to the next, the point of shortest duration,
-    weighted by ``weights`` (K - 1,), is taken. ``ties``, ``weights`` and ``tight`` are explained at
-    the top of this module. InputError is raised if a program has no solution.
+    Each program is linearised at the preceding solution; the first one at x = ``x`` and x′ =
+    ``slope``, (K,) each. On the line from one solution to the next, the point of shortest weighted
+    duration is taken. ``ties``, ``weights`` (K − 1,) and ``tight`` (K − 1,) are explained at the
+    top of this module. InputError is raised if a program has no solution.
     """
     took = np.inf
     for _ in range(_MOST_PROGRAMS):
@@ -240,10 +247,10 @@ def _converged(
 
 
 def _passed(knots: Array, s: Array, t: Array) -> Array:
-    """Compute the times (T,), s, at which the points of a path, at s = ``knots`` (T,), are passed.
+    """Compute the times (T,), s, at which T points of a path, at s = ``knots`` (T,), are passed.
 
     ``s`` and ``t`` (K,) are the stages and their times. Points that are not stages lie in the first
-    or last interval between stages, where s⃛ is constant.
+    or last interval, where s⃛ is constant.
     """
     passed = t[np.minimum(np.searchsorted(s, knots), len(s) - 1)]
     early, late = knots < s[1], knots > s[-2]
@@ -253,7 +260,7 @@ def _passed(knots: Array, s: Array, t: Array) -> Array:
 
 
 def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
-    """Return the stages ``grid`` (K,) with stages inserted or removed next to both ends.
+    """Insert or remove stages next to both ends of ``grid``; return the new stages (K,).
 
     The arm is at rest at both ends, where x″ is not bounded. The first stage after rest is placed
     at half the distance ``a³ / 6J²`` at which constant jerk J reaches the acceleration a, with the
@@ -289,13 +296,13 @@ class _Path:
     ----------
     s : (K,) array
         The stages.
-    third : (K - 1, n) array
+    third : (K − 1, n) array
         q‴ halfway between the stages.
-    most, most_between : (K,), (K - 1,) arrays
+    most, most_between : (K,), (K − 1,) arrays
         Largest x = ṡ² within the speed limits, at the stages and halfway between them.
     points : tuple
-        Three tuples, for the beginning, the middle and the end of every interval: the fraction of
-        the interval (0, ½ or 1), q′ and q″ there, (K - 1, n) each, and the result of
+        Three tuples, for the beginning, the middle and the end of all intervals. Each has the
+        fraction of the interval (0, ½ or 1), q′ and q″ there, (K − 1, n) each, and the result of
         :func:`torques_along`, which is None without torque limits.
     curve
         q(s), a piecewise polynomial.
@@ -310,7 +317,7 @@ class _Path:
 
     @classmethod
     def of(cls, curve: Any, s: Array, limits: JointLimits) -> _Path:
-        """Evaluate a curve q(s) at stages s (K,), and halfway between them."""
+        """Evaluate a curve q(s) at the stages s (K,), and halfway between them."""
         h = np.diff(s)
         points = []
         for share in (0.0, 0.5, 1.0):
@@ -337,12 +344,12 @@ class _Path:
 
 
 def _times(s: Array, x: Array, slope: Array) -> Array:
-    """Compute the time of every interval, (K - 1,), s; exact for a parabola x(s).
+    """Compute the time of every interval, (K − 1,), s; exact for a parabola x(s).
 
-    x = ṡ² and ``slope`` = x′ are given at the stages s (K,). The time is ``2h/(v₀+v₁) artanh(y)/y``
-    with ``y² = x″ h² / (2 (v₀+v₁)²)``, where h is the length of the interval, x″ the change of x′
-    on it over h, and v₀, v₁ are ṡ at its ends. For x″ < 0, arctan(|y|)/|y| takes the place of
-    artanh(y)/y.
+    ``x`` = ṡ² and ``slope`` = x′ are given at the stages ``s``, (K,) each. The time is
+    ``2h/(v₀+v₁) artanh(y)/y`` with ``y² = x″ h² / (2 (v₀+v₁)²)``: h is the length of the interval,
+    x″ is the change of x′ divided by h, and v₀ and v₁ are ṡ at both ends. For x″ < 0,
+    arctan(|y|)/|y| takes the place of artanh(y)/y. In the first and last interval, s⃛ is constant.
     """
     h = np.diff(s)
     v = np.sqrt(np.maximum(x, 0.0))
@@ -366,11 +373,11 @@ def _solved(
     weights: Array,
     tight: Array,
 ) -> tuple[Array, Array]:
-    """Solve one linear program, linearised at x̄ = ``near``; return x and x′ (K,) at the stages.
+    """Solve one linear program, linearised at x̄ = ``near`` (K,); return x and x′ at the K stages.
 
-    The program minimises the linearised duration within all limits. Its unknowns are x/x̄ at the
-    inner stages (all but the first and the last), and x′ in units of twice the largest s̈ allowed.
-    ``near_slope`` is x̄′; the other arguments are those of :func:`_converged`.
+    The program minimises the linearised duration within all limits. Its unknowns z are x/x̄ at the
+    inner stages, and x′ there in units of twice the largest s̈ allowed. ``near_slope`` (K,) is x̄′;
+    the other arguments are those of :func:`_converged`.
     """
     h, inner, m = np.diff(path.s), slice(1, -1), len(path.s) - 2
     x0 = near[inner]
@@ -394,10 +401,11 @@ def _solved(
 def _cubic(
     rest: float, sign: float, h: Array, T: float, since: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Evaluate s, ṡ, s̈, s⃛ with constant s⃛ in the first or last interval, next to rest.
+    """Evaluate s, ṡ, s̈, s⃛ in the first or last interval, where s⃛ is constant.
 
-    The interval has the length h and the duration T, s. ``rest`` is s at rest. ``since`` is the
-    time, s, since rest if ``sign`` is 1, or until rest if it is -1.
+    The interval has the length ``h`` and the duration ``T``, s. ``rest`` is the value of s at rest.
+    ``since``, of any shape, is the time, s, since rest if ``sign`` is 1, or until rest if it is −1.
+    All results have this shape.
     """
     since = np.clip(since, 0.0, T)
     jerk = 6 * h / T**3
@@ -408,8 +416,8 @@ class _Rows(NamedTuple):
     """R rows ``A z ≤ b`` of a linear program, each with four coefficients.
 
     Each row constrains the interval between two neighbouring stages, so only x and x′ at these two
-    stages have a coefficient. ``coefficients`` and ``columns``, the indices of these unknowns in z,
-    are (R, 4); ``bounds`` b is (R,).
+    stages have a coefficient. ``coefficients`` and ``columns`` are (R, 4): a column is the index of
+    the coefficient's unknown in z. ``bounds`` b is (R,).
     """
 
     coefficients: Array
@@ -417,7 +425,7 @@ class _Rows(NamedTuple):
     bounds: Array
 
     def scaled(self, units: Array) -> _Rows:
-        """Convert the rows to unknowns z in new ``units``, one per unknown."""
+        """Convert the rows to unknowns z in new ``units``, (2 m,)."""
         return self._replace(coefficients=self.coefficients * units[self.columns])
 
     def excess(self, z: Array) -> Array:
@@ -426,12 +434,12 @@ class _Rows(NamedTuple):
 
 
 def _equalities(s: Array, x0: Array, unit: Array, ties: tuple[int, ...]) -> csr_array:
-    """Create the matrix A, with 2 m columns, of the equations ``A z = 0`` between x and x′.
+    """Create the matrix E, with 2 m columns, of the equations ``E z = 0`` between x and x′.
 
-    The unknowns z are x = ṡ² at the m inner stages in units of ``x0`` (m,), and x′ in units of
-    ``unit`` (m,). There is one equation per interval between inner stages, on which x is a
-    parabola, and one at either end, where ``x ∝ s^4/3``, hence ``x′ = 4/3 x / s``. Two more make x
-    and x′ equal at the two stages of ``ties``, if it is not empty.
+    ``s`` (K,) are the stages. The unknowns z are x = ṡ² at the m inner stages in units of ``x0``
+    (m,), and x′ in units of ``unit`` (m,). There is one equation per interval between inner stages,
+    on which x is a parabola, and one at either end, where ``x ∝ s^4/3``, hence ``x′ = 4/3 x / s``.
+    Two more make x and x′ equal at the two stages of ``ties``, if it is not empty.
     """
     h, m = np.diff(s), len(x0)
     i = np.arange(m - 1)
@@ -452,11 +460,14 @@ def _equalities(s: Array, x0: Array, unit: Array, ties: tuple[int, ...]) -> csr_
 
 
 def _optimum(cost: Array, rows: _Rows, equal: csr_array, between: Array, guess: Array) -> Array:
-    """Find the z that minimises ``cost·z`` with ``A z ≤ b``, ``equal z = 0`` and bounds on z.
+    """Find the unknowns z (2 m,) that minimise ``cost · z`` within all limits.
 
-    ``rows`` are A and b, and ``between`` has a lower and an upper bound per unknown. Few of the
-    many rows are active. So the first program uses only rows that are nearly active at ``guess``, a
-    value of z. As long as the solution violates other rows, these and their neighbours are added.
+    The limits are the inequalities ``A z ≤ b`` of ``rows``, the equations ``E z = 0`` with the
+    matrix E = ``equal``, and the lower and upper bounds of each unknown, ``between`` (2 m, 2).
+
+    Few of the many inequalities hold with equality at the optimum. So the first program uses only
+    rows that nearly hold with equality at ``guess``, an estimate of z. As long as its solution
+    violates other rows, these and neighbouring rows are added, and the program is solved again.
     InputError is raised if there is no solution.
     """
     from scipy.optimize import linprog  # slow to import
@@ -484,9 +495,9 @@ def _rows(
 ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
     """Yield the rows ``A z ≤ b`` for the limits of speed, acceleration, torque and jerk.
 
-    The unknowns z are x = ṡ² and x′ at the inner stages. Each item is a block of R rows, with the
-    three arrays of :class:`_Rows`. ``near`` is x̄ (K,), at which the jerk is linearised, and
-    ``tight`` (K - 1,) divides the limits of acceleration and jerk in each interval.
+    The unknowns z are x = ṡ² and x′ at the inner stages. Each item is a block of R rows: the
+    coefficients, columns and bounds of :class:`_Rows`. ``near`` (K,) is x̄, at which the jerk is
+    linearised, and ``tight`` (K − 1,) divides the limits of acceleration and jerk in each interval.
     """
     assert limits.jerk is not None
     tight = tight[1:-1, None]
@@ -513,49 +524,51 @@ def _rows(
 
 
 class _Stages:
-    """I intervals between inner stages, of lengths h (I, 1), in the linear program for x and x′.
+    """The I intervals between inner stages, and the unknowns x and x′ at their ends.
 
-    ``ends`` (I, 4) are the indices, among the unknowns, of x at the beginning and end of each
-    interval and of x′ there. ``columns`` (I · joints, 4) repeats each row for every joint.
+    ``h`` (I, 1) are the lengths of the intervals. ``ends`` (I, 4) has, for each interval, the
+    indices among the unknowns z of x at its beginning, x at its end, x′ at its beginning and x′ at
+    its end. ``columns`` (I n, 4) repeats each row of ``ends`` for every one of the n joints.
     """
 
-    def __init__(self, h: Array, joints: int) -> None:
+    def __init__(self, h: Array, n: int) -> None:
         self.h = h
         i = np.arange(len(h))
         m = len(h) + 1
         self.ends = np.stack([i, i + 1, m + i, m + i + 1], axis=1)
-        self.columns = np.repeat(self.ends, joints, axis=0)
+        self.columns = np.repeat(self.ends, n, axis=0)
 
     def both_signs(
         self, A: Array, more: Array | float, bounds: Array
     ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
         """Yield the rows ``(A + more) z ≤ bounds``, then ``(−A + more) z ≤ bounds``.
 
-        These rows are the two sides of a limit on an absolute value, ``|A z| ≤ bounds − more z``. A
-        and ``more`` are coefficients (I · joints, 4) at ``columns``; both items are as in
-        :func:`_rows`.
+        These rows are the two sides of a limit on an absolute value, ``|A z| ≤ bounds − more z``.
+        ``A`` and ``more`` are coefficients (I n, 4) at ``columns``, and ``bounds`` is (I n,). Each
+        of the two items is a block of rows as in :func:`_rows`.
         """
         for sign in (1, -1):
             yield sign * A + more, self.columns, bounds
 
-    def rows(self, share: float, x: Array, slope: Array, bend: Array | float = 0.0) -> Array:
-        """Convert a sum of x, x′ and x″ inside each interval to coefficients at its two ends.
+    def rows(self, share: float, a: Array, b: Array, c: Array | float = 0.0) -> Array:
+        """Express ``a x + b x′ + c x″`` at one point of each interval in the unknowns at its ends.
 
-        ``x``, ``slope`` and ``bend`` (I, joints) are the weights of x, x′ and x″ at the fraction
-        ``share`` of the interval. As x is a parabola, the sum is linear in x and x′ at both ends.
-        Return their coefficients (I · joints, 4), in the order of ``columns``.
+        The point is at the fraction ``share`` of the interval, from 0 to 1. ``a``, ``b`` and ``c``
+        (I, n) have one factor per interval and joint. As x(s) is a parabola, the sum is linear in x
+        and x′ at both ends. Return the coefficients (I n, 4) of these unknowns, in the order of
+        ``columns``.
         """
-        k = bend / self.h - share * (1 - share) / 2 * self.h * x
+        k = c / self.h - share * (1 - share) / 2 * self.h * a
         return np.stack(
-            [x * (1 - share), x * share, slope * (1 - share) - k, slope * share + k], axis=-1
+            [a * (1 - share), a * share, b * (1 - share) - k, b * share + k], axis=-1
         ).reshape(-1, 4)
 
 
 def _most_speed(path: _Path, limits: JointLimits, x0: Array, tight: Array) -> Array:
-    """Compute the upper bounds (K − 2,) of x at the inner stages, in units of x̄ = ``x0`` (K − 2,).
+    """Compute the upper bounds (m,) of x at the inner stages, in units of x̄ = ``x0`` (m,).
 
-    The bounds follow from the speed limits, from at most three times x̄ and, next to rest, from all
-    limits, divided by ``tight``.
+    A bound is the smallest of three values: x at the speed limits, 3 x̄ and, at the two stages next
+    to rest, the x that all limits allow, divided by ``tight``.
     """
     most = np.minimum(path.most[1:-1], 3 * x0) / x0
     h = np.diff(path.s)
@@ -586,7 +599,7 @@ def _most_beside_rest(path: _Path, limits: JointLimits, end: int, step: float) -
 
 
 def _sparse(coefficients: Array, columns: NDArray[np.intp], width: int) -> csr_array:
-    """Create a sparse matrix (R, width) from R rows of four coefficients and their columns, (R, 4).
+    """Create a sparse matrix (R, width) from ``coefficients`` and their ``columns``, (R, 4) each.
 
     Coefficients of a row that have the same column are added.
     """

@@ -41,8 +41,8 @@ _BETWEEN = np.array([0.0, 0.25, 0.5, 0.75, 1.0 - 1e-9])
 class _OwnTimes(Segment):
     """A smooth part of a joint path, from rest to rest, in the motion's own times.
 
-    Its s(t) is that of the motion, with rest before and after, smoothed. The smoothing never raises
-    the largest speed, and changes a constant speed only within r/2 of a jump.
+    Its s(t) is the motion's own s(t), with rest before and after, smoothed. Smoothing with the time
+    r never raises the largest speed, and changes a constant speed only within r/2 of a jump.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class _OwnTimes(Segment):
         return s, self.smooth(t, 1), self.smooth(t, 2), self.smooth(t, 3)
 
     def excess(self, limits: JointLimits) -> float:
-        """Return 1, the factor by which to stretch time: smoothing makes the limits hold."""
+        """Return 1, the factor by which to stretch time: the smoothing made the limits hold."""
         return 1.0
 
 
@@ -162,11 +162,11 @@ def _worst(limits: JointLimits, moved: tuple[Array, ...], t: Array, joints: Sequ
 
 
 def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTimes:
-    """Smooth s(t), at rest before and after, by convolution with a triangle of width r, s.
+    """Smooth s(t), at rest before and after, by convolution with a triangle of width r, in seconds.
 
     ``curve`` is q(s), and ``s`` (T,) are the values of s(t) at the times ``own`` (T,), s, linear in
-    between. Smoothing makes the motion longer by r. At each of ``added`` ends (0 to 2), the
-    duration grows by r/2; a higher speed compensates the remainder of r. With h = r/2, the smoothed
+    between. Smoothing makes the motion longer by r. The motion keeps r/2 of this per added end,
+    with ``added`` ends, 0 to 2; a higher speed compensates the rest. With h = r/2, the smoothed
     acceleration is ``(s(t + h) − 2 s(t) + s(t − h)) / h²``, piecewise linear in t.
     """
     h = r / 2

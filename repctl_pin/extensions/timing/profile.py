@@ -1,7 +1,9 @@
 """Time-optimal profile ṡ(s) of a joint path, from rest to rest, by one linear program.
 
-s is the length of the joint path. A profile is the speed ṡ at the *stages*, grid points of s at
-which the limits are imposed. A segment is the part of the path between two stops, with its profile.
+s is the length of the joint path q(s), and ′ = d/ds. A profile is the speed ṡ at the K *stages*,
+grid points of s at which the limits are imposed. A segment is the part of the path between two
+stops, with its profile. The linear program has the unknowns x = ṡ² at the stages; n is the number
+of joints, and T a number of points or times.
 """
 
 from __future__ import annotations
@@ -67,7 +69,7 @@ class Segment:
     s, speed, t : (K,) arrays
         s at the stages, ṡ there, and the time, s, from the segment's start.
     passed : (T,) array
-        Times, s, at which the given points of the path are passed.
+        Times, s, at which the points are passed from which the curve was made.
     """
 
     curve: Any
@@ -106,10 +108,11 @@ class Segment:
 
 
 def used_fractions(limits: JointLimits, moved: Sequence[Array]) -> Iterator[tuple[str, int, Array]]:
-    """Yield (name, k, ratios (T, n)) for speed, k = 1, acceleration, k = 2, and jerk, k = 3.
+    """Yield (name, k, ratios) for speed, k = 1, acceleration, k = 2, and jerk, k = 3.
 
-    A ratio is that of a joint's value to its limit. If time is stretched by a factor, the ratios
-    fall by the k-th power of it. ``moved`` are q, q̇, q̈ and, to check jerk too, q⃛, each (T, n).
+    ``ratios`` (T, n) are the absolute values divided by the joints' limits. If time is stretched by
+    a factor f, the ratios are divided by f^k. Limits that are not given are left out. ``moved`` are
+    q, q̇, q̈ and, to check jerk too, q⃛, each (T, n).
     """
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     named = zip(("speed", "acceleration", "jerk"), bounds, moved[1:], strict=False)
@@ -121,8 +124,8 @@ def used_fractions(limits: JointLimits, moved: Sequence[Array]) -> Iterator[tupl
 def most_used(limits: JointLimits, moved: Sequence[Array]) -> float:
     """Compute the factor by which to stretch time so that samples of a motion meet the limits.
 
-    The factor is 1 if all limits are met, those of torque and of the tool's speed included.
-    ``moved`` are q, q̇, q̈ and, to check jerk too, q⃛, each (T, n).
+    The factor is 1 if all limits are met, and larger otherwise. Limits of torque and of the tool's
+    speed are included. ``moved`` are q, q̇, q̈ and, to check jerk too, q⃛, each (T, n).
     """
     used = [float(x.max()) ** (1 / k) for _, k, x in used_fractions(limits, moved)]
     factor, (Q, qdot, qddot) = max(1.0, *used), moved[:3]
@@ -162,7 +165,7 @@ class Course:
         return Course(self.segments, self.begins * factor, self.durations * factor)
 
     def derivatives(self, t: Array) -> Array:
-        """Evaluate q and its first three derivatives by time (4, T, n) at times (T,), s.
+        """Evaluate q and its first three derivatives by time at times (T,), s: (4, T, n).
 
         The arm is at rest before the start, between two segments, and after the end.
         """
@@ -187,11 +190,11 @@ class Course:
         return int(self.segments[0].curve.c.shape[2])
 
     def _parts(self, t: Array) -> Iterator[tuple[NDArray[np.intp], Segment, Array, float]]:
-        """Yield, for each segment, the times of ``t`` (T,), s, that lie within or after it.
+        """Assign the times ``t`` (T,), s, to segments: yield one item per segment that has any.
 
-        An item is (indices of these times, the segment, these times on the segment's own clock,
-        factor by which the segment is stretched). Times after the segment's end are in the rest
-        that follows it; times before the first segment are given with it.
+        A time belongs to the last segment that has begun, or to the first one if none has. An item
+        is (indices of its times, the segment, these times on the segment's own clock, the factor by
+        which the segment is stretched).
         """
         which = np.maximum(np.searchsorted(self.begins, t, side="right") - 1, 0)
         for k in np.unique(which):
@@ -205,8 +208,8 @@ def require_possible(Q: Array, limits: JointLimits, rate: float) -> None:
 
     A motion is too long if its samples, ``rate`` per second, do not fit in memory, or if the limits
     of jerk make it longer than an hour. In a time t from rest, a joint with the limits v, a and j
-    of speed, acceleration and jerk moves by at most ``v t``, ``a t²/2`` and ``j t³/6``. So this
-    check takes no time, unlike the profile of a motion that lasts millions of seconds.
+    of speed, acceleration and jerk moves by at most ``v t``, ``a t²/2`` and ``j t³/6``. From these
+    lengths follows a lower bound of the duration, without computing the profile.
     """
     away = np.abs(Q - Q[0]).max(axis=0)
     times = [away / limits.velocity, np.sqrt(2 * away) / np.sqrt(limits.acceleration)]
@@ -242,26 +245,30 @@ class Profile:
     ----------
     runs, stays
         The segments in order, and the pause before each, s.
-    stops, ends
-        Indices of the points of the joint path at which segments begin and the last one ends, and
-        of those at which cycles begin and the last one ends.
+    stops
+        Indices, among the points of the joint path, at which the segments begin; then the index at
+        which the last segment ends.
+    ends
+        Indices, among the same points, at which the cycles begin; then the index at which the last
+        cycle ends.
     limits
-        Limits of the joints, for ``stretch``.
+        Limits of the joints, from which ``stretch`` is computed.
 
     Attributes
     ----------
     course : Course
         The segments as a function of time.
     marks : (cycles + 1,) array
-        Times at which the cycles begin and the last cycle ends, s. A pause at such a point follows
-        after this time.
+        Times at which the cycles begin, then the time at which the last cycle ends, s. A pause at
+        the beginning of a cycle follows after this time.
     stretch : float
         Factor by which time must be stretched so that the limits also hold between the stages.
     converged : bool
         True if there is a third cycle, and the second begins and ends at equal speed, so that it
         can be repeated.
     phase : (array, array)
-        Length s of the joint path up to each stage of all segments, and the rate ṡ there.
+        For all stages of all segments: the length s of the joint path from its beginning to the
+        stage, and the speed ṡ there.
     """
 
     def __init__(
@@ -294,14 +301,14 @@ class Profile:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A timed motion as a function of time: a course of up to three cycles, the second repeated.
+    """A timed motion as a function of time: a course of cycles, the second of which is repeated.
 
     A motion of many equal cycles is timed for three: one speeds up, one is steady, one slows down.
 
     Attributes
     ----------
     course
-        The timed cycles, at most three if any is repeated.
+        The timed cycles: three if one is repeated.
     lead
         Time at rest before the course begins, s.
     begin, period : float
@@ -353,7 +360,7 @@ def corners_of(Q: Array, candidates: Iterable[int], bend: float) -> list[int]:
 def _tangent(points: Array) -> Array:
     """Compute the unit tangent (n,) at the first of a few points (k, n) of a curve.
 
-    It is that of the polynomial through the points, or 0 if they coincide.
+    It is the tangent of the polynomial through the points, or 0 if all points coincide.
     """
     x = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     if x[-1] == 0:
@@ -365,8 +372,8 @@ def _tangent(points: Array) -> Array:
 def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
     """Compute the time-optimal profile of a smooth joint path Q (T, n), from rest to rest.
 
-    The profile has at least ``stages`` stages. ``passed`` of the result are the times at which the
-    points Q are passed.
+    The profile has at least ``stages`` stages, and at least 50. In the result, ``passed`` (T,) are
+    the times at which the points Q are passed. Limits of jerk are ignored.
 
     Raises
     ------
@@ -390,8 +397,8 @@ def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
     stages. The limits of speed bound x; those of acceleration and torque are linear in x at both
     ends of an interval. The program maximises the sum of x.
 
-    ``curve`` is a scipy spline or piecewise polynomial, and ``grid`` (K,) are the stages.
-    ``passed`` of the result are the times of the stages. Errors are those of :func:`fastest`.
+    ``curve`` is a scipy spline or piecewise polynomial, and ``grid`` (K,) are the stages. In the
+    result, ``passed`` are the times of the stages. Errors are those of :func:`fastest`.
     """
     program = _program(curve, grid, limits)
     found = program.best(np.ones(len(grid)))
@@ -413,7 +420,7 @@ class _Program:
     Attributes
     ----------
     grid, scale, top : (K,) arrays
-        Stages, unit of each x, and largest y; 0 at both ends, where the arm rests.
+        Stages, unit of each x, and largest y. ``top`` is 0 at both ends, where the arm rests.
     A : (L, K) sparse array
         Matrix with two entries per row; a row is the limit of one joint at one end of an interval.
     low, high : (L,) arrays
@@ -431,7 +438,7 @@ class _Program:
     limits: JointLimits
 
     def best(self, weights: Array) -> Array:
-        """Find the y (K,) within the limits that maximises ``weights·y``."""
+        """Find the y (K,) within the limits that maximises ``weights · y``, with weights (K,)."""
         from scipy.optimize import Bounds, LinearConstraint, milp  # slow to import
 
         rows, bounds = LinearConstraint(self.A, self.low, self.high), Bounds(0.0, self.top)
@@ -441,7 +448,7 @@ class _Program:
         return np.asarray(np.maximum(x, 0.0))
 
     def times(self, y: Array) -> Array:
-        """Compute the times of the intervals (K − 1,), s, from y (K,)."""
+        """Compute the times that the intervals between stages take, (K − 1,), s, from y (K,)."""
         speed = np.sqrt(y * self.scale)
         return np.asarray(2 * np.diff(self.grid) / np.maximum(speed[1:] + speed[:-1], 1e-300))
 
@@ -449,8 +456,9 @@ class _Program:
 def _program(curve: Any, grid: Array, limits: JointLimits) -> _Program:
     """Create the linear program of a curve q(s) with stages ``grid`` (K,).
 
-    x is scaled by a bound from the limits of speed, and of acceleration from rest at the nearer
-    end. Limits that can never be the tightest at their stage are left out.
+    The unit of x at a stage is the largest x that two limits allow: those of speed, and those of
+    acceleration if the arm starts from rest at the nearer end. Limits that cannot be the tightest
+    at their stage are left out.
     """
     Q, slope, bend = curve(grid), curve(grid, 1), curve(grid, 2)
 
@@ -481,9 +489,9 @@ def _strips(
 ) -> tuple[Array, Array, Array, Array]:
     """Convert the limits of acceleration and torque to strips ``low ≤ along s̈ + across x ≤ high``.
 
-    A strip is this linear inequality with two sides, in s̈ and x = ṡ², for one joint at one stage.
-    Return (along, across, low, high), each (K, n), or (K, 2 n) with limits of torque. Q, slope and
-    bend (K, n) are q, q′ and q″ at the stages.
+    A strip is the set of points (s̈, x), with x = ṡ², that satisfy this inequality for one joint at
+    one stage. Return (along, across, low, high), each (K, n), or (K, 2 n) with limits of torque.
+    ``Q``, ``slope`` and ``bend`` (K, n) are q, q′ and q″ at the stages.
     """
     ones = np.ones_like(slope)
     strips = [(slope / limits.acceleration, bend / limits.acceleration, -ones, ones)]
@@ -500,9 +508,9 @@ def _rows(
 ) -> tuple[Any, Array, Array]:
     """Make A, low and high of :class:`_Program` from the strips of :func:`_strips`.
 
-    A row is a strip at one end of an interval of length h, with ``s̈ = (x₁ − x₀) / 2h`` from x at
-    its two ends. Strips without a finite bound give no row. ``grid`` and ``scale`` (K,) are the
-    stages and the unit of each x.
+    A row is a strip at one end of an interval between stages. There, ``s̈ = (x₁ − x₀) / 2h``, where
+    h is the interval's length, and x₀ and x₁ are x at its two ends. Strips without a finite bound
+    give no row. ``grid`` and ``scale`` (K,) are the stages and the unit of each x.
     """
     from scipy.sparse import csr_array  # slow to import
 
@@ -523,11 +531,11 @@ def _rows(
 
 
 def _without_rests(program: _Program, found: Array) -> Array:
-    """Shorten the duration of the solution ``found`` (K,) of a program; return the new solution.
+    """Improve the solution y = ``found`` (K,) of a program that rests between the ends.
 
-    The first program maximises the sum of x, which can leave the arm at rest at inner stages. Here
-    each x is weighted by the time that a larger x would save at its stage. InputError is raised if
-    the arm still rests at an inner stage.
+    :meth:`_Program.best` maximises a sum of x, and x can be 0 at inner stages in its solution. Here
+    each x is weighted by the time that a larger x would save at its stage. Return the y (K,) of a
+    shorter duration. InputError is raised if the arm still rests at an inner stage.
     """
     reach = np.gradient(program.grid)
     for _ in range(_MOST_PROGRAMS):
@@ -558,10 +566,11 @@ def _sides_that_bound(
 ) -> NDArray[np.bool_]:
     """Find the sides of strips ``low ≤ along u + across x ≤ high`` that bound their intersection.
 
-    The four arrays are (K, n): n strips in the plane of (u, x) for each of K stages, where x is
-    from 0 to ``most`` (K,). Return a mask (K, n, 2): True for a low side, ``[..., 0]``, or a high
-    side, ``[..., 1]``, that touches the intersection of all strips of its stage. All other sides
-    can be left out. All are False for a stage whose intersection is empty.
+    ``along``, ``across``, ``low`` and ``high`` are (K, n): n strips in the plane of (u, x) for each
+    of K stages. There, x is from 0 to ``most`` (K,), and u is s̈ up to a factor. Return a mask
+    (K, n, 2): True for a low side, ``[..., 0]``, or a high side, ``[..., 1]``, that touches the
+    intersection of all strips of its stage. All other sides can be left out. All are False for a
+    stage whose intersection is empty.
     """
     zero, one, top = np.zeros((len(low), 1)), np.ones((len(low), 1)), most[:, None]
     a, b, low, high = map(np.hstack, ((along, zero), (across, one), (low, zero), (high, top)))
@@ -581,12 +590,12 @@ def _sides_that_bound(
 def _inside_strips(
     foot: Array, way: Array, low: Array, high: Array, size: Array
 ) -> tuple[Array, Array]:
-    """Find the part of a line, τ from ``first`` to ``last`` (K,), that lies inside all n strips.
+    """Find the part of a line that lies inside all n strips, one line for each of K stages.
 
-    There is one line for each of K stages. At its point τ, strip j requires
-    ``low_j ≤ foot_j + τ way_j ≤ high_j``; all arguments are (K, n). ``size`` is the largest |way|
-    that a line of any direction can have: a line with ``way`` far below it is parallel to the
-    strip. Return (first, last), (K,) each; no part lies inside if first > last.
+    τ is the position on the line. Strip j requires ``low_j ≤ foot_j + τ way_j ≤ high_j``; all
+    arguments are (K, n). ``size`` is the largest |way| that a line of any direction can have: a
+    line with ``way`` far below it is parallel to the strip. Return the range of τ as (first, last),
+    (K,) each; no part lies inside if first > last.
     """
     parallel = np.abs(way) < 1e-12 * size
     inside = (foot >= low - _TOUCHING) & (foot <= high + _TOUCHING)
@@ -602,7 +611,8 @@ def torques_along(
 ) -> tuple[Array, Array, Array] | None:
     """Compute a, b and g (K, n) of the torques ``τ = a s̈ + b ṡ² + g``, N m or N, along a path.
 
-    Return None without torque limits. Q, slope and bend (K, n) are q, q′ and q″ at K points.
+    ``Q``, ``slope`` and ``bend`` (K, n) are q, q′ and q″ at K points of the path. Return (a, b, g),
+    or None without torque limits.
     """
     if limits.torque is None or limits.dynamics is None:
         return None

@@ -1,7 +1,9 @@
 """Time-optimal timing of a motion, and of the approach to it, from rest to rest within limits.
 
 The joint path is cut at the stops into segments. Each segment is timed, and the result is sampled.
-A cycle is one traversal of the closed path.
+A cycle is one traversal of the closed path; the steady cycle is the one between those that speed up
+and slow down. ``JointLimits`` are the limits of all n joints, as arrays. s is the length of the
+joint path. An argument ``laps`` is the joint path of a few cycles, see :class:`_Laps`.
 """
 
 from __future__ import annotations
@@ -116,7 +118,8 @@ def timed(
 def _first_cycle(motion: Motion, *, smooth: bool) -> Array:
     """Return the configurations (steps + 1, n) of a motion's first cycle, rad or m.
 
-    With ``smooth``, a cycle that closes up to small errors is changed to close exactly.
+    ``steps`` is the number of steps per cycle. With ``smooth``, a cycle that closes up to small
+    errors is changed to close exactly.
     """
     once = motion.q[: motion.steps + 1]
     if smooth and np.linalg.norm(once[-1] - once[0]) < CLOSED:
@@ -137,11 +140,11 @@ class _Laps:
     Q : (P, n) array
         The points, rad or m.
     clock, stays : (P,) arrays
-        The motion's own time at each point, and the duration of its pause there, s.
+        The motion's own time at each point, and the duration of its pause there, 0 for none, s.
     ends : tuple of int
-        Indices of points at which the cycles begin and the last cycle ends.
+        Indices of the points at which the cycles begin; then the index at which the last one ends.
     marks : tuple of int
-        Indices of points at which the path may have a corner.
+        Indices of the points at which the path may have a corner.
     """
 
     Q: Array
@@ -152,14 +155,17 @@ class _Laps:
 
     @classmethod
     def of(cls, motion: Motion, Q: Array, cycles: int) -> _Laps:
-        """Make the joint path from the configurations Q (T, n) of some ``cycles`` of a motion.
+        """Make the joint path from configurations Q (T, n), those of ``cycles`` cycles of a motion.
 
         InputError is raised if the joints do not move.
         """
         steps, t = motion.steps, motion.t[: motion.steps + 1] - motion.t[0]
         moving = np.linalg.norm(np.diff(Q, axis=0), axis=1) > 1e-9
         if not moving.any():
-            raise InputError("the joints do not move in this motion, so it cannot be timed")
+            raise InputError(
+                "the joints do not move in this motion, so it cannot be timed",
+                remedy="time a motion along a path that has a length",
+            )
         first = np.flatnonzero(np.append(True, moving))
         last = np.append(first[1:], len(Q)) - 1
         laps = t[:-1] + t[-1] * np.arange(cycles)[:, None]
@@ -177,9 +183,9 @@ class _Laps:
         )
 
     def corners(self, bend: float = BEND) -> list[int]:
-        """Find the points, by index, at which the direction changes by more than ``bend``, rad.
+        """List the indices of points at which the path's direction changes by more than ``bend``.
 
-        Without a stop there, the arm would need unlimited acceleration.
+        ``bend`` is in rad. Without a stop there, the arm would need unlimited acceleration.
         """
         return corners_of(self.Q, self.marks, bend)
 
@@ -194,7 +200,7 @@ class _Laps:
         """Join timed segments to the profile of all cycles.
 
         ``runs`` are the segments between successive ``stops``, which are indices of points. Return
-        the profile, and those stops that lie inside the first cycle.
+        the profile, and the list of those stops that lie inside the first cycle.
         """
         stays = [float(self.stays[k]) for k in stops[:-1]]
         profile = Profile(runs, stays, stops, list(self.ends), limits)
@@ -206,10 +212,10 @@ def _as_fast_as_possible(
 ) -> tuple[Profile, list[int]]:
     """Time a joint path as quickly as possible, in segments between corners and pauses.
 
-    Return the profile, and the stops inside the first cycle, as indices of points. With ``steady``
-    = -1, jerk is not limited; with 0, it is. A positive ``steady`` is the number of times that the
-    second of three cycles will be traversed: this cycle then begins and ends with equal ṡ and s̈,
-    and its duration counts ``steady`` times.
+    Return the profile, and the stops inside the first cycle, as indices of points. If ``steady`` is
+    −1, jerk is not limited; if it is 0 or more, jerk is limited. A positive ``steady`` is the
+    number of times that the second of three cycles will be traversed. If the arm stops at both ends
+    only, this cycle begins and ends with equal ṡ and s̈, and its duration counts ``steady`` times.
     """
     stops = laps.stops(laps.corners())
     steps = np.linalg.norm(np.diff(laps.Q, axis=0), axis=1)
@@ -281,8 +287,8 @@ def _sampled(
     """Sample a profile at even time steps, with its second cycle repeated ``more`` times.
 
     ``joints`` are names, ``rate`` is the number of samples per second, and ``stops`` the number of
-    stops per cycle. Times are stretched slightly, so that the limits hold between the stages and a
-    steady cycle takes a whole number of samples.
+    stops per cycle. Times are stretched slightly, so that the limits also hold between the stages
+    of the profile, and a steady cycle takes a whole number of samples.
     """
     dt = 1.0 / rate
     period, factor = _whole_period(profile, dt, rate)
@@ -326,9 +332,9 @@ def _sampled(
 def _whole_period(profile: Profile, dt: float, rate: float) -> tuple[int, float]:
     """Find by which factor to stretch time so that a steady cycle is a whole number of samples.
 
-    The factor also makes the limits hold between the stages. Return the number of samples of a
-    steady cycle, and the factor. With fewer than three cycles there is no steady one, and the
-    number is 0. ``dt`` is the time between samples, s, and ``rate`` = 1/dt.
+    The factor also makes the limits hold between the stages of the profile. Return the number of
+    samples of a steady cycle, and the factor. With fewer than three cycles there is no steady one,
+    and the number is 0. ``dt`` is the time between samples, s, and ``rate`` = 1/dt.
     """
     if not len(profile.marks) > 3:
         return 0, profile.stretch
@@ -344,10 +350,10 @@ def _whole_period(profile: Profile, dt: float, rate: float) -> tuple[int, float]
 
 
 def _repeated_starts(marks: Array, period: float, more: int) -> Array:
-    """List the times at which cycles begin and the last one ends, s, after repetition.
+    """List the times at which all cycles begin, then the time at which the last one ends, s.
 
-    ``marks`` are these times of three cycles, s; the second, which takes ``period``, s, is repeated
-    ``more`` times.
+    ``marks`` (4,) are these times for three cycles, s. The second cycle, which takes ``period``, s,
+    is repeated ``more`` times.
     """
     turns = marks[1] + period * np.arange(more + 2)
     return np.concatenate([marks[:1], turns, marks[3:] + more * period])
@@ -435,7 +441,10 @@ def approach(
 
 
 def _check_bodies(task: Task, line: Array) -> None:
-    """Raise InputError if bodies collide on a straight joint path; warn of links without a body."""
+    """Raise InputError if bodies collide on a joint path ``line`` (T, n), which is straight.
+
+    Warn of links without a body.
+    """
     known = bodies_of(task)
     touch = known._along(line, np.arange(len(line))).touch
     if touch is not None:
