@@ -17,8 +17,16 @@ from ...base.errors import InputError, RepctlError, needed
 from ...base.files import write_whole, written_together
 from ...base.progress import Report
 from ...cli.endings import proof_code
-from ...cli.given import Options, integer, natural, numbers_of, positive, proved, require_proofs
 from ...cli.options import Parser
+from ...cli.parsed_options import (
+    Options,
+    integer,
+    natural,
+    numbers_of,
+    positive,
+    proved,
+    require_proofs,
+)
 from ...cli.terminal import in_percent, page_lines, progress, report
 from ...show.text.lines import Span, fitted, noted, wrapped
 

@@ -35,7 +35,7 @@ from .chart.chart import Chart
 from .evaluate.cell_evaluation import Evaluation, sampled
 from .evaluate.cell_failures import FailureReason
 from .evaluate.margins import CandidateFunction
-from .evaluate.turning import turn_at
+from .evaluate.symmetric_coordinates import turn_at
 from .function import InverseFunction
 from .geometry.cell import Cell
 from .geometry.sector import Sector

@@ -52,7 +52,7 @@ from .chart.chart import Chart
 from .chart.monomials import Monomials
 from .evaluate.cell_evaluation import Evaluation
 from .evaluate.cell_failures import FailureReason
-from .evaluate.turning import Turn
+from .evaluate.symmetric_coordinates import Turn
 from .geometry.cell import Cell
 from .geometry.sector import SPIN, Sector
 
@@ -75,8 +75,9 @@ class _FailureFile(Part):
 class _TurnFile(Part):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
-    See :class:`repctl_pin.extensions.cells.evaluate.turning.Turn`. Null stands for infinity in
-    ``joint_range``, and for NaN in ``nearly``, ``unasked``, ``covered`` and ``as_covered``.
+    See :class:`repctl_pin.extensions.cells.evaluate.symmetric_coordinates.Turn`. Null stands for
+    infinity in ``joint_range``, and for NaN in ``nearly``, ``unasked``, ``covered`` and
+    ``as_covered``.
     """
 
     coordinate: str

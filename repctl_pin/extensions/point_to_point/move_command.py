@@ -9,8 +9,8 @@ import repctl_pin as rp
 
 from ...base.errors import InputError
 from ...base.files import write_whole
-from ...cli.given import Options, positive
 from ...cli.options import Parser
+from ...cli.parsed_options import Options, positive
 from ...cli.terminal import in_percent, progress, report
 from ...show.text.lines import fitted, noted
 from ...show.text.numbers import counted, metres

@@ -44,7 +44,7 @@ from .margins import (
     singular_values_of,
 )
 from .reach import unlike_rows
-from .turning import Turn, expanded
+from .symmetric_coordinates import Turn, expanded
 
 _BLOCK = 4096
 _BODIES = 1024

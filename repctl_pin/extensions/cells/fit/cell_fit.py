@@ -38,7 +38,7 @@ from ..evaluate.margins import (
     singular_values_of,
 )
 from ..evaluate.reach import Rays, rays
-from ..evaluate.turning import Turn, centred
+from ..evaluate.symmetric_coordinates import Turn, centred
 from ..geometry.cell import Cell
 from ..geometry.kinematics import null_bases, rows_of
 from ..geometry.sector import ANGLE, Sector

@@ -31,7 +31,7 @@ from ....strategies.strategy import AN_INVERSE, Inverse
 from ..cell_design_result import CellDesign
 from ..evaluate.cell_failures import FailureReason, round_the_base
 from ..evaluate.reach import rays
-from ..evaluate.turning import reduced
+from ..evaluate.symmetric_coordinates import reduced
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import LEAST_WIDTH
 from ..place.posture_search import Candidate, given, searched

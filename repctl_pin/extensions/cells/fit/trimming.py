@@ -28,7 +28,7 @@ from ..chart.chart import Chart
 from ..evaluate.cell_evaluation import Sample, evaluate_cell, sampled
 from ..evaluate.margins import CandidateFunction, nearest_by_pair, with_edges
 from ..evaluate.reach import rays
-from ..evaluate.turning import expanded, narrowed
+from ..evaluate.symmetric_coordinates import expanded, narrowed
 from ..geometry.cell import Cell
 from ..geometry.cut import cut_sides
 from ..geometry.kinematics import placed

@@ -23,7 +23,7 @@ from ....strategies import Pseudoinverse
 from ....strategies.strategy import Inverse
 from ....studies.problem import Problem
 from ..evaluate.reach import EXACT, SINGULAR, Rays, rays, reached, unlike_rows
-from ..evaluate.turning import reduced
+from ..evaluate.symmetric_coordinates import reduced
 from ..geometry.cell import Cell
 from ..geometry.kinematics import bases, placed
 

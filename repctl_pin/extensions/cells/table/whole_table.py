@@ -38,7 +38,7 @@ from ....motion.solve_ik import random_configurations
 from ....strategies import Pseudoinverse
 from ..cell_design_result import CellDesign
 from ..evaluate.reach import unlike_rows
-from ..evaluate.turning import reduced
+from ..evaluate.symmetric_coordinates import reduced
 from ..fit.cell_fit import CellFit
 from ..fit.trimming import Required, Window, covered_share, near_all_round, trimmed, turned
 from ..geometry.cell import Cell
