@@ -80,9 +80,9 @@ class Cell:
     placement
         Middle of the cell: a rigid transform, a homogeneous matrix (4, 4), or a position (3,) with
         the orientation of the task's reference.
-    half_width : float or array
-        w, m: one number, or one per position that the task commands, in base axes.
-    half_angle : float, (3,) or (2,) array
+    half_width : float or (P,) array
+        w, m: one number, or one for each of the P positions that the task commands, in base axes.
+    half_angle : float or (3,) or (2,) array
         θ, rad: one number, or one per axis (two axes in an axis task); with 0 the cell has one
         orientation. With one number, every rotation by an angle up to θ is inside, and some by
         larger angles, because each component of ω is bounded separately.

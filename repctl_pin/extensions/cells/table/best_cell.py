@@ -176,9 +176,9 @@ def best_cell(
     ----------
     task
         The task.
-    size : float or array, optional
-        Lengths of the edges of the box, m: one number, or one per position that the task commands.
-        By default, the largest sector is found instead.
+    size : float or (P,) array, optional
+        Lengths of the edges of the box, m: one number, or one for each of the P positions that the
+        task commands. By default, the largest sector is found instead.
     orientation : str or (3, 3) array, optional
         Direction of the tool's approach axis, ``"down"``, ``"forward"`` (along x of the base) or
         ``"up"``; or the rotation matrix of the frame. By default, the orientation at the task's
