@@ -24,8 +24,8 @@ from ..base.threads import BLAS_THREADS
 from ..show.text.lines import capital
 from . import animate, check, design, follow, inspect, robots, study
 from .endings import exit_code
-from .given import is_saved
 from .options import Parser
+from .parsed_options import is_saved
 from .terminal import say_line
 
 _AS_WRITTEN: dict[str, Any] = {

@@ -15,8 +15,8 @@ import repctl_pin as rp
 from ..base.defaults import CYCLES, DEGREE
 from ..base.errors import InputError
 from ..base.files import write_whole, written_together
-from .given import Options, integer, positive
 from .options import Parser
+from .parsed_options import Options, integer, positive
 from .terminal import progress, report
 
 if TYPE_CHECKING:

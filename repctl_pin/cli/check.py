@@ -18,8 +18,8 @@ from ..base.errors import InputError
 from ..show.text.lines import fitted
 from ..show.text.numbers import row
 from .endings import proof_code
-from .given import Options, box_within_limits, cut_note, integer, natural, positive
 from .options import Parser
+from .parsed_options import Options, box_within_limits, cut_note, integer, natural, positive
 from .terminal import in_percent, progress, report
 
 if TYPE_CHECKING:

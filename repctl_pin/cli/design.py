@@ -20,7 +20,8 @@ from ..base.files import write_whole, written_together
 from ..show.text.lines import fitted, noted
 from ..show.text.numbers import row
 from .endings import proof_code
-from .given import (
+from .options import Parser
+from .parsed_options import (
     Options,
     box_within_limits,
     cut_note,
@@ -31,7 +32,6 @@ from .given import (
     require_proofs,
     with_options,
 )
-from .options import Parser
 from .terminal import in_percent, progress, report
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from ..base.errors import InputError, needed
 from ..base.files import write_whole
 from ..show.text.lines import fitted, noted
 from ..show.text.numbers import metres, number, row
-from .given import Options, integer, positive, with_options
 from .options import Parser
+from .parsed_options import Options, integer, positive, with_options
 from .terminal import progress, report, say_line
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ from typing import Any
 import repctl_pin as rp
 
 from ..show.text.lines import fitted, noted
-from .given import Options
 from .options import Parser
+from .parsed_options import Options
 from .terminal import report
 
 HELP = "list what a robot or a URDF holds: joints, limits, frames and redundancy"

@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 
 from ..base.errors import printable, unknown
 from ..show.text.lines import fitted, terminal_width
-from .given import Options, positive
+from .parsed_options import Options, positive
 
 KINDS = "pose, axis, position, xy, xz or yz"
 """Kinds of task, for the help of ``--task``; ``model/kind.py`` takes too long to import."""

@@ -7,8 +7,8 @@ from typing import Any
 import repctl_pin as rp
 
 from ..show.text.lines import fitted
-from .given import Options
 from .options import Parser
+from .parsed_options import Options
 from .terminal import progress, report
 
 HELP = "list the catalogue: joints, chains, frames, redundancy by task"

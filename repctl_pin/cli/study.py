@@ -12,8 +12,8 @@ import repctl_pin as rp
 
 from ..base.defaults import CYCLES, DEGREE, PERIOD, STEPS
 from ..base.files import write_whole, written_together
-from .given import Options, integer, natural, positive, with_options
 from .options import Parser
+from .parsed_options import Options, integer, natural, positive, with_options
 from .terminal import page_lines, progress, report
 
 _PATHS = """paths, lengths in m:

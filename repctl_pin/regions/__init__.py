@@ -1,6 +1,6 @@
 """Design regions Ω: boxes and tubes in joint space, boxes of the workspace.
 
-A design minimises its cost in the mean over Ω, and guarantees repeatability only there.
+A design minimises the mean of its cost over Ω, and guarantees repeatability only there.
 """
 
 from .box import Box

@@ -1,7 +1,8 @@
 """Box in joint space, as a design region Ω.
 
 Quadrature nodes are configurations at which a design evaluates its cost; a weighted sum over them
-approximates the mean over Ω.
+approximates the mean over Ω. Letters: n joints; Q (K, n), K configurations, rad (m for prismatic
+joints).
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ class Box(Region):
     half_width : float or (n,) array
         Half-widths, rad (m for prismatic joints): one number for all joints, or one per joint.
     density : function, optional
-        Function Q (K, n) → (K,): weights ≥ 0 of the rows of Q; by default all weights are equal.
+        Function Q (K, n) → (K,): weights ≥ 0 of the rows of Q in the mean over Ω; by default all
+        weights are equal.
 
     Raises
     ------
@@ -103,9 +105,9 @@ class Box(Region):
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
         """Compute quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1.
 
-        The weighted sum over the nodes approximates the mean over the box. Up to three joints the
-        nodes are a Gauss–Legendre grid, which is exact for polynomials of moderate degree; for more
-        joints they are Sobol points.
+        The weighted sum of a function over the nodes approximates its mean over the box. Up to
+        three joints the nodes are a Gauss–Legendre grid, which is exact for polynomials of moderate
+        degree and does not depend on ``seed``; for more joints they are scrambled Sobol points.
         """
         if self.n > 3:
             return super().nodes(count, seed)
@@ -122,14 +124,15 @@ class Box(Region):
     def random(self, count: int, seed: int) -> Array:
         """Draw scrambled Sobol points in the box: (K, n), with K ≥ ``count`` a power of two.
 
-        Sobol points fill the box more evenly than random points.
+        Sobol points fill the box more evenly than random points. The same ``seed`` gives the same
+        points.
         """
         return self.center + self.half_width * (2 * sobol(self.n, count, seed) - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:
         """Compute the scale at which the box's boundary passes through each row of Q (K, n): (K,).
 
-        The scale multiplies the half-widths: it is below 1 for a row inside, above 1 outside.
+        The scale is a factor of the half-widths: below 1 for a row inside, above 1 outside.
         """
         Q = as_configurations(Q, self.n, "this box")
         return (np.abs(Q - self.center) / self.half_width).max(-1)
@@ -145,7 +148,7 @@ class Box(Region):
         )
 
     def inside(self, lower: ArrayLike, upper: ArrayLike) -> Box:
-        """Intersect the box with limits (n,), such as ``task.lower`` and ``task.upper``.
+        """Intersect the box with joint limits (n,), such as ``task.lower`` and ``task.upper``.
 
         A design over the result ignores configurations that the arm cannot reach. InputError is
         raised if the intersection is empty.

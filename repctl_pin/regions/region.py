@@ -1,7 +1,8 @@
 """Design regions Ω of joint space: base class, Sobol points and densities.
 
 Nodes are the configurations at which a design evaluates its cost; a weighted sum over the nodes
-approximates the mean over Ω. A density gives some configurations more weight than others.
+approximates the mean over Ω. A density gives some configurations more weight than others. Letters:
+n joints; Q (K, n), K configurations, rad (m for prismatic joints).
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ class Region(ABC):
     def ratio(self, Q: ArrayLike) -> Array:
         """Compute the scale at which the region's boundary passes through each row of Q: (K,).
 
-        The scale multiplies all widths of the region: it is below 1 for a row of Q (K, n) inside,
+        The scale is a factor of all widths of the region: below 1 for a row of Q (K, n) inside,
         above 1 for a row outside Ω, where repeatability is not guaranteed.
         """
 
@@ -82,7 +83,8 @@ class Region(ABC):
     def clip(self, Q: ArrayLike) -> Array:
         """Move the rows of Q (K, n) that lie outside to the boundary, or close to it: (K, n).
 
-        A search for singularities in the region calls this method after each step.
+        Rows inside are returned unchanged. A search for singularities in the region calls this
+        method after each step.
         """
 
     @abstractmethod
@@ -129,9 +131,10 @@ def span(widths: Array, sign: str = "") -> str:
 
 
 def sobol(n: int, count: int, seed: int) -> Array:
-    """Draw scrambled Sobol points of the unit cube: (K, n), with K ≥ ``count`` a power of two.
+    """Draw scrambled Sobol points of the n-dimensional unit cube: (K, n).
 
-    Sobol points fill the cube more evenly than random points, so that a mean needs fewer points.
+    K ≥ ``count`` is a power of two. Sobol points fill the cube more evenly than random points, so
+    that a mean needs fewer points. The same ``seed`` gives the same points.
     """
     count = as_int(count, "the number of nodes", 1, MOST_NODES)
     seed = as_int(seed, "seed")
@@ -173,7 +176,7 @@ def evaluate_density(density: Density | None, Q: Array) -> Array:
 
 
 def normalised(weights: Array) -> Array:
-    """Scale weights (K,) so that their sum is 1; InputError if all of them are 0."""
+    """Scale weights (K,) so that their sum is 1; InputError if all weights are 0."""
     total = float(weights.sum())
     if not total > 0:
         raise InputError(

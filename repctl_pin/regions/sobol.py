@@ -50,6 +50,7 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
     Returns
     -------
     (2^power, n) array
+        One point per row, with coordinates from 0 to 1.
     """
     if n > _MOST_DIMENSIONS:
         from scipy.stats import qmc
@@ -73,10 +74,11 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
 
 @cache
 def _direction_digits() -> NDArray[np.uint32]:
-    """Tabulate the binary digits of the direction numbers: entries 0 or 1, cached.
+    """Tabulate the binary digits of the direction numbers: an array of 0 and 1, cached.
 
-    The axes are [dimension, digit (most significant first), direction number]. The digits of a
-    point are exclusive ors of those of direction numbers.
+    The axes are [dimension, digit (most significant first), direction number], of lengths
+    :data:`_MOST_DIMENSIONS`, 30 and 30. The digits of a point's coordinate are exclusive ors of
+    those of the direction numbers of its dimension.
     """
     numbers = [[1] * _BITS]
     for row in _JOE_KUO.split(";"):

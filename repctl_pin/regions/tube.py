@@ -1,7 +1,8 @@
 """Tube around configurations: the neighbourhood of a motion, such as one cycle on a path.
 
 Quadrature nodes are configurations at which a design evaluates its cost; a weighted sum over them
-approximates the mean over the tube.
+approximates the mean over the tube. Letters: n joints; Q (K, n), K configurations, rad (m for
+prismatic joints); s, a sample, which is a configuration of the motion.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ class Tube(Region):
     radius : float or (n,) array
         Radius, rad (m for prismatic joints): one number for all joints, or one per joint.
     density : function, optional
-        Function Q (K, n) → (K,): weights ≥ 0 of the rows of Q; by default all weights are equal.
+        Function Q (K, n) → (K,): weights ≥ 0 of the rows of Q in the mean over the tube; by default
+        all weights are equal.
 
     Raises
     ------
@@ -85,20 +87,23 @@ class Tube(Region):
         return Box.between(self.samples.min(0) - self.radius, self.samples.max(0) + self.radius)
 
     def random(self, count: int, seed: int) -> Array:
-        """Draw scrambled Sobol points in the tube: (K, n), with K ≥ ``count`` a power of two."""
+        """Draw scrambled Sobol points in the tube: (K, n), with K ≥ ``count`` a power of two.
+
+        The same ``seed`` gives the same points.
+        """
         u = sobol(self.n + 1, count, seed)
         which = np.minimum((u[:, 0] * len(self.samples)).astype(int), len(self.samples) - 1)
         return self.samples[which] + self.radius * (2 * u[:, 1:] - 1)
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Compute the scale at which the tube's boundary passes through each row of Q: (K,).
+        """Compute the scale at which the tube's boundary passes through each row of Q (K, n): (K,).
 
-        The scale multiplies the radius: it is below 1 for a row inside, above 1 outside.
+        The scale is a factor of the radius: below 1 for a row inside, above 1 outside.
         """
         return self._nearest(Q)[1]
 
     def clip(self, Q: ArrayLike) -> Array:
-        """Move the rows of Q (K, n) that lie outside into the box around the nearest sample."""
+        """Move the rows of Q (K, n) that lie outside into the box of the nearest sample: (K, n)."""
         Q = as_configurations(Q, self.n, "this tube")
         nearest = self.samples[self._nearest(Q)[0]]
         return np.clip(Q, nearest - self.radius, nearest + self.radius)
@@ -110,7 +115,7 @@ class Tube(Region):
         )
 
     def _nearest(self, Q: ArrayLike) -> tuple[NDArray[np.intp], Array]:
-        """Find the sample nearest to each row of Q (K, n): its index and its distance, (K,) each.
+        """Find the sample nearest to each row of Q (K, n): its index (K,) and its distance (K,).
 
         The distance is ``max_i |q_i − s_i| / radius_i``, at most 1 inside the tube.
         """

@@ -1,6 +1,7 @@
 """Design region Ω of all configurations whose frame lies in a box of the workspace.
 
-This region is the paper's alternative to a box in joint space.
+This region is the paper's alternative to a box in joint space. Letters: n joints; Q (K, n), K
+configurations, rad (m for prismatic joints); J, the task Jacobian.
 """
 
 from __future__ import annotations
@@ -37,8 +38,9 @@ class WorkspaceBox(Region):
     """All q of a joint-space box that bring the frame into a box of the workspace.
 
     The frame's position p satisfies ``|p_i − position_i| ≤ half_width_i``. The mean over the region
-    is taken over the task coordinates x and, for each x, over the configurations σ that reach x. By
-    the coarea formula, ``∫∫ … dσ dx = ∫ … √det(J Jᵀ) dq``, so each q has weight ``√det(J Jᵀ)``.
+    is an integral over the task coordinates x and, for each x, over the set of configurations that
+    reach x, with the volume element dσ. By the coarea formula, ``∫∫ … dσ dx = ∫ … √det(J Jᵀ) dq``,
+    so each q has the weight ``√det(J Jᵀ)``.
 
     Parameters
     ----------
@@ -114,7 +116,7 @@ class WorkspaceBox(Region):
         return self.within
 
     def random(self, count: int, seed: int) -> Array:
-        """Draw scrambled Sobol points of ``within`` whose frame lies in the box: (count, n).
+        """Draw scrambled Sobol points of ``within`` with the frame in the box: (count, n).
 
         Raises
         ------
@@ -153,8 +155,8 @@ class WorkspaceBox(Region):
     def ratio(self, Q: ArrayLike) -> Array:
         """Compute the scale at which the region's boundary passes through each row of Q: (K,).
 
-        The scale multiplies the half-widths of both boxes: it is below 1 for a row inside, above 1
-        outside.
+        The scale is a factor of the half-widths of both boxes: below 1 for a row of Q (K, n)
+        inside, above 1 outside.
         """
         kind = self.task.kind
         axes = kind.rows[kind.linear]
@@ -162,7 +164,10 @@ class WorkspaceBox(Region):
         return np.maximum(away.max(-1), self.within.ratio(Q))
 
     def clip(self, Q: ArrayLike) -> Array:
-        """Move the rows of Q (K, n) into ``within``; the frame can stay outside its box: (K, n)."""
+        """Move the rows of Q (K, n) into ``within``: (K, n).
+
+        The frame can still be outside the workspace box.
+        """
         return self.within.clip(Q)
 
     def shrunk(self, factor: float) -> WorkspaceBox:

@@ -15,7 +15,7 @@ from cell_functions import cell_of, chart_of, middle, panda, reach
 from sectors import found as sector_design
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.evaluate import margins, turning
+from repctl_pin.extensions.cells.evaluate import margins, symmetric_coordinates
 from repctl_pin.extensions.cells.evaluate.cell_evaluation import evaluate_cell
 from repctl_pin.extensions.cells.fit.cell_fit import CellFit
 from repctl_pin.extensions.cells.fit.cost import Cost, Penalty, descend, predicted_gain
@@ -541,11 +541,11 @@ def test_the_range_of_the_angle_where_a_pose_is_covered(
     at = chart.solve(U, np.zeros((41, 1)))
     covered = at.found & (task.limit_margin(at.Q)[:, 1:].min(axis=1) >= 0)
     assert 5 < covered.sum() < at.found.sum() < 40
-    found = turning.turn_at(chart, U)
+    found = symmetric_coordinates.turn_at(chart, U)
     assert np.allclose(found, np.where(covered, whole, np.nan), equal_nan=True)
-    assert turning.turn_at(replace(chart, cell=far), U) is None
+    assert symmetric_coordinates.turn_at(replace(chart, cell=far), U) is None
     cell = rp.Cell(task, task.placement(q), 0.02)
-    assert turning.turn_at(chart_of(cell, q, 1, 32), U) is None
+    assert symmetric_coordinates.turn_at(chart_of(cell, q, 1, 32), U) is None
 
 
 def test_the_lowest_body_distance_is_that_of_all() -> None:

@@ -1,8 +1,10 @@
 """``repctl cell``: design one inverse kinematic function for a cell of poses, and evaluate it.
 
-A cell is a box of poses, or a sector around an axis. The function q = F(x) gives one configuration
-for each of its poses. The largest sector on which one function works well is called the whole
-table.
+A cell is a box of poses, or a sector: a cell in cylindrical coordinates around an axis. The
+function q = F(x) gives one configuration for each of its poses. The whole table is the largest
+sector that one function covers within the limits, without collisions, and within a requested extra
+joint speed. A placement is an SE3: a position and a rotation in base axes. Notes are lines of text
+below the printed table. Functions that take ``options`` read the parsed options of the command.
 """
 
 from __future__ import annotations
@@ -17,8 +19,16 @@ from ...base.errors import InputError, RepctlError, needed
 from ...base.files import write_whole, written_together
 from ...base.progress import Report
 from ...cli.endings import proof_code
-from ...cli.given import Options, integer, natural, numbers_of, positive, proved, require_proofs
 from ...cli.options import Parser
+from ...cli.parsed_options import (
+    Options,
+    integer,
+    natural,
+    numbers_of,
+    positive,
+    proved,
+    require_proofs,
+)
 from ...cli.terminal import in_percent, page_lines, progress, report
 from ...show.text.lines import Span, fitted, noted, wrapped
 
@@ -280,7 +290,7 @@ class _Asked(NamedTuple):
     start_is : str
         How the start was found, such as ``as given`` or ``the reference pose``.
     crowded : bool
-        True if the cell fits at none of the default starts.
+        True if the cell fits at none of the default starts, so that the best of them was taken.
     placed : tuple of str
         Notes on a cell whose place was searched for: the place, the cause that prevents a larger
         cell, and the approach axis of the tool.
@@ -359,8 +369,8 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     """Find the best place for the box of ``--size``; without ``--size``, the largest sector.
 
     The arm covers the result within its limits and without collisions. The box is placed near
-    ``at`` (3,), m, if it is not None. With ``--half-angle`` the box also has rotations, and the
-    configuration in its middle is left to the design (None).
+    ``at`` (3,), m, if it is not None. With ``--half-angle`` the box also has rotations; then
+    ``posture`` of the result is None, so that the design searches for it.
     """
     import numpy as np
     import pinocchio as pin
@@ -409,11 +419,12 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
 
 
 def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.CellDesign, list[str]]:
-    """Choose the function over a whole table, with the notes on its sector.
+    """Choose the design over a whole table, and write the notes on its sector: (design, notes).
 
-    With ``prove``, a function over a sector whose range of radius depends on the height is returned
-    with its certificate. If it cannot be proved, the function over the largest sector with one
-    range is returned, without a certificate yet.
+    With ``prove``, a design over a sector whose range of radius depends on the height is returned
+    with its certificate. If it cannot be proved, the design over the largest sector with the same
+    range of radius at all heights is returned, without a certificate. ``report`` is the progress
+    callback of the proof.
     """
     notes = []
     if prove and table.straight is not table.design:
@@ -438,7 +449,7 @@ def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.Cel
 
 
 def _approach_note(place: rp.BestCell) -> list[str]:
-    """Write the note on the tool's approach axis: one text, or an empty list if none is needed.
+    """Write the note on the tool's approach axis: one text, or none if the search used no axis.
 
     The approach axis is the axis of the tool's frame that points at the work."""
     if place.approach is None:
@@ -448,7 +459,7 @@ def _approach_note(place: rp.BestCell) -> list[str]:
 
 
 def _oriented_task(options: Options) -> rp.Task:
-    """Make the requested task, or without ``--task`` and ``--size`` one that commands the tool.
+    """Make the requested task; without ``--task`` and ``--size``, one that fixes the approach axis.
 
     The latter is a pose task for more than 6 joints, else an axis task, which commands the position
     and the direction of the tool."""
@@ -539,9 +550,9 @@ def _require_one_shape(options: Options) -> None:
 
 
 def _sizes(options: Options) -> tuple[Any, Any]:
-    """Parse the half-widths of a box: of the positions, m, and of the rotation, rad.
+    """Parse the half-widths of a box: first those of the position, m, then of the rotation, rad.
 
-    Each option gives one number for all coordinates, or one number per coordinate.
+    Each is a number for all coordinates, or a list with one number per coordinate.
     """
     return (
         _numbers(options.half_width, "--half-width"),
@@ -550,7 +561,7 @@ def _sizes(options: Options) -> tuple[Any, Any]:
 
 
 def _sector(options: Options, task: rp.Task, middle: Any) -> rp.Cell:
-    """Make the sector that the options describe, around the placement ``middle``."""
+    """Make the sector of ``--sector`` and its options; ``middle`` is the SE3 in its middle."""
 
     def turn(text: str, option: str) -> Any:
         return text if text == "all" else _numbers(text, option, 1)
@@ -604,11 +615,11 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
 
 
 def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
-    """Follow a sample path through the cell with J⁺ or another G_d, and with the function.
+    """Follow a sample path through the cell with the desired inverse G_d, and with the function.
 
-    G_d is the desired inverse, with which the function is compared. Return the motions by label,
-    and a list of notes: on a period that was increased because the joint speed limits require it,
-    or on a motion that failed. Without a motion of the function, there are no motions.
+    Return the motions by display name, and a list of notes: on a period that was increased because
+    the joint speed limits require it, or on a motion that failed. If the motion of the function
+    failed, there are no motions.
     """
     from ...base.defaults import PERIOD
     from ...studies.period import choose_period
@@ -618,7 +629,10 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     path, failed = tour(design.cell), {}
 
     def followed(label: str, control: Any, period: float, **how: Any) -> dict[str, rp.Motion]:
-        """Follow the path with a controller; return {label: motion}, or {} if this fails."""
+        """Follow the path with a controller; return {label: motion}, or {} if this fails.
+
+        ``how`` has further arguments of ``follow``. ``failed[label]`` gets the error.
+        """
         try:
             q0 = design.function(path.placement(0.0))
             motion = rp.follow(control, path, q0, steps=_STEPS, period=period, **how)
@@ -641,7 +655,11 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
 
 
 def _widths(cell: rp.Cell) -> dict[str, Any]:
-    """Return the half-widths of a box, or those of a sector by coordinate, m and rad, for JSON."""
+    """Return the half-widths of a cell, m and rad, for JSON.
+
+    The keys are ``half_width`` and ``rotation`` for a box; for a sector, ``sector`` has a
+    dictionary by coordinate.
+    """
     from ...studies.study_result import picked
 
     if not isinstance(cell, rp.Sector):
@@ -673,8 +691,8 @@ def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
 def _proof(proof: rp.Proof) -> dict[str, Any]:
     """Convert a certificate to plain Python types, for JSON.
 
-    ``extra_speed_direction`` is added: a bound, proved over the whole cell, on the joint speed
-    relative to J⁺ in the worst direction of motion, as a fraction: 0.05 is 5 % more than J⁺.
+    ``extra_speed_direction`` is added: a bound, proved over the whole cell, on the extra joint
+    speed relative to J⁺ in the worst direction of motion; 0.05 is 5 % more than J⁺.
     """
     price = proof.extra_speed_direction
     return asdict(proof) | {"extra_speed_direction": price}

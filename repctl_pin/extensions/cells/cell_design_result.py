@@ -35,7 +35,7 @@ from .chart.chart import Chart
 from .evaluate.cell_evaluation import Evaluation, sampled
 from .evaluate.cell_failures import FailureReason
 from .evaluate.margins import CandidateFunction
-from .evaluate.turning import turn_at
+from .evaluate.symmetric_coordinates import turn_at
 from .function import InverseFunction
 from .geometry.cell import Cell
 from .geometry.sector import Sector
@@ -60,19 +60,21 @@ class CellDesign:
     desired : Inverse
         Desired inverse G_d, such as J⁺, to which ∂F/∂x is near.
     posture : (n,) array
-        Configuration in the middle of the cell, rad (m for prismatic joints).
+        Configuration F in the middle of the cell, rad (m for prismatic joints).
     evaluation : Evaluation
         All figures, on held-out poses; the main ones are attributes of the design as well.
     degrees : tuple of (degree, cost)
-        Degrees of s(u) that were tried, in order; the last one is used.
+        Degrees of the polynomial s(u) that were tried, with the cost that each attained on the fit
+        nodes; the last one is used.
     samples, held_out : int
-        Numbers of fit nodes and of held-out poses.
+        Numbers of fit nodes, which are the poses of the fit, and of held-out poses.
     seed : int
         Random seed of the fit nodes and of the held-out poses.
     steps : int
         Gauss–Newton steps taken.
     requested_limit_margin, requested_body_distance, requested_sigma_min : float
-        Requested limit margin, rad or m, body distance, m, and σ_min of J.
+        Requested minima of the limit margin, rad or m, the body distance, m, and the smallest
+        singular value σ_min of J; 0 if none was requested.
     proof : Proof, optional
         Certificate, if one was added: ``dataclasses.replace(found, proof=rp.prove(found))``. It is
         saved with the design. A certificate for another design is dropped with a warning.
@@ -172,20 +174,26 @@ class CellDesign:
 
     @property
     def limit_margin(self) -> float:
-        """Minimum distance of a joint from its limit on the held-out poses, rad or m."""
+        """Minimum distance of a joint from its limit on the held-out poses, rad or m.
+
+        It is negative if a limit is violated, and infinite if no joint has limits.
+        """
         return self.evaluation.limit_margin
 
     @property
     def limit_margin_worst(self) -> float:
-        """Limit margin at the worst pose found by a search over the cell, rad or m."""
+        """Limit margin at the worst pose found by a search over the cell, rad or m.
+
+        The sign is as in :attr:`limit_margin`.
+        """
         return self.evaluation.limit_margin_worst
 
     @property
     def leaf_margin(self) -> float:
         """Minimum leaf margin ``σ_min(Nᵀ V̂)``; 1 is best, 0 is an algorithmic singularity.
 
-        N spans the null space of J; V̂ spans the gradients of the potentials that the controller
-        holds constant.
+        The columns of N and V̂ are orthonormal: N spans the null space of J, V̂ the gradients of
+        the potentials that the controller holds constant. NaN in designs of older versions.
         """
         return self.evaluation.leaf_margin
 
@@ -273,7 +281,7 @@ class CellDesign:
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
 
     def _with_unchecked(self, bodies: str) -> str:
-        """Add to a text on body distances the bodies that are not checked for collisions."""
+        """Append to ``bodies``, a text on body distances, which bodies are not checked."""
         unchecked = bodies_of(self.task).not_checked
         if unchecked and bodies == _NO_BODIES:
             return f"not checked: {unchecked}"
@@ -325,9 +333,9 @@ def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
 
 
 def _cell_parts(cell: Cell) -> tuple[Any, ...]:
-    """Convert a cell, with the symmetries of the arm that its design uses, to plain data.
+    """List the numbers that define a cell, and the symmetries of the arm that its design uses.
 
-    A fingerprint hashes them, to show whether a certificate is for this cell.
+    :attr:`CellDesign.subject` hashes the list, to show whether a certificate is for this cell.
     """
     box = rounded(cell.placement.homogeneous), cell.widths
     if not isinstance(cell, Sector):
@@ -338,7 +346,7 @@ def _cell_parts(cell: Cell) -> tuple[Any, ...]:
 
 
 def _unmet(found: float, asked: float) -> str:
-    """Write ``; the requested … is not met`` if found < asked; else an empty text."""
+    """Write ``; the requested … is not met`` if found < asked ≠ 0; else an empty text."""
     return f"; the requested {asked:g} is not met" if found < asked and asked else ""
 
 
@@ -347,12 +355,14 @@ def _unmet(found: float, asked: float) -> str:
 class Slice:
     """Maps of a function over two coordinates of its cell; all other coordinates are 0.
 
+    The maps are evaluated on a grid of C × C poses.
+
     Attributes
     ----------
     axes : (int, int)
-        Indices of the first and the second coordinate among those of the cell, from 0.
+        Indices of the first and the second coordinate in u, from 0.
     u : (C,) array
-        Grid values of both coordinates, from −1 to 1.
+        Grid values of either coordinate, from −1 to 1.
     limit_margin, extra_speed : (C, C) arrays
         Smallest joint-limit margin, rad or m, and extra joint speed relative to the desired inverse
         G_d; NaN where the function has no value. Rows are values of the second coordinate, columns
@@ -374,7 +384,8 @@ def slices(design: CellDesign, count: int = 33) -> list[Slice]:
 
     The figures of a cell show these maps. The pairs, at most three, are of translational
     coordinates, or of any coordinates if fewer than two are translational. The grid of each pair
-    has ``count`` points per coordinate; all other coordinates are 0.
+    has ``count`` points per coordinate; all other coordinates are 0. The list is empty if the cell
+    has a single coordinate.
     """
     cell, chart = design.function.chart.cell, design.function.chart
     places = [i for i, unit in enumerate(cell.units) if unit == "m"]

@@ -1,9 +1,9 @@
 """File content of a cell's design: conversion to plain data, and back.
 
 A cell is a box of poses; its design is a function q = F(x) with one configuration for each pose. A
-sector is a cell in cylindrical coordinates; a coordinate of it is symmetric if a single joint moves
-the frame along it. The classes describe the objects of the JSON file, with attributes named like
-the keys.
+sector is a cell in cylindrical coordinates; one of its coordinates is symmetric if a single joint
+moves the frame along it. The classes describe the objects of the JSON file, with attributes named
+like the keys. A fingerprint is a hash, or numbers, that differ if the described thing has changed.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ from .chart.chart import Chart
 from .chart.monomials import Monomials
 from .evaluate.cell_evaluation import Evaluation
 from .evaluate.cell_failures import FailureReason
-from .evaluate.turning import Turn
+from .evaluate.symmetric_coordinates import Turn
 from .geometry.cell import Cell
 from .geometry.sector import SPIN, Sector
 
@@ -75,8 +75,9 @@ class _FailureFile(Part):
 class _TurnFile(Part):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
-    See :class:`repctl_pin.extensions.cells.evaluate.turning.Turn`. Null stands for infinity in
-    ``joint_range``, and for NaN in ``nearly``, ``unasked``, ``covered`` and ``as_covered``.
+    See :class:`repctl_pin.extensions.cells.evaluate.symmetric_coordinates.Turn`. Null stands for
+    infinity in ``joint_range``, and for NaN in ``nearly``, ``unasked``, ``covered`` and
+    ``as_covered``.
     """
 
     coordinate: str
@@ -96,13 +97,14 @@ class _TurnFile(Part):
 class _SectorFile(Part):
     """Cylindrical coordinates of a sector: radius, angle, height, two tilts, spin, numbered from 0.
 
-    ``widths`` has their half-widths in this order. ``axis`` is a point, m, and a direction.
-    ``free`` are the coordinates whose range ends only at the joint limits. ``symmetric`` are the
-    coordinates that the polynomials leave out, because a single joint turns the whole arm or the
-    tool along them. ``spin_middle`` is the middle of the spin, rad; only a sector with tilts and
-    with the spin in ``free`` has it. ``profile`` has the coefficients of bend and stretch of the
-    radius in powers of the height above the middle, m; only a sector whose range of radius depends
-    on the height has it.
+    Their half-widths are in :attr:`_CellFile.widths`, in this order, rad or m. ``axis`` has two
+    rows: a point of the axis, m, and its direction. ``free`` has the numbers of the coordinates
+    whose range ends only at the joint limits. ``symmetric`` has those of the coordinates that the
+    polynomials leave out. ``spin_middle`` is the middle of the spin, rad; only a sector with tilts
+    and with the spin in ``free`` has it. ``profile`` has two rows of coefficients, bend and
+    stretch, of powers of the height above the middle, m, see
+    :class:`repctl_pin.extensions.cells.geometry.profile.Profile`; only a sector whose range of
+    radius depends on the height has it.
     """
 
     axis: Rows
@@ -115,9 +117,9 @@ class _SectorFile(Part):
 class _BodiesFile(Part):
     """Fingerprints of the collision bodies: ``shapes`` of their shapes, ``places`` of their places.
 
-    ``places`` has one number for each of four fixed configurations; they change if any body is
-    placed elsewhere. If the bodies have changed since the file was written, its body distance is
-    dropped.
+    ``shapes`` is a hash. ``places`` has one number for each of four fixed configurations; the
+    numbers change if any body is placed elsewhere. If the bodies have changed since the file was
+    written, its body distance is dropped.
     """
 
     shapes: str
@@ -156,10 +158,11 @@ class _CellFigures(Part):
 class _CellFile(Sealed):
     """File content: an inverse kinematic function over a cell of poses.
 
-    ``coefficients`` are the coefficients of two polynomials of the cell's coordinates: the
-    reference configuration q_ref and the reference directions n_ref of its null space. ``bodies``
-    is the fingerprint of the collision bodies; older files lack it, as do files without a known
-    body distance.
+    ``placement`` (4, 4) is the pose in the middle of the cell, ``widths`` (m,) are the half-widths
+    of its coordinates. ``coefficients`` (N, n, 1 + r) are those of :class:`Chart`, for N monomials
+    of the given ``degree``. ``bodies`` is the fingerprint of the collision bodies; older files lack
+    it, as do files without a known body distance. The other keys are attributes of
+    :class:`CellDesign`.
     """
 
     desired: Desired
@@ -230,8 +233,8 @@ def _bodies_file(design: CellDesign) -> _BodiesFile | msgspec.UnsetType:
 def _known_distance(content: _CellFile, task: Task) -> float:
     """Return the body distance of a file, m; NaN with a warning if the bodies have changed.
 
-    The distance is infinite if there are no bodies. Older files have no fingerprint of the bodies;
-    their distance is taken as valid.
+    The distance is infinite if there are no bodies. Files without a fingerprint of the bodies give
+    the distance that they have, or NaN if they have none.
     """
     distance, bodies = content.figures.body_distance, content.bodies
     if isinstance(bodies, msgspec.UnsetType):
@@ -275,9 +278,9 @@ def _shapes_fingerprint(task: Task) -> str:
 
 
 def _bodies_at(task: Task, Q: ArrayLike) -> Array:
-    """Compute one number per row of Q (K, n) that changes if any body is placed elsewhere: (K,).
+    """Compute one number per configuration of Q (K, n): (K,). It changes if any body is displaced.
 
-    It is a weighted sum of all entries of the placements of the links with bodies.
+    It is a weighted sum of all entries of the placements of the links and surroundings with bodies.
     """
     robot = task.robot
     model, drive = task.bodies_model()
@@ -301,7 +304,11 @@ def _bodies_at(task: Task, Q: ArrayLike) -> Array:
 def _solid(
     solid: Shape, description: Description, package_dirs: tuple[str, ...]
 ) -> tuple[object, ...]:
-    """Return a collision shape as plain data for a fingerprint, with the hash of its mesh file."""
+    """List the data of a collision shape that a fingerprint hashes.
+
+    They are link, xyz, rpy, kind, size, scale, and the hash of the mesh file: ``missing`` if the
+    file is not found, None if the shape is no mesh.
+    """
     mesh = None
     if solid.filename:
         file = find_mesh(solid.filename, description.path, package_dirs)

@@ -3,7 +3,8 @@
 A cell is a box of poses; u (k,) are the coordinates of a pose in it, from −1 to 1. The function q =
 F(x; c) of a pose x has a level c (r,), the position along the self-motion; a leaf is the set of
 configurations F(x; c) with one level c. The chart of the function consists of two polynomials in u:
-q_ref approximates a configuration, and n_ref the null space of J.
+q_ref approximates a configuration, and n_ref the null space of J. Letters: n joints, m task
+coordinates, r = n − m components of c, K targets.
 """
 
 from __future__ import annotations
@@ -103,7 +104,7 @@ class InverseFunction:
         return self.chart.cell.task
 
     def __call__(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
-        """Evaluate F: the configuration (n,) for a pose of the cell.
+        """Evaluate F: the configuration (n,), rad (m for prismatic joints), for a pose of the cell.
 
         Parameters
         ----------
@@ -140,7 +141,7 @@ class InverseFunction:
         missing: Literal["raise", "nan"] = "raise",
         threads: int = 1,
     ) -> Array:
-        """Evaluate F at many targets: (K, n).
+        """Evaluate F at K targets: configurations (K, n), rad (m for prismatic joints).
 
         Parameters
         ----------
@@ -188,8 +189,7 @@ class InverseFunction:
     ) -> Array:
         """Evaluate F at targets as :meth:`batch` does, (K, n), in NumPy instead of C.
 
-        This is for installations without the native library, and finds out why a target has no
-        configuration.
+        It is used without the native library, and to find out why a target has no configuration.
         """
         cell = self.cell
         U, off = self._coordinates(targets)
@@ -206,8 +206,8 @@ class InverseFunction:
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Compute the pose x of each configuration, and its level c, so that ``F(x; c) = q``.
 
-        The level is ``c = n_ref(x)ᵀ (q − q_ref(x))``; it is 0 at the values of F(x). Far from them,
-        several configurations can have the same pose and level; F returns only one of them.
+        The level is ``c = n_ref(x)ᵀ (q − q_ref(x))``; it is 0 if q = F(x). Far from F(x), several
+        configurations can have the same pose and level; F returns only one of them.
 
         Parameters
         ----------
@@ -266,7 +266,7 @@ class InverseFunction:
         return homogeneous(p, R)
 
     def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
-        """Evaluate ∂F/∂x (n, m), the joint velocity per task velocity, at a target pose.
+        """Evaluate ∂F/∂x (n, m), the joint velocity per task velocity, at a pose of the cell.
 
         The level is ``leaf`` (r,), by default 0.
         """
@@ -302,8 +302,9 @@ class InverseFunction:
     def leaves(self, target: Placement) -> Array:
         """Find the range (r, 2) of each component c_j of the level at a pose, with the others at 0.
 
-        A range (low, high) ends at a joint limit, at ±π, or where the leaf margin, the distance
-        from an algorithmic singularity, falls to 0.1.
+        A row is (low, high), rad (m for prismatic joints). A range ends at a joint limit, at ±π, or
+        where ``σ_min(Nᵀ n̂_ref)`` falls to 0.1: it is near 1 where n_ref approximates the null
+        space N well, and 0 at a fold of the leaf.
         """
         task, r = self.task, self.task.r
         u, shift = self.chart.cell._split(self.cell.coordinates_of(target)[None])
@@ -328,7 +329,8 @@ class InverseFunction:
         """Find the level c of F(x; c) at which the elbow is nearest to a point.
 
         The search begins at F(x), so the result is a function c*(x, p_e) of pose and point: the
-        same pose and point give the same configuration. See :meth:`RepeatableInverse.leaf_toward`.
+        same pose and point give the same configuration. The result has the level, the configuration
+        and the elbow there, see :class:`ElbowLevel` and :meth:`RepeatableInverse.leaf_toward`.
 
         Parameters
         ----------
@@ -347,7 +349,7 @@ class InverseFunction:
         """Convert targets to coordinates U (K, k), and their deviations (K,) from the cell.
 
         Targets have any of the forms of :meth:`batch`. The deviation, m or rad, is the largest
-        along a coordinate of width 0, which the cell holds constant.
+        along a coordinate of width 0, which the cell holds constant; 0 for coordinates U.
         """
         if isinstance(targets, np.ndarray) and targets.ndim != 3 and targets.shape[-1:] != (7,):
             (U,) = as_matrices(
@@ -370,12 +372,12 @@ class InverseFunction:
         return np.tile(c, (count, 1))
 
     def _leaf(self, leaf: ArrayLike) -> Array:
-        """Check one level c, and return it as an array (r,)."""
+        """Check one level c, and return it as an array (r,); else raise an InputError."""
         array = as_numbers(leaf)
         return vector(leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c")
 
     def _refused(self, q: Array, u: Array, *, found: bool) -> InputError:
-        """Create the error at u (k,): no configuration or, if ``found``, q beyond a limit."""
+        """Create the error at u (k,): no configuration or, if ``found``, q (n,) beyond a limit."""
         where = self.cell.where(u)
         if not found:
             return InputError(f"no configuration exists on this leaf at {where}")
@@ -470,9 +472,9 @@ class _NativeFunction:
 
 
 def _native_function(chart: Chart, keep_limits: bool) -> _NativeFunction | None:
-    """Create the C version of a cell function, which is much faster; None if that is not possible.
+    """Create the C version of a cell function, which is much faster than NumPy.
 
-    It is not possible without the native library, or with more than 64 joints.
+    Return None without the native library, or with more than 64 joints.
     """
     native, arm = library(), library_arm(chart.cell.task)
     if native is None or arm is None:

@@ -30,7 +30,7 @@ FORMS = (
 
 
 def as_poses(task: Task, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
-    """Convert targets to positions (K, 3), m, and rotations (K, 3, 3).
+    """Convert K targets to positions (K, 3), m, and rotation matrices (K, 3, 3).
 
     Parameters
     ----------
@@ -62,10 +62,10 @@ def _floats(array: Array) -> Array:
 
 
 def _of_quaternions(rows: Array) -> tuple[Array, Array]:
-    """Convert rows x, y, z, m, qx, qy, qz, qw (K, 7) to positions (K, 3) and rotations (K, 3, 3).
+    """Convert rows (K, 7) to positions (K, 3), m, and rotation matrices (K, 3, 3).
 
-    An InputError is raised if a quaternion does not have norm 1. Rotations are NaN in rows with a
-    number that is not finite.
+    A row is a position, m, and a quaternion: x, y, z, qx, qy, qz, qw. An InputError is raised if a
+    quaternion does not have norm 1. Rotations are NaN in rows with a number that is not finite.
     """
     finite = np.isfinite(rows).all(axis=1)
     length = np.linalg.norm(rows[:, 3:], axis=1)
@@ -107,7 +107,7 @@ def _of_matrices(task: Task, X: Array) -> tuple[Array, Array]:
 
 
 def homogeneous(p: Array, R: Array) -> Array:
-    """Join positions (K, 3) and rotations (K, 3, 3) to homogeneous matrices (K, 4, 4)."""
+    """Join positions (K, 3), m, and rotations (K, 3, 3) to homogeneous matrices (K, 4, 4)."""
     X = np.empty((len(p), 4, 4))
     X[:, :3, 3], X[:, :3, :3], X[:, 3] = p, R, [0.0, 0.0, 0.0, 1.0]
     return X

@@ -49,10 +49,7 @@ class ToolFunction:
 
     @property
     def cell(self) -> Cell:
-        """Cell of the frame's poses x; the poses of the tool are x T.
-
-        T is the placement of the tool in the frame.
-        """
+        """Cell of the poses x of the frame that carries the tool; the poses of the tool are x T."""
         cell: Cell = self.of_frame.cell
         return cell
 
@@ -120,7 +117,7 @@ class ToolFunction:
         return RepeatableInverse(self.task, potentials)
 
     def leaves(self, target: Placement) -> Array:
-        """Find the interval (r, 2) of levels for which F' has a value at a pose, per component.
+        """Find the range (low, high) of each component of the level at a pose of the tool: (r, 2).
 
         See :meth:`InverseFunction.leaves`.
         """
@@ -128,7 +125,7 @@ class ToolFunction:
         return intervals
 
     def with_tool(self, placement: Placement) -> ToolFunction:
-        """Create the function of another tool, given its placement in the frame of this tool."""
+        """Create the function of another tool on this one, placed at ``placement`` in its frame."""
         further = as_placement(placement, "placement")
         return ToolFunction(self.of_frame, self.tool * further)
 

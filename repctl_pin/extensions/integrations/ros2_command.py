@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 
 from ...base.errors import InputError
-from ...cli.given import Options
 from ...cli.options import Parser
+from ...cli.parsed_options import Options
 from ...cli.terminal import until_stopped
 
 HELP = "run a saved design or cell as a ROS 2 node that commands the joints"

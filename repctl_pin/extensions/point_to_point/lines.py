@@ -2,7 +2,8 @@
 
 A cell is a box of poses; its k coordinates u are from −1 to 1. A line is a curve of poses x(a),
 with a from 0 to 1. A blend is a curve of continuous curvature between two lines that meet at a
-pose, so that the arm need not stop there. A Curve is a function from a (K,) to poses (K, 4, 4).
+pose, so that the arm need not stop there. A Curve is a function from a (K,) to poses (K, 4, 4):
+homogeneous matrices, with positions in m, of the tool. Its place in the frame of the cell is fixed.
 """
 
 from __future__ import annotations
@@ -61,14 +62,14 @@ class Line:
     kind : str
         ``tool`` for a straight line of the tool, ``cell`` for a straight line in the cell's
         coordinates.
-    at
+    at : Curve
         The poses x(a).
     length : float
         Length of the path of the position, m; for a rotation in place, 0.1 m per rad.
     turns : bool
         True if the line is a rotation, with a constant position.
     ends : (2, k) array or None
-        Coordinates of both ends if ``kind`` is ``cell``, else None.
+        Coordinates u of both ends if ``kind`` is ``cell``, else None.
     """
 
     kind: Literal["tool", "cell"]
@@ -79,7 +80,10 @@ class Line:
 
     @classmethod
     def of(cls, kind: Literal["tool", "cell"], at: Curve, ends: Array | None = None) -> Line:
-        """Create the line with the poses ``at``, x(a), and compute its length."""
+        """Create the line with the poses x(a) of the curve ``at``, and compute its length.
+
+        ``kind`` and ``ends`` are its attributes.
+        """
         X = at(_SAMPLES)
         moved = float(np.linalg.norm(np.diff(X[:, :3, 3], axis=0), axis=1).sum())
         steps = np.linalg.norm(np.diff(X[:, :3, :3], axis=0), axis=(1, 2)) / np.sqrt(2)
@@ -88,7 +92,9 @@ class Line:
         return cls(kind, at, turned if turns else moved, turns, ends)
 
     def velocity(self, a: float) -> tuple[Array, Array]:
-        """Evaluate v and ω (3,) at an end, a = 0 or a = 1, per metre of the line: m/m and rad/m.
+        """Evaluate v and ω, (3,) each, at an end, a = 0 or a = 1, per metre of the line.
+
+        v is in m per m, ω in rad per m, both in base axes.
 
         They are differences over a step of 1e-4 in a, which are exact on a line of the tool.
         """
@@ -152,16 +158,16 @@ class Blend:
     """Curve that leaves one line before a pose and joins the next line after it.
 
     The lines (p_in, R_in) and (p_out, R_out) meet at the pose (p₁, R₁). The blend is ``p = p_in(1 −
-    α c_in) − p₁ + p_out(β c_out)``, ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``, with the shares α
-    and β of :meth:`.Bend.shares`, from 1 to 0 and from 0 to 1. Between two lines in the cell's
-    coordinates, it is ``u = u_in(1 − α c_in) − u₁ + u_out(β c_out)``.
+    α c_in) − p₁ + p_out(β c_out)``, ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``. Along it, the
+    share α falls from 1 to 0 and β rises from 0 to 1, see :meth:`.Bend.shares`. Between two lines
+    in the cell's coordinates, it is ``u = u_in(1 − α c_in) − u₁ + u_out(β c_out)``.
 
     Attributes
     ----------
-    at
-        The poses x(a).
+    at : Curve
+        The poses x(a) of the blend.
     length : float
-        Length, m.
+        Length of the path of the position, m.
     cut_in, cut_out : float
         Fractions c_in and c_out of the two lines that the blend replaces.
     """
@@ -173,9 +179,9 @@ class Blend:
 
 
 def _angle(into: Line, out: Line) -> float | None:
-    """Compute the angle, rad, between two lines at their common pose; None if there is no bend.
+    """Compute the angle, rad, between the directions v of two lines at their common pose.
 
-    There is none if v and ω are equal there.
+    Return None if there is no bend: the lines have equal v and ω there, see :meth:`Line.velocity`.
     """
     v_in, v_out = into.velocity(1.0), out.velocity(0.0)
     if np.abs(np.subtract(v_in, v_out)).max() < _STRAIGHT:

@@ -2,7 +2,7 @@
 
 A cell is a box of poses, and F its function, which gives one configuration q for each pose x. A
 part of the motion is the lines from one rest to the next, and a segment is that part with its
-times.
+times. Letters: P poses, T samples, n joints.
 """
 
 from __future__ import annotations
@@ -49,9 +49,10 @@ class MotionBetween(TimedMotion):
     q, qdot, qddot : (T, n) arrays
         Positions, velocities and accelerations: rad or m, per s and per s².
     starts : (2,) array
-        Times of the start and the end, s.
+        Times of the start and the end of the motion, s.
     length, speed : (T,) arrays
-        Length of the joint path from the start, rad or m, and its rate, rad/s or m/s.
+        Length of the joint path from the start to each sample, rad or m, and its rate, rad/s or
+        m/s.
     velocity, acceleration, jerk : (n,) arrays
         The limits, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if not limited.
     poses : (P, 4, 4) array
@@ -184,8 +185,9 @@ def between(
 ) -> MotionBetween:
     """Time a motion through poses X (P, 4, 4), as :func:`motion_between` does.
 
-    Error messages name the poses by ``names``, such as "pose 3" or "line 7" of a file. Each part
-    between two rests is timed separately, and takes a whole number of samples.
+    Error messages name the poses by the P ``names``, such as "pose 3" or "line 7" of a file. Each
+    part between two rests is timed separately, and takes a whole number of samples. The other
+    arguments are those of :func:`motion_between`.
     """
     kept = joint_limits(F.task, limits)
     blend = positive(blend, "blend", "m", zero=True)
@@ -230,7 +232,11 @@ def between(
 def _timed_parts(
     parts: Sequence[Part], limits: JointLimits, report: Callable[[str, float], None]
 ) -> tuple[list[Segment], list[float]]:
-    """Time each part between two rests separately; return the segments and durations, s."""
+    """Time each part between two rests separately; return one segment and duration, s, per part.
+
+    The duration can be longer than the segment, see :meth:`Part.timed`. ``report`` is the progress
+    callback.
+    """
     segments, durations = [], []
     for k, part in enumerate(parts):
         report("timing the motion", k / len(parts))
@@ -241,7 +247,10 @@ def _timed_parts(
 
 
 def _times_at_poses(parts: Sequence[Part], segments: Sequence[Segment], rests: Array) -> Array:
-    """Compute the time of each pose (P,), s, from the times ``rests`` of the rests, s."""
+    """Compute the time at each of P poses, s: (P,).
+
+    There is one segment per part; ``rests`` are the times, s, at the ends of all parts.
+    """
     passed = [np.zeros(1)]
     for part, segment, ends in zip(parts, segments, pairwise(rests), strict=True):
         share = np.interp(part.passed, segment.s, segment.t) / segment.t[-1]

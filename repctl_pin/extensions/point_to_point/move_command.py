@@ -9,8 +9,8 @@ import repctl_pin as rp
 
 from ...base.errors import InputError
 from ...base.files import write_whole
-from ...cli.given import Options, positive
 from ...cli.options import Parser
+from ...cli.parsed_options import Options, positive
 from ...cli.terminal import in_percent, progress, report
 from ...show.text.lines import fitted, noted
 from ...show.text.numbers import counted, metres
@@ -122,7 +122,10 @@ def _poses(file: str, cell: rp.Cell) -> tuple[Any, list[str]]:
 
 
 def _result(moved: rp.MotionBetween, motion: JointMotion) -> dict[str, Any]:
-    """Convert the motion's figures to plain Python types, for JSON output."""
+    """Convert the figures of a motion, which is also given as ``motion``, to plain Python types.
+
+    They are for JSON output.
+    """
     from ...studies.study_result import bodies_dict
 
     return {
@@ -140,7 +143,7 @@ def _result(moved: rp.MotionBetween, motion: JointMotion) -> dict[str, Any]:
 
 
 def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
-    """Yield the lines of text that report the motion."""
+    """Yield the lines of text that report the motion; ``result`` is that of :func:`_result`."""
     from ...model.bodies import bodies_of
     from ...motion.joint_motion import checked_words
     from ...show.text.table import margin_words

@@ -1,8 +1,9 @@
 """Parts of a motion between two rests: lines and blends, the joints along them, and their times.
 
 Joints along a line or blend of poses x(a), a from 0 to 1, are q = F(x(a)), with F the function of a
-cell. They are fitted by polynomials, because timing requires three derivatives. The parameter s of
-a part is approximately the length of its joint path, rad or m.
+cell. They are fitted by piecewise polynomials, because timing requires three derivatives. The
+parameter s of a part, from 0 to approximately the length of its joint path, rad or m, is
+proportional to the length of the tool's path along each line or blend.
 """
 
 from __future__ import annotations
@@ -60,13 +61,14 @@ class Part:
     Attributes
     ----------
     last : int
-        Index of the pose at the end of the part.
-    curve
+        Number of the pose at the end of the part, among all poses of the motion, from 0.
+    curve : PPoly
         The joints q(s), a piecewise polynomial.
     grid : (K,) array
         Values of s at which the speed along the part is computed, and meets the limits.
-    passed : array
-        Values of s at the poses after the first; for a blended pose, at the middle of the blend.
+    passed : (L,) array
+        Values of s at the L poses of the part after its first; for a blended pose, at the middle of
+        the blend.
     """
 
     last: int
@@ -130,10 +132,9 @@ def parts_of(
 def _part(last: int, curves: list[PPoly], lengths: list[float], passed: list[float]) -> Part:
     """Join consecutive curves q(a) into one part of the motion.
 
-    ``lengths`` are those of the tool's path, m.
-
-    ``last`` is the index of the pose at the end of the part. ``passed`` are the distances from its
-    start, m, at which the arm passes a pose without a rest.
+    ``last`` is the number of the pose at the end of the part. ``lengths`` are those of the tool's
+    path along each curve, m. ``passed`` are the lengths from the start of the part, m, at which the
+    arm passes a pose without a rest.
     """
     curve, s = _joined(curves, lengths)
     grid = [np.linspace(*ends, _STAGES + 1)[:-1] for ends in pairwise(s)]
@@ -144,7 +145,7 @@ def _part(last: int, curves: list[PPoly], lengths: list[float], passed: list[flo
 def _line_between(
     F: Function, start: Array, end: Array, first: str, second: str
 ) -> tuple[Line, PPoly]:
-    """Choose the line between two poses (4, 4), and fit the joints along it; return both.
+    """Choose the line between two poses (4, 4), and fit the joints q(a) along it; return both.
 
     The straight line of the tool is tried first, then the straight line in the cell's coordinates,
     which stays inside. If neither can be used, an InputError names the poses by ``first`` and
@@ -209,7 +210,7 @@ def _joints_along(F: Function, at: Curve) -> PPoly | None:
 
 
 def _cut(curve: PPoly, begin: float, end: float) -> PPoly:
-    """Return the part of a curve between two values of its parameter, which is not rescaled."""
+    """Return the part of a curve from ``begin`` to ``end``; its parameter is not rescaled."""
     from scipy.interpolate import PPoly
 
     x = curve.x[(curve.x > begin) & (curve.x < end)]
@@ -221,7 +222,8 @@ def _cut(curve: PPoly, begin: float, end: float) -> PPoly:
 def _joined(curves: Sequence[PPoly], lengths: Sequence[float]) -> tuple[PPoly, Array]:
     """Join C curves q(a) to one curve q(s); return it, and the values s (C + 1,) at their ends.
 
-    ``lengths`` are those of the curves, m. Their sum is scaled to the length of the joint path.
+    ``lengths`` (C,) are those of the tool's path along the curves, m. s is proportional to them,
+    and goes from 0 to the approximate length of the joint path.
     """
     from scipy.interpolate import PPoly
 

@@ -8,8 +8,8 @@ import repctl_pin as rp
 
 from ...base.errors import InputError
 from ...base.files import written_together
-from ...cli.given import Options, positive
 from ...cli.options import KINDS, Parser
+from ...cli.parsed_options import Options, positive
 from ...cli.terminal import page_lines, progress, report
 
 HELP = "measure in a joint log how far the arm has drifted, between returns to one hand pose"

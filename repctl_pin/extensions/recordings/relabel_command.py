@@ -10,8 +10,8 @@ import repctl_pin as rp
 
 from ...base.errors import InputError, needed
 from ...base.files import write_whole, written_together
-from ...cli.given import Options, integer, natural, numbers_of
 from ...cli.options import KINDS, Parser
+from ...cli.parsed_options import Options, integer, natural, numbers_of
 from ...cli.terminal import in_percent, progress, report
 from ...show.text.lines import fitted
 

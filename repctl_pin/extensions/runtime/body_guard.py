@@ -11,6 +11,10 @@ part of a plan, the part is safe if d, in its middle, is at least w plus the dis
 otherwise the part is halved. At a sample, d is bounded by spheres, boxes, and remembered distances.
 Distances are measured only for pairs and samples that these bounds do not decide. The C code is
 body_guard.c. The work of a tick is counted, not timed, so that equal ticks give equal motions.
+
+A plan is the motion of the next ticks, which ends at rest. A pair is a pair of bodies, numbered
+from 0. Letters: K samples of n joints. The governor allows the work of a tick to measure 30
+distances or the equivalent.
 """
 
 from __future__ import annotations
@@ -87,12 +91,13 @@ class BodyGuard:
     distance
         Distance to keep, m; pairs that are only checked for collisions keep 0.
     unchecked
-        True to accept links without a body, whose collisions are not detected.
+        True to accept links without a body, whose collisions are not detected; False to raise an
+        InputError for them.
 
     Attributes
     ----------
     nearest : (str, str) or None
-        Links of the two bodies that were too near along the last refused plan.
+        Links of the two bodies that were too near along the last refused plan; None before one.
     """
 
     def __init__(self, bodies: Bodies, task: Task, distance: float, *, unchecked: bool) -> None:
@@ -102,7 +107,7 @@ class BodyGuard:
         self._connect()
 
     def _connect(self) -> None:
-        """Get the collision model, and fill the C struct."""
+        """Get the collision model of the bodies, and fill the struct of body_guard.c."""
         from ...model.collision_model import collision_model
 
         self._model = collision_model(self._bodies.task)
@@ -153,13 +158,13 @@ class BodyGuard:
         self.recall(remembered)
 
     def remembered(self) -> dict[str, Any]:
-        """Copy what the guard knows about distances, for :meth:`recall`."""
+        """Copy the distances that the guard remembers, and its state, for :meth:`recall`."""
         known = {name: self._own.held[name].copy() for name in _KNOWN}
         numbers = {"next": self._own.next, "left": self._own.left}
         return {"known": known, "nearest": self.nearest} | numbers
 
     def recall(self, remembered: dict[str, Any]) -> None:
-        """Restore the result of :meth:`remembered`."""
+        """Return to the state that :meth:`remembered` copied."""
         for name, values in remembered["known"].items():
             self._own.held[name][...] = values
         self._own.next, self._own.left = remembered["next"], remembered["left"]
@@ -188,7 +193,7 @@ class BodyGuard:
         """Test whether all distances are kept along any motion Q (K, n), not only a plan.
 
         Between two samples the joints move on a straight line. The number of measured distances is
-        not limited.
+        not limited, and what the guard remembers does not change.
         """
         S = np.vstack([np.zeros(Q.shape[1]), np.abs(np.diff(Q, axis=0)).cumsum(axis=0)])
         own, before = self._own, self.remembered()
@@ -203,9 +208,10 @@ class BodyGuard:
             own.nodes = _NODES
 
     def _keeps_part(self, Q: Array, S: Array) -> bool:
-        """Test whether all distances are kept along at most 32 samples; halve them if needed.
+        """Test whether all distances are kept along at most 32 samples of a motion.
 
-        Q and S are as for :meth:`allows`.
+        If the test of all samples has too much to compute, the two halves are tested. Q and S are
+        as for :meth:`allows`.
         """
         self._own.left = _ENDLESS
         if self.allows(Q, S):
@@ -219,9 +225,9 @@ class BodyGuard:
         )
 
     def _refuse_start(self, pair: int, distance: float) -> None:
-        """Raise the InputError for a start at which the pair with the index ``pair`` is too near.
+        """Raise the InputError for a start at which the pair number ``pair`` is too near.
 
-        ``distance`` is that of the pair, mm.
+        ``distance`` is that of its bodies, mm.
         """
         one, other = self._model.names(pair)
         asked, remedy = 1e3 * (self._kept[pair] + _START), "start farther away"
@@ -234,7 +240,7 @@ class BodyGuard:
         )
 
     def begin_tick(self) -> None:
-        """Reset the work that a tick may take, see :meth:`allows`."""
+        """Allow the work of a new tick; :meth:`allows` uses it up."""
         self._own.left, self._outside = _WORK, True
 
     def allows(self, Q: Array, S: Array) -> bool:
@@ -267,10 +273,10 @@ class BodyGuard:
         return allowed == 1
 
     def _measured(self, sample: int, count: int) -> int:
-        """Measure the distances of the ``count`` pairs that C chose, at sample number ``sample``.
+        """Measure the distances of the ``count`` pairs that C chose, at a plan's sample ``sample``.
 
-        Return 1, or 0 after an error. An exception must not pass through C; :meth:`allows` raises
-        it later.
+        C calls this, and reads the distances from its struct. Return 1, or 0 after an error. An
+        exception must not pass through C; :meth:`allows` raises it later.
         """
         try:
             held = self._own.held

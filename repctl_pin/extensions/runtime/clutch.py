@@ -2,7 +2,8 @@ r"""Clutch of teleoperation: from an operator's hand and elbow to targets of the
 
 While the clutch is engaged, the arm's target moves with the operator's hand. While the clutch is
 released, there is no target, and the hand can move freely. A governor moves the arm to the target;
-a level is the position of the arm's elbow along the self-motion.
+a level is the position of the arm's elbow along the self-motion. A tracker measures the poses of
+the operator's hand and elbow, in a frame of its own.
 """
 
 from __future__ import annotations
@@ -184,13 +185,16 @@ class Clutch:
 
 
 def _usable(place: pin.SE3) -> bool:
-    """Test whether a placement is finite and its rotation is a rotation matrix."""
+    """Test whether all numbers of a placement are finite, and its rotation is a rotation matrix."""
     finite = bool(np.isfinite(place.translation).all())
     return finite and is_rotation(place.rotation.ravel().tolist())
 
 
 def _point(value: ArrayLike, name: str) -> Array:
-    """Convert a point to an array (3,); its numbers need not be finite, but there must be three."""
+    """Convert a point to an array (3,); its numbers need not be finite.
+
+    An InputError that calls the argument ``name`` is raised unless there are three numbers.
+    """
     point = as_numbers(value)
     if point is None or point.shape != (3,):
         raise InputError(f"must be 3 numbers, m; got {shown(value)}", argument=name)

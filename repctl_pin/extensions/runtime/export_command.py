@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import repctl_pin as rp
 
-from ...cli.given import Options
 from ...cli.options import Parser
+from ...cli.parsed_options import Options
 from ...cli.terminal import report
 
 HELP = "write a saved design or cell as C for the control loop of a robot"

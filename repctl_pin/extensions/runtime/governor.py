@@ -3,7 +3,8 @@
 A leaf is the set h(q) = c on which a repeatable inverse keeps the arm. Its level c is the position
 of the elbow along the self-motion. A plan is a short motion that ends at rest. The work is done in
 C (native/governor.c), except for body distances, which Python computes. Ω is the region of joint
-space for which the inverse was designed.
+space for which the inverse was designed. A tick is one call of the control loop; its command is the
+configuration q that is sent to the robot. Letters: n joints, r potentials, F frames of the task.
 """
 
 from __future__ import annotations
@@ -203,7 +204,7 @@ class Governor:
         self._connect()
 
     def _connect(self) -> None:
-        """Allocate the arrays that C reads and writes in each tick, and tell C their addresses.
+        """Allocate the arrays that C reads and writes in each tick, and give C their addresses.
 
         A new governor does this, and so does each copy, which needs arrays of its own.
         """
@@ -443,11 +444,11 @@ class Governor:
         return self._guarded_step(self._guard, given)
 
     def _guarded_step(self, guard: BodyGuard, given: int) -> tuple[Array, Status]:
-        """Compute the next configuration and its status with a guard of body distances.
+        """Compute the next configuration (n,) and its status, with a guard of body distances.
 
-        ``given`` has a bit for each of target, twist and leaf that is given. Errors of the guard
-        must not pass through C, so they are raised after the call. After an error the tick has not
-        been: the command is the last one that was returned.
+        ``given`` has a bit for each argument of :meth:`step` that is given: target, twist, leaf.
+        Errors of the guard must not pass through C, so they are raised after the call. After an
+        error, the governor is as it was before the tick.
         """
         state, q = self._state.copy(), self._q.copy()
         self._error: BaseException | None = None
@@ -470,8 +471,8 @@ class Governor:
         """Tell C whether a plan keeps all body distances: 1 if so, else 0.
 
         The plan is the first ``count`` samples in the memory that C shares with Python. C calls
-        this in the middle of a tick; ``first`` is 1 for the first plan of the next motion. The
-        first error of a tick is kept, and raised by :meth:`_guarded_step`.
+        this in the middle of a tick; ``first`` is 1 for the first plan that is tested for the next
+        motion, else 0. The first error of a tick is kept, and raised by :meth:`_guarded_step`.
         """
         if self._error is not None:
             return 0
@@ -495,9 +496,9 @@ class Governor:
 
 
 def _unmeasured(error: BaseException) -> BaseException:
-    """Make the one-line error of a tick in which the guard failed.
+    """Make the one-line error of a tick in which the guard failed with ``error``.
 
-    An error of this package and an interruption stay what they are.
+    An error of this package and an interruption are returned unchanged.
     """
     if isinstance(error, RepctlError) or not isinstance(error, Exception):
         return error
@@ -528,7 +529,10 @@ def _as_twists(twist: ArrayLike, task: Task) -> Array:
 
 
 def _as_level(leaf: ArrayLike, r: int) -> Array:
-    """Convert a level c (r,) to an array; C, not this function, checks that it is finite."""
+    """Convert a level c to an array (r,); InputError for another size.
+
+    C, not this function, tests whether its numbers are finite.
+    """
     level = as_numbers(leaf)
     if level is None or np.atleast_1d(level).shape != (r,):
         count = f"{r} numbers, the levels of the potentials" if r > 1 else "1 number, the level"

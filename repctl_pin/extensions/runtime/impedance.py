@@ -1,6 +1,8 @@
 """Torque control on a leaf: impedance of the end effector, and a null-space spring to the leaf.
 
-A leaf is the set h(q) = c on which the potentials h of a repeatable inverse keep the level c.
+A leaf is the set h(q) = c on which the r potentials h of a repeatable inverse have the level c.
+Letters: q (n,), joint positions; J (m, n), the task Jacobian; V (n, r), the gradients of h; F
+frames of the task.
 """
 
 from __future__ import annotations
@@ -59,7 +61,8 @@ class LeafImpedance:
     inverse
         Repeatable inverse, such as ``design.inverse``, in the robot's own joints.
     stiffness : (float, float) or (m,) array
-        Stiffness K: N/m for translations and Nm/rad for rotations; or one number per row of J.
+        Stiffness K: two numbers, N/m for all translations and Nm/rad for all rotations; or one
+        number per row of J.
     damping
         Damping ratio ζ of the end effector; 1 is critical.
     leaf_frequency
@@ -247,7 +250,7 @@ def _torque_law(inverse: RepeatableInverse, gains: Gains) -> NumPyTorques | Nati
 
 
 def _dynamics(task: Task) -> Callable[[Array, Array], tuple[Array, Array]]:
-    """Create the function (q, q̇) → inertia M (n, n) and bias b (n,), for one thread.
+    """Create the function (q, q̇) → (M, b), inertia (n, n) and bias (n,), for one thread.
 
     b contains gravity and velocity terms. Inertia and bias of a mimic joint are added to those of
     the joint that drives it. Each thread needs its own function, because Pinocchio computes in a

@@ -1,9 +1,10 @@
 """Torque law of :class:`LeafImpedance`: in C, and in NumPy as plain formulas.
 
 The end effector moves as if held by a spring and a damper, and the joints are pulled to the leaf
-h(q) = c. C is fast enough for a loop at 1 kHz; NumPy is the reference, and replaces C where it
-cannot be used. h are the r potentials that a repeatable inverse keeps constant, and c (r,) is the
-level of the leaf.
+h(q) = c. C is fast enough for a loop at 1 kHz; NumPy is the reference, and replaces C where C
+cannot be used. The r potentials h are those that a repeatable inverse keeps constant, and c (r,) is
+the level of the leaf. Letters: x, the pose of the frame; ẋ (m,), its task velocity; J (m, n), the
+task Jacobian; V (n, r), the gradients of h; J_V = [J; Vᵀ] (n, n).
 """
 
 from __future__ import annotations
@@ -100,10 +101,10 @@ class NumPyTorques:
     ) -> Array:
         """Compute the torques τ (n,), Nm or N, and update the observer's state.
 
-        q and q̇ (n,) are joint positions and velocities, M (n, n) and b (n,) inertia and bias,
-        ``target`` and ``twist`` (v, ω) the pose and velocity to follow, and ``leaf`` the level c
-        (r,). InputError is raised for numbers that overflow, and SingularityError where J_V is
-        singular.
+        q and q̇ (n,) are joint positions and velocities, M (n, n) and b (n,) inertia and bias, and
+        ``leaf`` (r,) is the level c. ``target`` is the pose to follow, ``twist`` (v, ω) its
+        velocity, (6,) per frame; None is 0. InputError is raised for numbers that overflow, and
+        SingularityError where J_V is singular.
         """
         task, gains, m = self._task, self._gains, self._task.m
         e = task.error(q, target)
@@ -183,11 +184,11 @@ class NativeTorques:
     Parameters
     ----------
     arm
-        Struct Arm of the inverse.
+        C struct :data:`repctl_pin.native.ARM` of the task's joint chain and the potentials.
     reference
         The same law in NumPy, which is called after a failure in C to raise the error.
     gains
-        Stiffness, damping ratios, leaf frequency and observer limits.
+        The gains.
     task
         Task of the inverse.
     """

@@ -4,8 +4,11 @@ The cell is a box of poses, u (k,) are the coordinates of a pose in it, from −
 s (r,) is the position along the self-motion at that pose. The polynomials q_ref(u) and n_ref(u) of
 a chart approximate a configuration at the pose, where s = 0, and the null space of J there. A
 function q = F(u) over the cell is described by s(u); the function of the chart itself is s = 0.
-x(u) is the pose. Symmetries of an arm can remove coordinates from u, see :attr:`Cell.along`; l is
-their number.
+x(u) is the pose.
+
+Letters: n joints, m task coordinates, r = n − m components of s, k coordinates in u, K poses, N
+monomials. Each of l further coordinates of the cell is symmetric: a single joint moves the frame
+along it, so u leaves it out; :attr:`Cell.along` has these joints. G_d is the desired inverse.
 """
 
 from __future__ import annotations
@@ -93,10 +96,10 @@ class Chart:
         return cls(cell, monomials, monomials.fit(U, both))
 
     def between(self, low: Array, high: Array) -> Chart:
-        """Return the chart of the same function over the part of the cell between two corners (k,).
+        """Return the chart of the same function over the part of the cell with low ≤ u ≤ high.
 
-        The polynomials q_ref and n_ref are the same functions, rewritten in the coordinates of the
-        part.
+        ``low`` and ``high`` (k,) are in the coordinates u of this cell. The polynomials q_ref and
+        n_ref are rewritten in the coordinates of the part, which also go from −1 to 1.
         """
         low, high = self.cell._kept_middles(low, high)
         if (low == -1).all() and (high == 1).all():
@@ -147,8 +150,8 @@ class Chart:
     def _differentiated(self) -> tuple[Monomials, Array]:
         """Derivatives of q_ref and n_ref with respect to u, as monomials and coefficients.
 
-        The N' monomials have a degree lower by one. The coefficients (N', n, 1 + r, k) are those of
-        q_ref, ``[:, :, 0]``, and of the r columns of n_ref.
+        The N' monomials have a degree lower by one. The coefficients (N', n, 1 + r, k) have the
+        derivatives of q_ref in ``[:, :, 0]`` and those of the columns of n_ref in ``[:, :, 1:]``.
         """
         return self.monomials.differentiated(self.coefficients)
 
@@ -231,7 +234,7 @@ class Chart:
         Q, R, J : (K, n), (K, 3, 3) and (K, m, n) arrays
             Configurations, and rotations and Jacobians there.
         residual, size : (K,) arrays
-            Largest entry of the task error, and of the last step.
+            Largest absolute entry of the final task error, and of the last Newton step; rad or m.
         """
         cell, (p_goal, R_goal), (q_ref, n_ref, s) = self.cell, goal, chart
 
@@ -273,9 +276,9 @@ class Chart:
     ) -> tuple[Array, Array]:
         r"""Evaluate the derivatives of a function q = F(u, s(u)) at configurations on it.
 
-        s is the position along the self-motion; it is 0 if F is the function of the chart. The
-        derivative ∂ with respect to the coordinates u follows from the two equations of the chart,
-        f(q) = x(u) and n_refᵀ (q − q_ref) = s:
+        For the function of the chart, s = 0. ∂ is the derivative with respect to u and the l
+        symmetric coordinates; E = ∂x/∂u. The two equations of the chart, f(q) = x(u) and
+        n_refᵀ (q − q_ref) = s, give:
 
         .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} \partial F = \begin{bmatrix} E \\
                   \partial s + n_{ref}^T \partial q_{ref}
@@ -293,8 +296,8 @@ class Chart:
         Returns
         -------
         dF : (K, n, k + l) array
-            ∂F/∂u, s(u) included. The last l columns are for the coordinates that symmetries remove
-            from u, see :attr:`Cell.along`.
+            Total derivative ∂F, which includes the change of s(u). The last l columns are those of
+            the symmetric coordinates.
         B : (K, n, r) array
             ∂F/∂s at constant u.
         """
@@ -316,10 +319,10 @@ class Chart:
     def joint_speeds(
         self, desired: Inverse, at: Points, ds: Array | None = None, C: Array | None = None
     ) -> tuple[Array, Array, Array]:
-        """Evaluate the joint speeds of a function F and of G_d, per unit of task speed.
+        """Evaluate the joint velocities of a function F and of G_d, per unit of task speed.
 
-        G_d is the desired inverse, such as J⁺; the cost of a design is the mean squared difference
-        of the two. E is ∂x/∂u, and C scales the coordinates u to unit task speed.
+        The cost of a design is the mean squared difference of the two. E is ∂x/∂u, and
+        C = (EᵀE)^(−1/2) scales the coordinates u to unit task speed.
 
         Parameters
         ----------
@@ -333,7 +336,7 @@ class Chart:
         Returns
         -------
         own, wanted : (K, n, k + l) arrays
-            ∂F C, and G_d E C.
+            ∂F C, and G_d E C. The columns are joint velocities in k + l directions of motion.
         B : (K, n, r) array
             ∂F/∂s.
         """
@@ -374,7 +377,7 @@ class Points(NamedTuple):
     found: NDArray[np.bool_]
 
     def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
-        """Return a copy in which the points with the indices ``at`` are those of ``other``.
+        """Return a copy in which the points with the indices ``at`` (L,) are the L of ``other``.
 
         A search over many poses uses it to adopt the points at which the search succeeded.
         """
@@ -387,9 +390,9 @@ class Points(NamedTuple):
 class CellPotentials:
     r"""The r potentials of a chart, ``h = n_refᵀ (q − q_ref)``; their leaf {h(q) = c} is s = c.
 
-    A controller that holds h constant follows the function with s = c. :meth:`Chart.gradients`
-    evaluates the gradients of h. :class:`RepeatableInverse` accepts these potentials like
-    polynomials of q. Outside the cell, the polynomials in u extrapolate and are not meaningful.
+    A controller that holds h constant follows the function with s = c. q_ref and n_ref are
+    evaluated at the pose of q, so h is a function of q, and :class:`RepeatableInverse` accepts it
+    like polynomials of q. Outside the cell, q_ref and n_ref extrapolate and are not meaningful.
 
     Parameters
     ----------
@@ -458,10 +461,11 @@ def native_chart(chart: Chart) -> Any:
 def _weights(chart: Chart) -> tuple[int, int, Array]:
     """Arrange the coefficients of q_ref and n_ref in the order in which chart.c reads them.
 
-    Return the number of monomials, padded to a multiple of 4 because C adds four at a time; the
-    number of monomials that n_ref uses; and the coefficients, one after the other (p,). For each
-    monomial they are those of q_ref (n,) and then, if n_ref uses it, those of n_refᵀ (r n,). Both
-    parts are padded with zeros to an even length.
+    Return ``terms``, the number of monomials; ``both``, the number of first monomials that contain
+    all that n_ref uses; and the coefficients in one row. The two numbers are rounded up to
+    multiples of 4, because C adds four monomials at a time. For each of the first ``both``
+    monomials, the row has n coefficients of q_ref, then r n of n_refᵀ; for each further one, n of
+    q_ref. Each group is padded with a zero to an even length.
     """
     C = np.moveaxis(chart.coefficients, 2, 1)  # (N, 1 + r, n)
     C = np.pad(C, ((0, -len(C) % _FOURS), (0, 0), (0, 0)))
@@ -477,9 +481,9 @@ def _weights(chart: Chart) -> tuple[int, int, Array]:
 def _elimination_order(chart: Chart) -> tuple[list[int], list[int]]:
     """Order rows and columns of J_V by complete pivoting in the middle of the cell.
 
-    J_V is the task Jacobian stacked on n_refᵀ, the null-space directions of the chart; each Newton
-    step solves a system with it. Return the indices of the rows and of the columns in the new
-    order. The C code eliminates in this order, without exchanges.
+    J_V (n, n) is the task Jacobian stacked on n_refᵀ; each Newton step solves a linear system with
+    it. Return n indices of rows, then n indices of columns, in the order of the pivots. The C code
+    eliminates in this order, without exchanges.
     """
     q, V = chart.coefficients[0, :, 0], chart.coefficients[0, :, 1:]
     A = np.concatenate([chart.cell.task.jacobian(q), V.T])

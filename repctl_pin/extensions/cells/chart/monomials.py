@@ -1,7 +1,8 @@
 """Monomials of k variables u: values, derivatives, least-squares fit of polynomials.
 
-They make up the polynomials over a cell, a box of poses with coordinates u from −1 to 1. A
-polynomial's coefficients C (N, …) have one row per monomial.
+The polynomials are functions on a cell, a box of poses with coordinates u from −1 to 1. Letters: K
+points, which are the rows of U (K, k); N monomials; C (N, …) are coefficients, one row per
+monomial, and one polynomial per entry of a row.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ class Monomials:
     exponents : (N, k) array of int
         Exponents α of each monomial.
     parent, variable : (N,) arrays of int
-        Recurrence for the values: monomial i is monomial ``parent[i]`` times ``u[variable[i]]``;
-        not used for the constant.
+        Recurrence for the values: monomial i is monomial ``parent[i]`` times ``u[variable[i]]``.
+        Both are 0, and not used, for the constant.
     """
 
     def __init__(self, k: int, degree: int) -> None:

@@ -14,6 +14,10 @@ leaf s = 0. A coordinate of a sector, which is a cell around an axis, is symmetr
 moves the frame along it. Extra joint speed is the joint speed relative to that of G_d, minus 1. The
 leaf margin is the distance from an algorithmic singularity, at which the controller of the function
 fails.
+
+Letters: n joints, m task coordinates, r = n − m components of s, k coordinates u; K and L are
+numbers of poses or configurations. N spans the null space of J; N, V̂ and n̂_ref have orthonormal
+columns.
 """
 
 from __future__ import annotations
@@ -44,7 +48,7 @@ from .margins import (
     singular_values_of,
 )
 from .reach import unlike_rows
-from .turning import Turn, expanded
+from .symmetric_coordinates import Turn, expanded
 
 _BLOCK = 4096
 _BODIES = 1024
@@ -68,11 +72,13 @@ _FOLDED = 0.05
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Figures of a function F over a cell, evaluated on held-out poses.
+    """Figures of a function F over a cell, on held-out poses and on poses found by search.
 
-    F gives one configuration for each pose of the cell; G_d is the desired inverse, such as J⁺. The
-    figures of joint speed refer to the poses that the function covers. ∂F = ∂F/∂u, E = ∂x/∂u and C
-    = (EᵀE)^(−1/2), with u the coordinates of the cell.
+    F gives one configuration for each pose of the cell; G_d is the desired inverse, such as J⁺. A
+    mean is taken over the held-out poses that F covers. A minimum or maximum "by search" includes
+    these, the corners, and the poses that a search for worse values visited. ∂F = ∂F/∂u, E = ∂x/∂u
+    and C = (EᵀE)^(−1/2), with u the coordinates of the cell. All figures but ``coverage`` are NaN
+    if F covers no held-out pose.
 
     Attributes
     ----------
@@ -87,7 +93,8 @@ class Evaluation:
         older files.
     limit_margin, limit_margin_worst : float
         Minimum distance of a joint from its limit, rad or m: over the held-out poses, and over
-        these together with all poses that a search for smaller margins visited.
+        these together with all poses that a search for smaller margins visited. Negative beyond the
+        limit, infinite without limits.
     attainable_margin, attainable_margin_worst : float
         Largest limit margin on any leaf, rad or m, at the pose of ``limit_margin`` and at that of
         ``limit_margin_worst``. Each equals the margin at its pose if no leaf with a larger margin
@@ -107,7 +114,7 @@ class Evaluation:
         J⁺ in the worst direction. NaN in older files, whose figure ``σ_min(Nᵀ n̂_ref)`` is larger
         and is not read.
     residual : float
-        Maximum task error, m or rad.
+        Maximum task error on the covered held-out poses, m or rad.
     coverage : float
         Fraction of the held-out poses at which F has a configuration inside the limits, connected
         to the middle of the cell without a fold. Collisions do not reduce it, but are listed in
@@ -149,10 +156,7 @@ class Evaluation:
 
     @property
     def covered(self) -> str:
-        """Coverage as text: ``100 %`` only if no pose fails, except by a collision.
-
-        Collisions are reported separately.
-        """
+        """Coverage as text: ``100 %`` only if no evaluated pose fails, collisions apart."""
         if self.everywhere:
             return "100 %"
         if self.coverage == 1.0:
@@ -164,7 +168,8 @@ class Sample(NamedTuple):
     """A function F at K poses of its cell: its configurations, joint speeds and margins there.
 
     F gives one configuration for each pose u; E = ∂x/∂u, C scales u to unit task speed, and G_d is
-    the desired inverse. Joint speeds are per unit of task speed, and NaN at singularities.
+    the desired inverse. Joint speeds are per unit of task speed. They are NaN at singularities, at
+    folds, and where F does not exist.
 
     Attributes
     ----------
@@ -179,9 +184,9 @@ class Sample(NamedTuple):
     smallest, leaf : (K,) arrays
         σ_min of J, and the leaf margin.
     ok, sheet : (K,) arrays of bool
-        ``ok`` is True if the function exists at the pose. ``sheet`` is True if no fold
-        separates the pose from the middle of the cell: the same sign of det [J; n_refᵀ], and
-        ``σ_min(Nᵀ n̂_ref)`` above 0.05.
+        ``ok`` is True if the function has a configuration and joint speeds at the pose. ``sheet``
+        is True if, moreover, no fold is found between the pose and the middle of the cell: both
+        have the same sign of det [J; n_refᵀ], and ``σ_min(Nᵀ n̂_ref)`` is above 0.05.
     """
 
     U: NDArray[Any]
@@ -204,7 +209,7 @@ class Sample(NamedTuple):
 
     @property
     def covered(self) -> NDArray[np.bool_]:
-        """True where the function covers the pose: (K,)."""
+        """True where F covers the pose, inside the limits and without a fold: (K,)."""
         return np.asarray(self.sheet & (self.limit_margin >= 0))
 
 
@@ -220,7 +225,7 @@ def sampled(desired: Inverse, candidate: CandidateFunction, U: Array) -> Sample:
 
 
 def _sides(at: Points) -> Array:
-    """Evaluate the sign (K,) of det [J; n_refᵀ], which changes at a fold of the function."""
+    """Evaluate the sign of det [J; n_refᵀ] at K points: (K,). It changes at a fold."""
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
     return np.asarray(np.sign(np.linalg.det(J_V)))
 
@@ -310,7 +315,7 @@ def evaluate_cell(
     ``count`` held-out poses, drawn with ``seed``, corners of the cell, and poses found by searches
     for the smallest margins, the largest joint speeds and collisions. With ``quick``, only the
     limit margin and σ_min(J) are searched for. A body distance below ``required``, m, is a failure
-    by collision.
+    with the cause ``collision``. The result has no ``turns``; the fit adds them.
     """
     cell, candidate = chart.cell, CandidateFunction.zero(chart)
     U = np.concatenate([cell.sample(count, seed), cell.corners()])
@@ -391,8 +396,8 @@ def _searched(desired: Inverse, candidate: CandidateFunction, at: Sample, quick:
     """Search for the poses of a cell at which a function's margins or joint speeds are worst.
 
     The margins are the limit margin, σ_min(J) and the leaf margin. Searches start from the worst of
-    the sampled poses ``at``. Return the coordinates (L, k) of all poses that the searches
-    evaluated. With ``quick``, neither leaf margins nor joint speeds are searched.
+    the sampled poses ``at``. Return the coordinates (L, k) of all poses that the searches visited,
+    see :func:`searched`. With ``quick``, neither leaf margins nor joint speeds are searched.
     """
     chart, at = candidate.chart, rows_of(at, at.sheet)
     limits, singular = limits_of(chart.cell), singular_values_of(chart.cell.task)
@@ -431,7 +436,7 @@ def _failures(cell: Cell, at: Sample, low: Sample, near: Array) -> tuple[Failure
 
     ``at`` are the sampled poses, ``low`` those found by search. ``near`` (L, n) are configurations
     from which Newton's method tries to reach poses at which F has none. The ``share`` of each
-    reason is the fraction of the sampled poses.
+    reason is the fraction of the sampled poses that fail for it.
     """
     both = joined([at, low])
     on, folds = rows_of(both, both.sheet), rows_of(both, both.ok & ~both.sheet)
@@ -449,11 +454,11 @@ def _bodies(
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
     """Compute the minimum body distance over covered poses of the cell.
 
-    Return the distance, m, the two links, and the failure by collision; None if the distance is at
-    least ``required``, m. Body distances are slow to compute: they are evaluated at the corners and
-    at the first 1024 of the ``count`` held-out poses in ``at``, or the first 64 if ``quick``. If
-    nothing collides there, and not with ``quick``, the nearest pose of each pair of bodies is
-    searched for.
+    Return the distance, m, the two links, and the failure by collision. The failure is None if the
+    distance is at least ``required``, m. ``at`` has the ``count`` held-out poses, then the corners.
+    Body distances are slow to compute: only the first 1024 held-out poses (64 if ``quick``) and the
+    corners are evaluated. If nothing collides there, and not with ``quick``, the nearest pose of
+    each pair of bodies is searched for.
     """
     cell = candidate.chart.cell.whole
     bodies = bodies_of(cell.task)
@@ -476,9 +481,9 @@ def _all_round(
     """Move covered poses by random amounts along the symmetric coordinates of a sector.
 
     A single joint moves the frame along such a coordinate, so U (K, k) and the function do without
-    it; but body distances depend on it. Return all coordinates of the poses in the sector, the
-    moved configurations (K, n), and the candidate function over all coordinates. In other cells,
-    nothing changes.
+    it; but body distances depend on it. Return the moved poses (K, k + l), in coordinates that
+    include the l symmetric ones, their configurations (K, n), and the candidate function of these
+    coordinates. In other cells, l = 0 and nothing changes.
     """
     cell, chart = candidate.chart.cell, expanded(candidate.chart)
     U = cell._lifted(U)

@@ -1,8 +1,9 @@
 """Reasons why an inverse function fails at poses of a cell, each with its worst pose.
 
 The causes are: out of reach, singularity, joint limit, fold, collision. U (K, k) are coordinates of
-poses in the cell, from −1 to 1. A share is a fraction of the poses that were sampled, 0 to 1. A
-leaf is the set of configurations q = F(x) of one function, on which its controller stays.
+poses in the cell, from −1 to 1, and Q (K, n) configurations of the function there, for n joints. A
+share is a fraction of all sampled poses, 0 to 1. A leaf is the set of configurations q = F(x) of
+one function, on which its controller stays.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class FailureReason:
 def _reason(cause: str, share: float, cell: Cell, u: Array, what: str) -> FailureReason:
     """Make the :class:`FailureReason` for coordinates u (k,) of a cell.
 
-    Coordinates that symmetries remove from u are added as 0.
+    Coordinates that a symmetry of the arm removes from u are added as 0.
     """
     return FailureReason(cause, share, cell._lifted(u[None])[0], what)
 
@@ -130,8 +131,9 @@ def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None
 
     At a fold, the leaf turns back along the self-motion, and the leaf margin, the distance from an
     algorithmic singularity, is 0. Near a singularity of J every leaf folds, because the null space
-    takes all directions around it; so one is searched for, from the configurations Q (K, n), and
-    named in the message. ``share`` is the share of poses beyond a fold. Return None if U is empty.
+    takes all directions around it. So a singularity is searched for, from Q (K, n); if one is
+    found, the cause is ``singularity``, else ``fold``. ``share`` is the share of poses beyond a
+    fold. Return None if U is empty.
     """
     if not len(U):
         return None
@@ -175,8 +177,8 @@ def touching(
 ) -> FailureReason | None:
     """Describe the failure that two links collide, from body distances (K,), m, at poses U (K, k).
 
-    ``links`` are the links with the smallest distance, ``share`` is the fraction of the sampled
-    poses with a collision. Return None if no distance is below the ``required`` one.
+    ``links`` are the two links with the smallest of all distances, ``share`` is the share of poses
+    with a collision. Return None if no distance is below ``required``, m.
     """
     at = int(np.argmin(distances))
     least = float(distances[at])

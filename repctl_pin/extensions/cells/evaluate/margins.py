@@ -8,6 +8,9 @@ position of F along the self-motion. Points are configurations with their kinema
 coordinate of the cell is symmetric if a single joint moves the frame along it. There is no point at
 a pose where Newton's method finds no configuration of F (``found`` is False). The potentials of a
 chart are equal to s, and its leaf is the set s = 0.
+
+Letters: n joints, r components of s, k coordinates u, K poses or configurations, P margins of one
+kind per configuration, such as one per joint.
 """
 
 from __future__ import annotations
@@ -84,14 +87,17 @@ class Quantity(ABC):
 
     @abstractmethod
     def least(self, at: Points) -> Array:
-        """Evaluate the quantity at K points of a function: (K,), infinite without a point."""
+        """Evaluate the quantity at K points of a function: (K,), infinite where ``found`` is False.
+
+        A kind of margin with P values per point gives the smallest of them.
+        """
 
     def slope(self, candidate: CandidateFunction, at: Points, value: Array) -> Array:
         """Evaluate the gradient (K, k) of the quantity with respect to u, along a function.
 
-        ``at`` are points of the function, and ``value`` (K,) is the quantity there. One-sided
-        differences are used, with steps into the cell. The gradient is 0 where the function does
-        not exist.
+        ``at`` are K points of the function, and ``value`` (K,) is the quantity there. One-sided
+        differences are used, with steps into the cell. Entries of the gradient are 0 where the
+        function does not exist.
         """
         K, k = at.U.shape
         step = np.where(at.U > 0, -_STEP, _STEP)
@@ -114,8 +120,8 @@ class Margin(Quantity):
     name : str
         Display name.
     measure : function (K, n) → (K, P)
-        Evaluates P margins at each of K configurations: the distance of each joint from its limit,
-        the body distance, or σ_min of J.
+        Evaluates P margins at each of K configurations: the n distances of the joints from their
+        limits, or P = 1 body distance or σ_min of J.
     required : float
         Required minimum of the margin.
     slack : float
@@ -125,9 +131,9 @@ class Margin(Quantity):
     starts : int
         Maximum number of poses from which smaller margins are searched for.
     violators : int
-        Maximum number of poses that one round of the penalty method adds. ``watched``, ``starts``
-        and ``violators`` are smaller for body distances, which take a hundred times as long to
-        compute as limit margins.
+        Maximum number of poses with too small a margin that one round of the fit adds to those that
+        it penalises. ``watched``, ``starts`` and ``violators`` are smaller for body distances,
+        which take a hundred times as long to compute as limit margins.
     """
 
     name: str
@@ -139,7 +145,10 @@ class Margin(Quantity):
     violators: int
 
     def least(self, at: Points) -> Array:
-        """Return the smallest of the P margins at K points: (K,), infinite without a point."""
+        """Return the smallest of the P margins at each of K points: (K,).
+
+        It is infinite where there is no point.
+        """
         return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
 
     def slope(self, candidate: CandidateFunction, at: Points, value: Array) -> Array:
@@ -167,19 +176,19 @@ class Margin(Quantity):
     def attainable(
         self, chart: Chart, at: Points, *, far: bool = False, enough: float = np.inf
     ) -> Array:
-        """Find the largest margin (K,) that self-motion attains at the poses of the points ``at``.
+        """Find the largest margin that self-motion attains at the poses of K points ``at``: (K,).
 
-        No penalty requires a larger margin. At each pose, the search varies each component of the
-        label s by up to 0.7 rad in steps of 0.06 rad, and refines the best label. With ``far``, it
-        varies them by up to 2.4 rad, which for r = 1 covers the self-motion inside the limits.
-        Points with a margin of at least ``enough`` are not searched.
+        The fit asks for no larger margin there. At each pose, the search varies each component of
+        the label s by up to 0.7 rad in steps of 0.06 rad, and refines the best label. With ``far``,
+        it varies them by up to 2.4 rad, which for r = 1 covers the self-motion inside the limits.
+        The search at a pose ends when its margin is at least ``enough``.
         """
         r, most, best = at.n_ref.shape[2], self.least(at), at.Q.copy()
         here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
         s, goals = here.copy(), chart.goals(at.U)
 
         def look(label: Array, Q: Array) -> None:
-            """Evaluate the margin at the labels (K, r), and keep the largest margin of each pose.
+            """Evaluate the margin at one label per pose, (K, r); keep it where it is the largest.
 
             Newton's method starts from the configurations Q (K, n), which are overwritten by the
             solutions.
@@ -253,10 +262,10 @@ def potential_gradients(chart: Chart, at: Points) -> Array:
 def leaf_margins(chart: Chart, at: Points) -> Array:
     """Evaluate the leaf margin ``σ_min(Nᵀ V̂) = 1 / ‖I − G J‖₂`` (K,) at points of a chart's leaf.
 
-    N spans the null space of J, V̂ the gradients of the chart's potentials, and G is the inverse
-    that holds these constant. The reciprocal of the margin, minus 1, is the extra joint speed of G
-    relative to J⁺ in the worst direction of ẋ. The margin is 0 where there is no point, or J loses
-    rank.
+    The orthonormal columns of N span the null space of J, those of V̂ the gradients of the chart's
+    potentials, and G is the inverse that holds these potentials constant. The reciprocal of the
+    margin, minus 1, is the extra joint speed of G relative to J⁺ in the worst direction of ẋ. The
+    margin is 0 where there is no point, or J loses rank.
     """
     margin = np.zeros(len(at.U))
     rows = np.flatnonzero(at.found)
@@ -288,11 +297,11 @@ class LeafMargin(Quantity):
 def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[Array, float]:
     """Compute body distances (K,), m, at Q (K, n), and the fraction of rows in collision.
 
-    Only the smallest of the distances is exact, as in :meth:`Bodies.distances`; it is found sooner
-    here. Where the convex hulls of bodies overlap, a collision test of the bodies takes forty times
-    as long as the distance of the hulls. So of these rows only the deepest are tested, until no
-    other can be a deeper collision, and a sample, which gives the fraction; the distance of the
-    others is set to 0. With ``quick``, only the deepest are tested.
+    Only the smallest distance is exact, as from :meth:`Bodies.distances`; a row without a collision
+    has the distance of convex hulls of the bodies, a lower bound. Where hulls overlap, the bodies
+    must be tested, which takes forty times as long. So two groups of these rows are tested: a
+    sample, from which the fraction is estimated, and the deepest, until no other row can be deeper.
+    The distance of the rest is set to 0. With ``quick``, only the 8 deepest are tested.
     """
     hulls = bodies.hull_distances(Q)
     overlap = np.flatnonzero(hulls < 0)
@@ -317,10 +326,10 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
 def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) -> Array:
     """Search for the poses at which each pair of bodies is nearest: coordinates (L, k).
 
-    Each pair that can come nearer than ``distance``, m, has a search of its own, since a pair whose
-    distance does not change, such as two links of a wrist, would hide all others. Poses are tried
-    at random, closer and closer to the best ones. At all returned poses, the function exists inside
-    the joint limits.
+    Each pair that can come nearer than ``distance``, m, has a search of its own with up to three
+    results, since a pair whose distance does not change, such as two links of a wrist, would hide
+    all others. Poses are tried at random (with ``seed``), closer and closer to the best ones. At
+    all returned poses, the function exists inside the joint limits.
     """
     cell = candidate.chart.cell
     bodies, rng = bodies_of(cell.task), np.random.default_rng(seed)
@@ -356,8 +365,8 @@ def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) ->
 def with_edges(cell: Cell, count: int, seed: int, rng: np.random.Generator) -> Array:
     """Sample poses of a cell, many of them at its edges, where bodies are nearest: (K, k).
 
-    The first ``count`` are Sobol points drawn with ``seed``, with a third of their coordinates
-    moved to the nearer end of the range by ``rng``. The others are the corners.
+    The first ``count`` are Sobol points drawn with ``seed``. A third of their coordinates, which
+    ``rng`` selects, is moved to the nearer end of the range. The other poses are the corners.
     """
     U = cell.sample(count, seed)
     U = np.where(rng.random(U.shape) < _EDGES, np.sign(U), U)
@@ -365,7 +374,7 @@ def with_edges(cell: Cell, count: int, seed: int, rng: np.random.Generator) -> A
 
 
 def _inside(candidate: CandidateFunction, U: Array) -> tuple[Points, NDArray[np.bool_]]:
-    """Evaluate a function at U (K, k), and test where it exists inside the joint limits: (K,)."""
+    """Return the points of a function at U (K, k), and where they are inside the limits: (K,)."""
     at = candidate.at(U)
     margin = candidate.chart.cell.task.limit_margin(at.Q).min(axis=1)
     return at, np.asarray(at.found & (margin >= 0))
@@ -385,7 +394,7 @@ class CandidateFunction:
     terms : Monomials
         The N monomials T_t of the cell's coordinates u.
     a : (N, r) array
-        Coefficients of the label s.
+        Coefficients a_t of the label s, one row per monomial.
     """
 
     chart: Chart
@@ -414,9 +423,9 @@ class CandidateFunction:
 def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> Array:
     """Search the cell for poses with smaller margins, by projected gradient descent.
 
-    At the boundary of the cell, steps outward are suppressed. Return the coordinates (L, k) of all
-    poses that the descents evaluated, also those at which the function does not exist; the final
-    poses are last.
+    At the boundary of the cell, steps outward are suppressed. Return the coordinates (L, k) of the
+    poses that the descents visited: starts, steps that lowered the quantity, and poses at which the
+    function does not exist. The final poses are last.
 
     Parameters
     ----------
@@ -433,7 +442,7 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
     tried, visited = here, [here.U]
 
     def least(which: NDArray[np.intp], at: Points) -> Array:
-        """Evaluate at each of K points the quantity with the number ``which`` (K,): (K,)."""
+        """Evaluate one quantity at each of K points: (K,). ``which`` (K,) has their numbers."""
         values = np.empty(len(which))
         for i, quantity in enumerate(quantities):
             own = which == i

@@ -2,7 +2,11 @@
 
 Poses are solved by Newton's method. A ray is the motion along a straight line from the middle of
 the cell to a pose in it, with coordinates u (k,) from −1 to 1. Boxes grow around many middles at
-once. Limit margins are the smallest distance of a joint from its limits, rad or m.
+once, from a point to their full size. The limit margin of a configuration is the smallest distance
+of a joint from its limits, rad or m. G_d is the desired inverse, J⁺ the pseudoinverse of the task
+Jacobian J.
+
+Letters: n joints, m task coordinates, r = n − m, K poses, rays or middles.
 """
 
 from __future__ import annotations
@@ -48,12 +52,12 @@ def reached(
 ) -> tuple[Array, Array]:
     """Solve the inverse kinematics of K poses, by Newton's method with J⁺.
 
-    J⁺ is the pseudoinverse of the task Jacobian. No error is raised where a pose is not reached.
+    No error is raised where a pose is not reached.
 
     Parameters
     ----------
     cell
-        The cell, whose task errors are to become 0.
+        The cell, which has the task and measures its error, :meth:`Cell.errors`.
     p, R, Q : (K, 3), (K, 3, 3) and (K, n) arrays
         Positions, m, and rotations of the poses, and the initial configurations.
     inward
@@ -66,7 +70,8 @@ def reached(
     Q : (K, n) array
         Final configurations.
     left : (K,) array
-        Norm of the remaining task error, in m and rad; 0 where the pose is reached.
+        Norm of the remaining task error, in m and rad; below :data:`EXACT` where the pose is
+        reached.
     """
     task = cell.task
     inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
@@ -89,10 +94,10 @@ def reached(
 
 
 def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) -> list[int]:
-    """Select rows (K, ·) farther than a distance from each other; return their indices.
+    """Select rows (K, ·) farther than ``distance`` from each other; return their indices.
 
-    Among similar rows only the first one is selected, and at most ``count`` rows in all. ``norm``
-    is the order of the norm by which their difference is measured.
+    Rows are taken in order: a row is left out if it is too near to one that was taken before. At
+    most ``count`` are taken. ``norm`` is the order of the norm of the difference of two rows.
     """
     kept: list[int] = []
     for k, row in enumerate(rows):
@@ -113,7 +118,8 @@ class Rays(NamedTuple):
     U : (K, k) array
         End poses of the rays, in coordinates of the cell.
     Q, N : (K, n) and (K, n, r) arrays
-        Last configuration on each ray, and null-space basis there, aligned along the ray.
+        Last configuration on each ray, and basis of the null space of J there. The bases of
+        neighbouring points on a ray are chosen as similar as possible.
     reached : (K,) array
         Fraction of each ray that was followed; 1 means that the end pose was reached.
     least : (K,) array
@@ -131,7 +137,8 @@ def rays(desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int 
     """Follow straight rays from the middle of a cell to poses U (K, k), all rays at once.
 
     A ray is the motion of the desired inverse G_d along a straight line in the cell's coordinates,
-    by steps ``Δq = G_d (x_next − f(q))``. A ray stops at a singularity, or where a joint jumps.
+    by steps ``Δq = G_d (x_next − f(q))``. A ray stops at a singularity, or where a joint would move
+    by 0.5 rad or m in one step.
 
     Parameters
     ----------
@@ -173,7 +180,7 @@ def rays(desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int 
 class Grown(NamedTuple):
     """K middles around which a box of poses was grown, and how far it grows around each.
 
-    A box that the arm reaches as a whole grows to its full size.
+    Where the arm reaches the whole box, the box grows to its full size.
 
     Attributes
     ----------
@@ -184,7 +191,8 @@ class Grown(NamedTuple):
     margin : (K,) array
         Smallest limit margin at the points of the box at all its sizes, rad or m.
     ends : (K, C, n) array
-        Configurations at the C corners, edge middles and face centres of the box that grew.
+        Configurations at the C corners, edge middles and face centres of the grown box, in the
+        order of :meth:`Cell.rim`.
     """
 
     p: NDArray[Any]
@@ -195,10 +203,10 @@ class Grown(NamedTuple):
 
 
 def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Draw ``count`` random configurations; return positions (K, 3), m, and configurations.
+    """Draw K = ``count`` random configurations; return positions (K, 3), m, and these (K, n).
 
-    The positions are those of the frame, around which a box of poses is then grown. Coordinates
-    that the task does not command are those of the box's middle.
+    The positions are those of the frame, around which a box of poses is then grown. A coordinate
+    that the task does not command is that of the middle of ``box``.
     """
     task = box.task
     Q = random_configurations(task, count, rng)
@@ -211,10 +219,11 @@ def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array
 def grown(box: Cell, p: Array, Q: Array) -> Grown:
     """Grow a box around positions p (K, 3), m, to find how much of it the arm reaches there.
 
-    Inverse kinematics of the positions starts at Q (K, n). Positions that are not reached inside
-    the joint limits are left out. J⁺ moves the arm from each middle straight to all corners, edge
-    middles and face centres, by steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing when one
-    of these points is not reached or is singular, or a joint there leaves its limits.
+    ``box`` gives the full size and the orientation. Inverse kinematics of the positions starts at
+    Q (K, n). Positions that are not reached inside the joint limits are left out of the result.
+    J⁺ moves the arm from each middle straight to all corners, edge middles and face centres, by
+    steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing when one of these points is not reached
+    or is singular, or a joint there leaves its limits.
     """
     task, n = box.task, box.task.n
     p, Q = _middles(box, p, Q)
@@ -262,7 +271,8 @@ def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, 
 def _middles(box: Cell, p: Array, Q: Array) -> tuple[Array, Array]:
     """Solve for poses at positions p (K, 3), m, in the box's orientation, starting at Q (K, n).
 
-    Return the positions and configurations where this succeeds inside the joint limits.
+    Return the positions (L, 3) and configurations (L, n) of the L poses where this succeeds inside
+    the joint limits.
     """
     R = np.broadcast_to(box.placement.rotation, (len(p), 3, 3))
     Q, left = reached(box, p, R, Q, inward=True, iterations=40)

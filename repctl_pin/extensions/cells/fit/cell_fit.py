@@ -38,7 +38,7 @@ from ..evaluate.margins import (
     singular_values_of,
 )
 from ..evaluate.reach import Rays, rays
-from ..evaluate.turning import Turn, centred
+from ..evaluate.symmetric_coordinates import Turn, centred
 from ..geometry.cell import Cell
 from ..geometry.kinematics import null_bases, rows_of
 from ..geometry.sector import ANGLE, Sector
@@ -96,7 +96,8 @@ class CellFit:
     """Arguments of a design of a function over a cell, and methods that compute the design.
 
     The attributes are arguments of :func:`nearest_inverse_function`; ``keep`` means
-    ``incomplete="keep"``: the function may cover only a part of the cell.
+    ``incomplete="keep"``: the function may cover only a part of the cell. ``report`` is the
+    progress callback (step, fraction).
     """
 
     desired: Inverse
@@ -115,10 +116,10 @@ class CellFit:
         """Compute the best design over a cell, given configurations in its middle, the best first.
 
         A first design is made from the first configuration: a quick one if rays from there violate
-        limits, else a full one. If it is good, or its coverage is below 90 %, no other
+        limits, else a full one. If it is :meth:`good`, or its coverage is below 90 %, no other
         configuration is tried. Otherwise quick designs from all configurations are compared, and
-        the best configuration is used; if collisions are the only fault of the first design, only
-        configurations whose rays are free of collisions are compared.
+        the best configuration is used. If collisions are the only fault of the first design, only
+        configurations whose rays are free of collisions are compared with it.
 
         Return the configuration used (n,), and the best full design from it, or the reasons for
         failure.
@@ -147,8 +148,8 @@ class CellFit:
     def good(self, found: _Found, *, bodies: bool = True) -> bool:
         """Test whether a design covers the whole cell, far enough from limits and at a low cost.
 
-        The limit margin must be at least 40 % of the requested one.
-
+        The limit margin must be at least 40 % of the requested one, the extra joint speed below
+        2 %, and a coordinate with the range ``"all"`` must have 90 % of its joint's range.
         ``found`` can also be reasons for failure, which give False. With ``bodies=False``,
         collisions are allowed.
         """
@@ -166,9 +167,9 @@ class CellFit:
         """Design a function over one cell from the configuration q (n,) in its middle.
 
         Return the design, or the reasons for failure if too few poses are reached from the middle.
-        With ``quick``, the design is quick; with ``rough``, only its evaluation. ``guess`` is a
-        quick design from the same configuration, at which the fit with penalties begins; by default
-        none.
+        With ``quick``, nodes and evaluation are few and the degree is at most 2; with ``rough``,
+        only the evaluation is quick. ``guess`` is a quick design from the same configuration, at
+        which the fit with penalties begins; by default none.
         """
         self.report("the reference", 0.1)
         count = self.samples or (
@@ -232,11 +233,11 @@ class CellFit:
     def _first_chart(self, cell: Cell, q: Array, ends: Rays, quick: bool) -> Chart:
         """Fit the first chart to the ends of rays; its degree is such that n_ref follows N.
 
-        Where the null space N turns by more than 90° over a short distance, a polynomial n_ref of
-        low degree can be perpendicular to N, and the equations of the chart are singular though the
-        function is not. So for a cell with two coordinates, more rays are followed from the
-        configuration q (n,) in the middle, and the degree is raised until n_ref is not near
-        perpendicular to N at any of their ends.
+        N is the null space of J at the ends. Where it turns by more than 90° over a short distance,
+        a polynomial n_ref of low degree can be perpendicular to N, and the equations of the chart
+        are singular though the function is not. So for a cell with two coordinates, more rays are
+        followed from the configuration q (n,) in the middle, and the degree is raised until n_ref
+        is near N at all their ends. With ``quick``, there are fewer of these rays.
         """
         chart = Chart.fitted(cell, ends.U, ends.Q, ends.N, 2 if cell.k > 4 else 4)
         if cell.k != 2:
@@ -256,10 +257,10 @@ class CellFit:
     def priced(self, found: CellDesign, q: Array) -> CellDesign:
         """Add to a design over a sector the extra joint speed that its requested angle costs.
 
-        So the user sees what a smaller angle would save: it is the difference from a second design,
-        from the configuration q (n,) in the middle, with the angle ``"all"``. The design is
-        returned unchanged if its angle is not requested in rad, or if the joint stays far from its
-        limits at both ends of the angle.
+        The user thus sees what a smaller angle would save. The cost is the difference from a second
+        design with the angle ``"all"``, from the configuration q (n,) in the middle. It is
+        :attr:`Turn.price` in the result. The design is returned unchanged if its angle is not
+        requested in rad, or if the joint stays far from its limits at both ends of the angle.
         """
         sector = found.function.chart.cell
         names = found.cell.coordinate_names
@@ -285,8 +286,8 @@ class CellFit:
     def _highest(self, cell: Cell) -> int:
         """Return the highest degree to try for the polynomial s(u) of a function.
 
-        If the degree is "auto", the result is at most 6, and such that there are at most 260
-        unknowns.
+        It is the requested degree. For "auto", it is the highest degree up to 6 with at most 260
+        coefficients, and at least 1.
         """
         if self.degree != "auto":
             return int(self.degree)
@@ -326,7 +327,8 @@ class CellFit:
         Returns
         -------
         Descent, Monomials, tuple of (degree, cost)
-            The final coefficients, their monomials, and the degrees that were tried.
+            The final coefficients, their monomials, and the degrees that were tried, each with the
+            cost without penalties.
         """
         highest = min(2, self._highest(cell)) if quick else self._highest(cell)
         best: list[Descent] = []
@@ -354,7 +356,10 @@ class CellFit:
         return kept, terms, tuple(tried)
 
     def _constraints(self, cell: Cell, edge: Array, quick: bool) -> list[ActiveConstraint]:
-        """Make the constraints on margins at sampled poses and at corners ``edge`` (L, k)."""
+        """Make one constraint per kind of margin, at sampled poses and at corners ``edge`` (L, k).
+
+        With ``quick``, fewer poses are sampled.
+        """
         watched = cell.sample(512 if quick else min(4096, 256 << cell.k), self.seed + 3)
         return [
             ActiveConstraint(m, np.concatenate([watched[: m.watched], edge]))
@@ -362,9 +367,10 @@ class CellFit:
         ]
 
     def margins(self, cell: Cell, *, quick: bool = False) -> list[Margin]:
-        """Make the margins that the fit must meet: joint limits, and others if requested.
+        """Make the kinds of margins that the fit must meet: joint limits, and others if requested.
 
-        The others are the body distance and σ_min(J). A quick design checks fewer poses.
+        The others are the body distance and σ_min(J). With ``quick``, searches for small limit
+        margins start from fewer poses.
         """
         limits = limits_of(cell, self.limit_margin)
         found = [replace(limits, starts=24, violators=48) if quick else limits]
@@ -373,19 +379,18 @@ class CellFit:
 
 
 def _nodes(U: Array, terms: Monomials) -> Array:
-    """Return the first poses of U (K, k), enough to fit the monomials to them.
+    """Return the first poses of U (K, k), enough to fit the monomials ``terms`` to them.
 
-    The result has at least 256 poses and at least three per monomial, or all rows of U if these are
-    fewer.
+    They are at least 256, and at least three per monomial, if U has so many.
     """
     return U[: max(256, _power_of_two(3 * terms.size))]
 
 
 def _labels(guess: _Found, chart: Chart, U: Array) -> Array | None:
-    """Fit a polynomial of degree 2 to the labels s of a design's function in another chart.
+    """Write the function of the design ``guess`` in another chart, with s(u) of degree 2.
 
-    The next fit begins at its coefficients (N, r). ``U`` (K, k) are the poses of the fit. Return
-    None if there is no design, or if it is over another cell.
+    Return the coefficients (N, r) of s, fitted at the poses U (K, k); a fit in that chart begins at
+    them. Return None if ``guess`` is no design, or over another cell.
     """
     if not isinstance(guess, CellDesign) or guess.function.chart.cell is not chart.cell:
         return None
@@ -408,7 +413,8 @@ def _fit(cost: Cost, a: Array) -> Descent:
 def _follows(chart: Chart, U: Array, N: Array) -> bool:
     """Test whether n_ref of a chart is near the null spaces N (K, n, r) at all poses U (K, k).
 
-    σ_min(Nᵀ n̂_ref) must exceed 0.4, which is 0 where n_ref is perpendicular to N, and 1 in N.
+    σ_min(Nᵀ n̂_ref) must exceed 0.4. It is 0 if a direction of n_ref is perpendicular to N, and 1
+    if all are in N.
     """
     return bool(leaf_margin(N, chart.reference(U)[1]).min() > _UPRIGHT)
 
@@ -416,9 +422,10 @@ def _follows(chart: Chart, U: Array, N: Array) -> bool:
 def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, quick: bool) -> Chart:
     """Fit the final chart, in which the optimised function is s = 0 and fast to evaluate.
 
-    q_ref approximates the configurations of the function with the label of ``descent`` in
-    ``terms``, and n_ref the null spaces there. The degree is raised until n_ref follows the null
-    spaces and, except in a quick design, q_ref is accurate enough for two Newton steps.
+    The optimised function is written in ``chart``; the coefficients of its label s are those of
+    ``descent``, for the monomials ``terms``. q_ref of the final chart approximates its
+    configurations, and n_ref the null spaces there. The degree is raised until n_ref follows the
+    null spaces and, except with ``quick``, q_ref is accurate enough for two Newton steps.
     """
     degree = max(terms.degree, chart.monomials.degree, 3)
     while not quick and degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
@@ -444,10 +451,11 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, qui
 
 
 def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
-    """Reduce the degree of n_ref, the null-space directions of a chart, if it stays accurate.
+    """Reduce the degree of n_ref, the null-space directions of a chart, if n_ref stays accurate.
 
-    ``N`` (K, n, r) are the null spaces at the poses U (K, k), which n_ref approximates. A lower
-    degree makes the C code faster; it changes the function s = 0 by little, since q_ref stays.
+    ``N`` (K, n, r) are bases of the null spaces at the poses U (K, k), which n_ref approximates. A
+    lower degree makes the C code faster; it changes the function s = 0 by little, since q_ref
+    stays. If no lower degree is accurate, the chart is returned unchanged.
     """
     for degree in range(1, chart.monomials.degree):
         low = Monomials(chart.cell.k, degree)
@@ -463,7 +471,8 @@ def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
 def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
     """Return the reasons why a cell fails, from rays that could not be followed to their ends.
 
-    The ``share`` of each reason is the fraction of ``count`` poses.
+    ``count`` is the number of rays; the ``share`` of each reason is a fraction of it. Joint limits
+    that rays violate at their ends are a reason, too.
     """
     bad = ends.reached < 1
     near = ends.Q[np.argsort(-ends.reached)[:8]]
@@ -485,9 +494,11 @@ def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
 def _rank(found: _Found, limit_margin: float) -> tuple[float, bool, bool, float, float, float]:
     """Return the sort key of a design; larger keys are better.
 
-    Its entries are: coverage of the held-out poses, coverage of all poses, absence of collisions,
-    limit margin up to 0.4 of the requested margin, range of the symmetric coordinates, and negative
-    cost. Reasons for failure, in place of a design, have the lowest key.
+    Its entries are: coverage of the held-out poses (0 to 1); True if every evaluated pose is
+    covered; True without collisions; the limit margin, or 0.4 ``limit_margin`` if that is smaller;
+    the range of the symmetric coordinates, see :func:`_share`; and the negative cost.
+    ``limit_margin`` is the requested one, rad or m. Reasons for failure, in place of a design, have
+    the lowest key.
     """
     if not isinstance(found, CellDesign) or found.coverage == 0:
         return 0.0, False, False, -np.inf, -np.inf, -np.inf
@@ -503,11 +514,11 @@ def _rank(found: _Found, limit_margin: float) -> tuple[float, bool, bool, float,
 
 
 def _share(found: CellDesign) -> float:
-    """Compute the fraction of a joint's range that is left for an ``"all"`` coordinate.
+    """Compute the fraction of its joint's range that a coordinate with the range ``"all"`` gets.
 
-    A coordinate with this range, angle or spin, gets the range of its joint minus the joint's
-    motion over the cell. The result is the minimum over these coordinates, rounded to 5 %; 1 if
-    there are none.
+    Such a coordinate, angle or spin, gets the range of its joint, at most a full turn, minus the
+    joint's motion over the cell. The result is the minimum over these coordinates, rounded to 5 %;
+    1 if there are none.
     """
     cell = found.cell
     names = [cell.coordinate_names[i] for i in cell.free]

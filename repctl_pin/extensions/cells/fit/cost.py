@@ -6,7 +6,12 @@ s (r,) of a pose, a polynomial of its coordinates u (k,), is the position of F a
 there; its coefficients a are the unknowns. ∂F = ∂F/∂u, E = ∂x/∂u, and C = (EᵀE)^(−1/2) scales u to
 unit task speed. These three have also columns for the l coordinates that symmetries of the arm
 remove from u. Nodes are the poses at which the cost is evaluated. A chart consists of polynomials
-of u that approximate a configuration, from which s is measured, and the null space.
+q_ref and n_ref of u: q_ref approximates a configuration, from which s is measured, and n_ref the
+null space.
+
+Letters: n joints, r components of s, N monomials of u in which s is written, K nodes, L penalised
+poses, P margins of one kind per configuration. The residual is (∂F − G_d E) C. A hinge is
+max(0, asked − margin), by which a margin falls short of the asked value.
 """
 
 from __future__ import annotations
@@ -51,16 +56,16 @@ class _Value:
     ----------
     cost : float
         ``nearness + weight · Σ mean Σ_i max(0, asked − margin_i)²``. The outer sum is over the
-        penalties, one for each kind of margin, each mean over the poses of the penalty, and the
-        inner sum over the margins of that kind. Infinite if F does not exist at some pose.
+        penalties, one for each kind of margin. The mean is over the poses of the penalty, the inner
+        sum over the P margins of that kind. Infinite if F does not exist at some pose.
     nearness : float
         ``mean ‖(∂F − G_d E) C‖_F²`` over the nodes: the squared distance from G_d.
     desired_square : float
         ``mean ‖G_d E C‖_F²``. If G_d is J⁺, the extra joint speed is about
         ½ nearness / desired_square.
     points : Points
-        Configurations of F at the nodes and penalised poses.
-    ds : (K, r, k) array
+        Configurations of F at the K nodes, then at the L poses of each penalty.
+    ds : (K + L + …, r, k) array
         ∂s/∂u at the points.
     """
 
@@ -109,9 +114,9 @@ class Cost:
     U : (K, k) array
         Nodes over which the mean is taken.
     kept
-        Penalties on margins.
+        Penalties, one per kind of margin that is to be kept.
     weight
-        Weight of the penalties.
+        Factor of all penalties.
     """
 
     def __init__(
@@ -186,7 +191,10 @@ class Cost:
         return gradient.ravel(), 2 * _products(features, L, r)
 
     def _features(self) -> Array:
-        """Stack the monomials and their slopes (K, 1 + k + l, N), which map a to s and ∂s/∂u C."""
+        """Stack the monomials and their slopes at nodes and poses: (K + L + …, 1 + k + l, N).
+
+        Their products with a are s and, at the nodes, ∂s/∂u C; slopes at penalised poses are 0.
+        """
         features = np.zeros((len(self.U), 1 + self.C.shape[2], self.T.shape[1]))
         features[:, 0] = self.T
         onto = self.C[:, : self.chart.cell.k]
@@ -196,8 +204,8 @@ class Cost:
     def _nearness_terms(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate MᵀM (K, p, p) and Mᵀ residual (K, p) at the K nodes, each divided by K.
 
-        M is the derivative of the residual with respect to the p = r (1 + k + l) numbers of a node:
-        for each label s_j, s_j itself and the entries of ∂s_j/∂u C.
+        M is the derivative of a node's residual with respect to p = r (1 + k + l) numbers there:
+        for each component s_j of the label, s_j itself and the entries of ∂s_j/∂u C.
         """
         points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
         own, desired, B = self._joint_speeds(points, ds)
@@ -233,8 +241,8 @@ class Cost:
     def _penalty_terms(self, at: _Value, part: Penalty, where: slice) -> tuple[Array, Array]:
         """Evaluate DᵀD (L, r, r) and Dᵀ hinge (L, r) of one penalty, weighted as in the cost.
 
-        The hinges (L, P) are ``max(0, asked − margin)``, and D (L, P, r) are their derivatives with
-        respect to s. ``where`` are the rows of the penalty's poses among those of ``at``.
+        There are L P hinges, and D (L, P, r) are their derivatives with respect to s. ``where`` are
+        the rows of the penalty's poses among those of ``at``.
         """
         there = rows_of(at.points, where)
         hinge = _hinge(part, there.Q)
@@ -246,13 +254,16 @@ class Cost:
     def _joint_speeds(self, points: Points, ds: Array) -> tuple[Array, Array, Array]:
         """Evaluate ∂F C and G_d E C (K, n, k + l) at nodes, and ∂F/∂s (K, n, r).
 
-        The first two are the joint speeds of the function and of the desired inverse per unit of
-        task speed.
+        The first two are the joint velocities of the function and of the desired inverse per unit
+        of task speed. ``ds`` is ∂s/∂u at the nodes.
         """
         return self.chart.joint_speeds(self.desired, points, ds, self.C)
 
     def _residual(self, points: Points, ds: Array) -> Array:
-        """Evaluate the residual ``(∂F − G_d E) C`` (K, n, k + l), whose mean square is the cost."""
+        """Evaluate the residual ``(∂F − G_d E) C`` at K nodes: (K, n, k + l).
+
+        The mean of its squared norm is the cost without penalties.
+        """
         own, desired, _ = self._joint_speeds(points, ds)
         return own - desired
 
@@ -261,9 +272,10 @@ def _products(features: Array, L: Array, r: int) -> Array:
     """Evaluate ``Σ (Lᵀ f)ᵀ (Lᵀ f)`` over all poses, with f = blockdiag(features): (N r, N r).
 
     The result is half of the Hessian of the cost. ``features`` (K, 1 + k, N) are the monomials and
-    their slopes, the same for each of the r labels; k counts the removed coordinates, too. L (K, r
-    (1 + k), r (1 + k)) are the lower Cholesky factors of the matrices of the poses. Rows of label j
-    have entries only in the first j + 1 of r blocks; the products leave out the others.
+    their slopes, the same for each of the r components of the label; here k counts the removed
+    coordinates, too. L (K, r (1 + k), r (1 + k)) has one lower Cholesky factor per pose. In L, the
+    rows of component j have entries only in the first j + 1 of r blocks; the products leave out the
+    other blocks.
     """
     p, N = features.shape[1:]
     rows = []
@@ -281,10 +293,7 @@ def _products(features: Array, L: Array, r: int) -> Array:
 
 
 def _hinge(part: Penalty, Q: Array) -> Array:
-    """Evaluate how far each of P margins falls short of the asked value at Q (L, n): (L, P).
-
-    It is ``max(0, asked − margin)``; the cost contains its square.
-    """
+    """Evaluate the hinges ``max(0, asked − margin)`` of a penalty at Q (L, n): (L, P)."""
     return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
 
 
@@ -296,13 +305,13 @@ class Descent:
     Attributes
     ----------
     a : (N, r) array
-        Final coefficients.
+        Final coefficients of the label s.
     value : _Value
         The cost at a, with the configurations of F.
     start : float
         The cost at the initial coefficients.
     steps : int
-        Number of steps.
+        Number of steps taken.
     """
 
     a: Array
@@ -330,7 +339,8 @@ def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
 class _Problem:
     """The cost as a problem for :func:`levenberg_marquardt`, which minimises it.
 
-    The damping is scaled with the diagonal D of the Hessian H.
+    Letters: g and H are gradient and Gauss–Newton Hessian of the cost, D a diagonal matrix that
+    scales the damping.
     """
 
     def __init__(self, cost: Cost) -> None:
@@ -349,10 +359,10 @@ class _Problem:
         return self.cost.value(x).cost
 
     def model(self, at: Point[_Value]) -> tuple[Array, Array, Array]:
-        """Evaluate gradient (N r,), Gauss–Newton Hessian (N r, N r), and its diagonal (N r,).
+        """Evaluate g (N r,), H (N r, N r), and the diagonal (N r,) of D.
 
-        ``at`` is the result of :meth:`evaluate`. Labels that hardly change the cost are held, see
-        :func:`_held`; the diagonal is that of :func:`_scaling`.
+        ``at`` is the result of :meth:`evaluate`. Terms are added to H that hold components of the
+        label which hardly change the cost, see :func:`_held`. D is from :func:`_scaling`.
         """
         gradient, H = self.cost.model(at.data)
         return gradient, _held(H, at.data), _scaling(H)
@@ -360,7 +370,7 @@ class _Problem:
     def step(self, model: tuple[Array, Array, Array], damping: float) -> Step:
         """Solve ``(H + μ D) dx = −g`` with μ = ``damping``, for one step of the minimisation.
 
-        ``model`` is the gradient g, the Hessian H and the diagonal D, from :meth:`model`.
+        ``model`` is (g, H, D), from :meth:`model`.
         """
         gradient, H, scale = model
         matrix = H + np.diag((damping + _REGULAR) * scale)
@@ -379,7 +389,7 @@ def _scaling(H: Array) -> Array:
 
 
 def _held(H: Array, at: _Value) -> Array:
-    """Add terms to the Hessian H (N r, N r) that keep labels with hardly any effect constant.
+    """Add terms to the Hessian H (N r, N r) that hold label components with hardly any effect.
 
     In an axis task, a joint that turns the tool about its axis changes the task coordinates only
     because the URDF is rounded, for example 1.5708 in place of π/2. Newton's step along such a

@@ -31,7 +31,7 @@ from ....strategies.strategy import AN_INVERSE, Inverse
 from ..cell_design_result import CellDesign
 from ..evaluate.cell_failures import FailureReason, round_the_base
 from ..evaluate.reach import rays
-from ..evaluate.turning import reduced
+from ..evaluate.symmetric_coordinates import reduced
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import LEAST_WIDTH
 from ..place.posture_search import Candidate, given, searched
@@ -59,8 +59,8 @@ class NoFunctionError(InputError):
     failures : tuple of FailureReason
         Reasons for failure.
     fits : float
-        Factor below 1 with which the cell, scaled about its middle, is covered; 0 if none was
-        found.
+        Scale, a factor below 1 of all half-widths, at which one function covers the cell; 0 if none
+        was found. The middle stays.
     partly : bool
         True if a function covers some of the poses; ``incomplete="keep"`` then works.
 
@@ -195,8 +195,9 @@ def nearest_inverse_function(
 def _found(fit: CellFit, cell: Cell, posture: Any, incomplete: str) -> CellDesign:
     """Find the function over the cell, or over the part that ``incomplete`` allows.
 
-    ``fit`` has the arguments of the design, and ``posture`` is the configuration in the middle;
-    None to search for it. NoFunctionError is raised if there is no such function.
+    ``fit`` has the arguments of the design, and ``posture`` (n,) is the configuration in the
+    middle; None to search for it. ``incomplete`` is the argument of
+    :func:`nearest_inverse_function`. NoFunctionError is raised if there is no such function.
     """
     fit.report("the middle posture", 0.0)
     postures = (
@@ -259,9 +260,10 @@ def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
 
 
 def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
-    """Return a cell without the symmetric coordinates that the design does not need.
+    """Return a cell without the symmetric coordinates, which make a design slower.
 
-    A requested body distance, or a desired inverse without the symmetry, requires all coordinates.
+    A ``body_distance`` above 0 requires all coordinates, and ``desired`` those in which it is not
+    symmetric itself.
 
     Raises
     ------
@@ -281,9 +283,9 @@ def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
 
 
 def _margin(value: float, name: str, unit: str = "") -> float:
-    """Check a requested margin, which may be 0, and return it as float.
+    """Check a requested margin, from 0 to 1e6, and return it as float; else raise an InputError.
 
-    ``name`` and ``unit`` are for the error message.
+    ``name`` of the argument and ``unit`` are for the message.
     """
     number = positive(value, name, unit, zero=True)
     if number > _LARGE:
@@ -296,15 +298,14 @@ def _largest(fit: CellFit, cell: Cell, q: Array, *, quick: bool) -> tuple[float,
 
     The cell is scaled about its middle, where the configuration is q (n,). Rays, which are motions
     along straight lines from there to corners and other poses, give a first guess; designs confirm
-    or lower it. With ``quick``, the designs are faster and less accurate. The remedy of an error
-    names the scaled cell, and ``incomplete="shrink"`` applies it.
+    or lower it. With ``quick``, the designs are faster and less accurate.
 
     Returns
     -------
     factor : float
-        0 if no smaller cell is covered.
+        The scale; 0 if no smaller cell is covered.
     design : CellDesign or None
-        Design over the scaled cell.
+        Design over the scaled cell; None with factor 0.
     """
     U = np.concatenate([cell.corners(), cell.sample(32, fit.seed)])
     if cell.widths[cell.widths > 0].min() < LEAST_WIDTH / _LEAST_FACTOR:

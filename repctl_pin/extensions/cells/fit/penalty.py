@@ -6,7 +6,8 @@ must be met at every pose at which the arm can meet it. Coefficients a (N, r) ar
 position of the function along the self-motion, in N monomials of the coordinates u (k,) of a pose.
 A leaf is the set of configurations with one value of s; nearby leaves are those with slightly
 different values. Nodes are the poses at which the cost is evaluated. A chart consists of
-polynomials of u that approximate a configuration, from which s is measured, and the null space.
+polynomials of u that approximate a configuration, from which s is measured, and the null space. The
+label is s, with r components.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ _GRID = 0.05
 
 
 def padded(a: Array, terms: Monomials) -> Array:
-    """Extend polynomial coefficients a (M, …) with zeros to the monomials of a higher degree."""
+    """Extend coefficients a (M, …) with zeros to the N ≥ M monomials ``terms``: (N, …)."""
     return np.pad(a, ((0, terms.size - len(a)), *[(0, 0)] * (a.ndim - 1)))
 
 
@@ -58,8 +59,8 @@ class ActiveConstraint:
     edge : (L, k) array
         Poses at which the margin is penalised.
     asked : (L,) array
-        Margin that the penalty asks for at each of these poses: the required margin or, if smaller,
-        a value slightly below the largest margin on nearby leaves.
+        Margin that the penalty asks for at each pose of ``edge``: the required margin or, if
+        smaller, a value slightly below the largest margin on nearby leaves.
     """
 
     def __init__(self, margin: Margin, U: Array) -> None:
@@ -69,9 +70,10 @@ class ActiveConstraint:
     def short(self, candidate: CandidateFunction) -> bool:
         """Test whether the margin of a candidate function is too small; add poses where it is.
 
-        A search for smaller margins starts at the checked poses with the smallest margins; poses
-        that it finds are added to the checked ones. If the margin is too small somewhere, the worst
-        poses are added to the penalised ones.
+        It is too small at a pose if it falls short of what ``asked`` would be there by more than
+        the slack of the margin. A search for smaller margins starts at the checked poses with the
+        smallest margins; poses that it finds are added to the checked ones. If the margin is too
+        small somewhere, the worst poses are added to the penalised ones.
         """
         margin = self.margin
         near = margin.least(candidate.at(self.U))
@@ -100,7 +102,7 @@ class ActiveConstraint:
         return True
 
     def penalty(self, candidate: CandidateFunction) -> Penalty:
-        """Make the penalty at the penalised poses where a candidate function exists."""
+        """Make the penalty for the cost, at the poses of ``edge`` where the candidate exists."""
         there = candidate.at(self.edge).found
         return Penalty(self.margin, self.edge[there], self.asked[there])
 
@@ -118,9 +120,10 @@ class PenaltyMethod:
     nodes : (K, k) array
         Nodes of the cost.
     constraints
-        The margins that are penalised.
+        One constraint per kind of margin; a minimisation adds poses to them.
     rounds
-        Maximum number of rounds; each raises the weight of the penalties or adds poses.
+        Maximum number of rounds; each raises the weight of the penalties or adds poses. With 0,
+        nothing is penalised.
     """
 
     def __init__(

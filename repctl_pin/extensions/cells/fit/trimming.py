@@ -7,6 +7,9 @@ coordinates" include it. Its range ``"all"`` ends only at the limits of that joi
 motion along a straight line from the middle of the cell. A quick design is faster and less
 accurate. A chart is the pair of polynomials of u in which a function is written. Extra joint speed
 is the joint speed relative to that of the desired inverse, such as J⁺, minus 1.
+
+The argument ``fit`` has the arguments of the design, ``limits`` what a function must meet. K poses
+are the rows of U (K, k). A corner, low or high (k,), has the ends of all ranges, from −1 to 1.
 """
 
 from __future__ import annotations
@@ -28,7 +31,7 @@ from ..chart.chart import Chart
 from ..evaluate.cell_evaluation import Sample, evaluate_cell, sampled
 from ..evaluate.margins import CandidateFunction, nearest_by_pair, with_edges
 from ..evaluate.reach import rays
-from ..evaluate.turning import expanded, narrowed
+from ..evaluate.symmetric_coordinates import expanded, narrowed
 from ..geometry.cell import Cell
 from ..geometry.cut import cut_sides
 from ..geometry.kinematics import placed
@@ -66,8 +69,8 @@ _LEAST = 0.05
 class Window(NamedTuple):
     """Range of the angle around the arm.
 
-    ``outward`` (3,) is the unit vector, base axes, from the arm's axis toward the middle of the
-    range, and ``half`` its half-width, rad.
+    ``outward`` (3,) is the horizontal unit vector, base axes, from the axis of the sector toward
+    the middle of the range; ``half`` is the half-width of the range, rad.
     """
 
     outward: Array
@@ -75,7 +78,7 @@ class Window(NamedTuple):
 
 
 class Required(NamedTuple):
-    """Limits that a function must meet on the part of a cell that is left.
+    """Limits that a function must meet on the part of a cell that is left, besides covering it.
 
     Attributes
     ----------
@@ -99,10 +102,10 @@ def trimmed(
 ) -> CellDesign | None:
     """Move sides of a cell inward until one function meets the limits on the rest; design it.
 
-    ``fit`` has the arguments of the design. Quick designs show how far to move most sides. ``q``
-    (n,) is the configuration in the middle, ``guess`` a quick design from there, if there is one.
-    The function of full accuracy is designed only once; where it fails, sides are moved until the
-    same function covers the rest. Return None if less than 5 % of the cell would be left.
+    Quick designs show how far to move most sides. ``q`` (n,) is the configuration in the middle,
+    ``guess`` a quick design from there, if there is one. The function of full accuracy is designed
+    only once; where it fails, sides are moved until the same function meets the limits on the rest.
+    Return None if less than 5 % of the cell would be left, or no part is found in six rounds.
     """
     volume = 1.0
     for _ in range(_ROUNDS):
@@ -127,9 +130,9 @@ def trimmed(
 def _between(
     fit: CellFit, cell: Cell, q: Array, found: object, low: Array, high: Array
 ) -> tuple[Cell, Array] | None:
-    """Return the part of a cell between two corners (k,), and the configuration in its middle.
+    """Return the part of a cell between two corners (k,), and a configuration (n,) in its middle.
 
-    The configuration (n,) is that of the design ``found`` or, if this is no design, the end of a
+    The configuration is that of the design ``found`` or, if ``found`` is no design, the end of a
     ray from q (n,). Return None if it does not reach the middle, is singular or violates a limit.
     """
     part = cell._part(low, high)
@@ -156,10 +159,10 @@ def covered_share(
 def _failing(
     fit: CellFit, cell: Cell, q: Array, found: object, limits: Required
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Find where a function fails or exceeds limits: coordinates U (K, k), and True there (K,).
+    """Test at sampled poses whether a function fails or exceeds limits: return U (K, k), bad (K,).
 
-    ``found`` is a design or, if it failed, anything else: a pose then counts as failing if the ray
-    to it from the configuration q (n,) in the middle stops before the pose, or violates a limit.
+    ``bad`` is True at such poses. ``found`` is a design; else a pose is bad if the ray to it from
+    the configuration q (n,) in the middle stops before the pose, or violates a joint limit.
     """
     U = np.concatenate([cell.sample(_POSES, 17), cell.corners()])
     if not isinstance(found, CellDesign):
@@ -200,10 +203,11 @@ def near_all_round(
 ) -> NDArray[np.bool_]:
     """Test at which configurations Q (K, n) bodies are too near, however the arm is turned: (K,).
 
-    They are too near below ``distance``, m. Where they are so at some angles only, a sector is cut
-    along its angle instead of its radius. So each configuration is tested at several of the
-    ``angles``, rad, from the first to the last, as far as the limits of the joint ``around``, which
-    turns the whole arm, allow. Without such a joint, each configuration is tested as it is.
+    Bodies are too near below ``distance``, m. The joint ``around`` turns the whole arm. Each
+    configuration is tested at six angles between the two ``angles``, rad, as far as the limits of
+    this joint allow; the result is True if bodies are too near at all of them. (Where they are too
+    near at some angles only, a sector is cut along its angle instead of its radius.) If ``around``
+    is None, each configuration is tested as it is.
     """
     bodies = bodies_of(task)
     if around is None:
@@ -222,10 +226,10 @@ def near_all_round(
 
 
 def turned(task: Task, Q: Array, around: Symmetry, angle: float) -> Array:
-    """Turn the arm at configurations Q (K, n) by an angle, rad, about the axis of a joint.
+    """Turn the arm at configurations Q (K, n) by an angle, rad, with the joint ``around``.
 
     In the result (K, n), this joint is less than a full turn above its lower limit, and can be
-    beyond its upper one.
+    beyond its upper one. (Without limits, it is from 0 to a full turn.)
     """
     Q, low = Q.copy(), task.lower[around.joint]
     low = low if np.isfinite(low) else 0.0
@@ -248,8 +252,8 @@ def _range(cell: Cell, window: Window | None) -> tuple[float, float]:
 def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) -> Array:
     """Return the configuration (n,) at the pose u (k,): of the design, or at the end of a ray.
 
-    The ray begins at q (n,), and is used if ``found`` is no design. If the design moved the sector
-    along symmetric coordinates, the result is moved back.
+    The ray begins at q (n,), and is used if ``found`` is no design. A design may have moved its
+    sector along symmetric coordinates; the result is for the sector ``cell``, before that.
     """
     if not isinstance(found, CellDesign):
         return rays(fit.desired, cell, q, u[None]).Q[0]
@@ -289,8 +293,9 @@ def _cut_until_good(
 ) -> CellDesign | None:
     """Cut a cell along some of its coordinates until a function meets ``limits`` on the rest.
 
-    The limits are tested at sampled poses, and at poses that searches and the evaluation find. With
-    ``bodies_only``, only the body distance is tested.
+    ``coordinates`` are their numbers in the cell. The limits are tested at sampled poses, and at
+    poses that searches and the evaluation find. With ``bodies_only``, only the body distance is
+    tested. Return the design over the rest; None if it would be less than 5 % of the cell.
     """
     chart, left, design = found.function.chart, 1.0, found
     stops = _stops(found, limits, bodies_only)
@@ -326,10 +331,10 @@ def _cut_until_good(
 
 
 def _weights(cell: Cell, coordinates: Sequence[int]) -> Array:
-    """Weigh the loss of each coordinate's range against that of radius and height: one number each.
+    """Return one weight per coordinate, for :func:`cut_sides`: how much a loss of its range counts.
 
-    A sector over a fraction s of a full turn counts as (1 + s) / 2 of a whole one, so a loss of
-    angle or spin weighs s / (1 + s).
+    Radius, height and tilts have the weight 1. A sector over a fraction s of a full turn counts as
+    (1 + s) / 2 of a whole one, so a loss of a symmetric angle or spin weighs s / (1 + s).
     """
     s = cell.widths[list(coordinates)] / np.pi
     turns = np.isin(coordinates, [one.coordinate for one in cell.removed])
@@ -339,8 +344,8 @@ def _weights(cell: Cell, coordinates: Sequence[int]) -> Array:
 def _stops(design: CellDesign, limits: Required, bodies_only: bool) -> Array:
     """Return the poses at which the evaluation of a design found a failure, in all coordinates.
 
-    The shape is (K, k). Collisions are among them only if ``limits`` require a body distance; with
-    ``bodies_only``, nothing else is.
+    The shape is (K, k). Poses with collisions are included only if ``limits`` require a body
+    distance, other failures only without ``bodies_only``.
     """
     collide = bool(np.isfinite(limits.distance))
     return np.array(
@@ -357,7 +362,7 @@ def _uncovered(
 ) -> NDArray[np.bool_]:
     """Test at which poses U (K, k), in all coordinates, a function fails or is too fast: (K,).
 
-    For too much joint speed and ``dear``, see :func:`_too_dear`.
+    :func:`_too_dear` tests the joint speed, and explains ``dear``.
     """
     at = sampled(fit.desired, CandidateFunction.zero(chart), chart.cell._split(U)[0])
     return np.asarray(~at.covered | _too_dear(at, limits, dear=dear))
@@ -397,8 +402,9 @@ def _nearer(candidate: CandidateFunction, U: Array, distance: float) -> NDArray[
 def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> Chart:
     """Return the chart of the same function over a part of its cell.
 
-    ``ends`` has the new ends, from −1 to 1, by index of the coordinate. If a range ended at the
-    limits of a joint, an end that is not cut moves inward by the limit ``margin``, rad.
+    ``ends`` has the new ends (low, high), from −1 to 1, by number of the coordinate in the cell. If
+    a range ``"all"`` ended at the limits of a joint, its ends move inward by at least ``margin``,
+    rad.
     """
     cell, ranges = chart.cell, {}
     for i, (low, high) in ends.items():
@@ -414,7 +420,7 @@ def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> C
 def _evaluated(fit: CellFit, found: CellDesign, chart: Chart, limits: Required) -> CellDesign:
     """Evaluate the function of the design ``found`` over the cut ``chart``; return its new design.
 
-    Its requested body distance is that of the limits.
+    The requested body distance of the new design is that of ``limits``, if they have one.
     """
     evaluation = evaluate_cell(
         fit.desired,
@@ -442,7 +448,7 @@ def _evaluated(fit: CellFit, found: CellDesign, chart: Chart, limits: Required) 
 
 
 def _how(found: CellDesign) -> dict[str, object]:
-    """Return the attributes of a design that do not depend on the cell, by name."""
+    """Return the attributes by name that a design keeps when its cell is cut."""
     names = ["degrees", "samples", "held_out", "seed", "steps"]
     names += [f"requested_{name}" for name in ("limit_margin", "body_distance", "sigma_min")]
     return {name: getattr(found, name) for name in names}

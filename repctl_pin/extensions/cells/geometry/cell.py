@@ -5,9 +5,13 @@ difference from the middle of the cell. The coordinates u (k,) of a pose are the
 the half-widths, from −1 to 1 in the cell. A task coordinate does not belong to u if its half-width
 is 0, or if a symmetry of the arm removes it: then a single joint moves the frame along it, and a
 function q = F(x) over the cell, which gives one configuration for each pose, is designed without
-it. l is the number of removed coordinates. A chart consists of polynomials of u, of which q_ref
+it. The number of removed coordinates is l. A chart consists of polynomials of u, of which q_ref
 approximates F. A sector is a cell in cylindrical coordinates, among them the angle about its axis
 and the spin about the axis of the tool.
+
+Letters: n joints, p (K, 3), m, and R (K, 3, 3) are positions and rotation matrices of the frame at
+K poses, in base axes. Q (K, n) are configurations, U (K, k) coordinates u, Y (K, m) offsets. A
+corner, low or high (k,), has the ends of all ranges of u in a part of the cell.
 """
 
 from __future__ import annotations
@@ -76,12 +80,12 @@ class Cell:
     placement
         Middle of the cell: a rigid transform, a homogeneous matrix (4, 4), or a position (3,) with
         the orientation of the task's reference.
-    half_width : float or (k,) array
-        w, m: one number, or one per position that the task commands, in base axes.
-    half_angle : float or (3,) array
-        θ, rad: one number, or one per axis; with 0 the cell has one orientation. With one number,
-        every rotation by an angle up to θ is inside, and some by larger angles, because each
-        component of ω is bounded separately.
+    half_width : float or (P,) array
+        w, m: one number, or one for each of the P positions that the task commands, in base axes.
+    half_angle : float or (3,) or (2,) array
+        θ, rad: one number, or one per axis (two axes in an axis task); with 0 the cell has one
+        orientation. With one number, every rotation by an angle up to θ is inside, and some by
+        larger angles, because each component of ω is bounded separately.
 
     Attributes
     ----------
@@ -149,7 +153,9 @@ class Cell:
         margin: ArrayLike = 0.02,
         half_angle: ArrayLike = 0.0,
     ) -> Cell:
-        """Make the cell that encloses several poses or a closed path, with a margin.
+        """Make the smallest cell around poses or a closed path, and enlarge it by a margin.
+
+        Its sides are along the base axes. Its orientation is in the middle of those of the poses.
 
         Parameters
         ----------
@@ -208,7 +214,7 @@ class Cell:
         return Cell(self.task, self.placement, self.half_width * factor, turn)
 
     def _part(self, low: Array, high: Array) -> Cell:
-        """Return the part of the cell between two corners, low and high (k,), in coordinates u.
+        """Return the part of the cell with low ≤ u ≤ high, for two corners (k,).
 
         The middle of the rotations stays, so their range becomes narrower on both sides.
         """
@@ -222,7 +228,10 @@ class Cell:
         return range(len(self.half_width))
 
     def _kept_middles(self, low: Array, high: Array) -> tuple[Array, Array]:
-        """Narrow the corners (k,) of a part such that the middles of immovable coordinates stay."""
+        """Narrow a part of the cell so that only :attr:`_movable` coordinates change their middles.
+
+        The part is between the corners low and high (k,); return the new ones.
+        """
         half = np.minimum(-low, high)
         fixed = ~np.isin(self.moved, self._movable)
         return np.where(fixed, -half, low), np.where(fixed, half, high)
@@ -230,8 +239,8 @@ class Cell:
     def _middles_and_widths(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Compute the offset (m,) of the middle, and the half-widths (m,), of a part, m and rad.
 
-        The arguments are the corners of :meth:`_part`. Only the middles of the coordinates
-        :attr:`_movable` change.
+        The part is between the corners low and high (k,); the offset is from the middle of the
+        cell. It is 0 for coordinates that are not :attr:`_movable`.
         """
         low, high = self._kept_middles(low, high)
         middles, widths = np.zeros(len(self.widths)), self.widths.copy()
@@ -241,7 +250,7 @@ class Cell:
 
     @property
     def centre(self) -> Array:
-        """Values (m,) of all task coordinates at the cell's middle, m and rad; angles are 0."""
+        """Values (m,) of all task coordinates at the cell's middle, m and rad; rotations are 0."""
         centre = np.zeros(len(self.widths))
         positions = len(self.half_width)
         centre[:positions] = self.placement.translation[self.task.rows[:positions]]
@@ -266,7 +275,7 @@ class Cell:
         return p, (R.reshape(-1, 3) @ R_0).reshape(-1, 3, 3)
 
     def at(self, u: ArrayLike) -> pin.SE3:
-        """Convert coordinates u (k,) to a placement; 0 is the middle, ±1 the boundary."""
+        """Convert coordinates u (k,) to a placement: u = 0 is the middle, u_i = ±1 a side."""
         p, R = self.placements(vector(u, self.k, "u", "one per coordinate of the cell")[None])
         return pin.SE3(R[0].copy(), p[0])
 
@@ -281,10 +290,10 @@ class Cell:
         Returns
         -------
         U : (K, k) array
-            Coordinates u: 0 in the middle, ±1 on the boundary, beyond it outside the cell.
+            Coordinates u: 0 in the middle, from −1 to 1 in the cell, |u_i| > 1 outside.
         off : (K,) array
-            Largest deviation along a coordinate of width 0, which the cell holds constant, m or
-            rad; 0 in the cell.
+            Largest absolute deviation along a coordinate of width 0, which the cell holds constant,
+            m or rad; 0 in the cell.
         """
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y = self._measured(p, R)
@@ -303,9 +312,9 @@ class Cell:
         return self.inside(*self.coordinates(*stacked(self.task, [target], "target")))[0]
 
     def _contains(self, U: Array, off: Array) -> NDArray[np.bool_]:
-        """Test which placements lie in the cell, (K,).
+        """Test which of K placements lie in the cell: (K,).
 
-        U (K, k) and off (K,) are the results of :meth:`coordinates` for them.
+        U (K, k) and off (K,) are the results of :meth:`coordinates` for the placements.
         """
         within: NDArray[np.bool_] = np.all(np.abs(U) <= self._bounds + EDGE, axis=1)
         return within & (off <= TURNED)
@@ -344,9 +353,9 @@ class Cell:
         )
 
     def ratio(self, Q: ArrayLike) -> Array:
-        """Compute the factor by which to scale the cell so that a pose lies on its boundary: (K,).
+        """Compute the factors by which to scale the cell so that poses lie on its boundary: (K,).
 
-        The poses are those of the configurations Q (K, n). The factor is above 1 for a pose
+        The K poses are those of the configurations Q (K, n). A factor is above 1 for a pose
         outside, and infinite for one that deviates along a coordinate of width 0. Every region Ω,
         in which a design is valid, has this method.
         """
@@ -371,7 +380,8 @@ class Cell:
     def _tables(self) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
         """Return the members of the C struct :data:`CHART` that describe the cell, by their names.
 
-        The three dictionaries have arrays of integers, arrays of floats, and single numbers.
+        The three dictionaries have, in this order, arrays of integers, arrays of floats, and single
+        numbers.
         """
         lower, upper = self._range_of_offsets()
         bounds = np.where(self.widths == 0, TURNED, self.widths * (1 + EDGE))
@@ -423,23 +433,27 @@ class Cell:
         return along
 
     def _split(self, U: Array) -> tuple[Array, Array]:
-        """Split coordinates U (K, ·) of :attr:`whole` into those of this cell (K, k) and others.
+        """Split coordinates U (K, k + l) of :attr:`whole` into those of this cell and the removed.
 
-        The others are returned as the joint motion (K, n) that they add to a function F.
+        Return the former (K, k), and the joint motion (K, n), rad, which a function F adds to its
+        configurations for the latter.
         """
         kept = np.isin(self.whole.moved, self.moved)
         return U[:, kept], self.whole.spread(U)[:, self._removed] @ self.along.T
 
     def _lifted(self, U: Array) -> Array:
-        """Convert coordinates U (K, k) to those of :attr:`whole`; removed coordinates are 0."""
+        """Convert coordinates U (K, k) to those of :attr:`whole`, (K, k + l).
+
+        The removed coordinates are 0.
+        """
         Y, whole = self.spread(U), self.whole
         return (Y - whole._offset)[:, whole.moved] / whole._active_widths
 
     def _away(self, Q: Array, q_ref: Array, p: Array, R: Array) -> Array:
-        """Evaluate Q − q_ref (K, n), the difference of configurations from a chart's reference.
+        """Evaluate the difference Q − q_ref (K, n) from a chart's reference configurations (K, n).
 
-        The joint motion along removed coordinates is subtracted, and full turns of these joints,
-        too. p (K, 3), m, and R (K, 3, 3) are the placements of Q.
+        The motion of joints along the removed coordinates is subtracted, and so are full turns of
+        these joints. p and R are the placements at Q.
         """
         away = Q - q_ref
         if self.removed:
@@ -477,7 +491,7 @@ class Cell:
         return tuple(self.task.joint_names[j] for j in joints if limited[j])
 
     def _changed(self: C, **changes: Any) -> C:
-        """Return a copy of the cell with the given attributes changed; they are not checked."""
+        """Return a copy of the cell with other values of the given attributes, not checked."""
         other = object.__new__(type(self))
         freeze(other, **vars(self) | changes)
         return other
@@ -488,7 +502,7 @@ class Cell:
     def twists(self, U: ArrayLike, R: ArrayLike) -> Array:
         """Evaluate E = ∂x/∂u (K, m, k + l), the task velocity per unit of each coordinate u.
 
-        The last l columns belong to the removed coordinates, per rad.
+        The last l columns are task velocities per rad of the removed coordinates.
 
         Parameters
         ----------
@@ -559,10 +573,10 @@ class Cell:
     def _dense_at_edges(self, count: int, seed: int) -> Array:
         """Sample 2 ``count`` poses of the cell, densely at its edges, and its corners: U (K, k).
 
-        In two coordinates, u has the density of Chebyshev nodes, 1 / √(1 − u²), with which a
-        polynomial that is fitted there is about as good at the edges as inside. In more
-        coordinates, too few of them would lie inside; half of them then have the density 2 |u|, the
-        others a constant one.
+        If k = 2, each coordinate has the density of Chebyshev nodes, 1 / √(1 − u²), with which a
+        polynomial that is fitted to the poses is about as good at the edges as inside. For other k,
+        too few of these would lie inside. So half of the poses have a constant density, the others
+        the density 2 |u|.
         """
         if self.k == 2:
             U = np.concatenate([self.sample(2 * count, seed), self.corners()])
@@ -571,15 +585,18 @@ class Cell:
         return np.concatenate([U, np.sign(U) * np.abs(U) ** 0.5])
 
     def corners(self) -> Array:
-        """Return the coordinates (K, k) of the corners of the cell, and of its face centres.
+        """Return the coordinates (K, k) of the corners of the cell, then of its face centres.
 
-        Sampled poses lie inside this boundary.
+        The evaluation adds them to sampled poses, which all lie inside.
         """
         faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
         return np.concatenate([np.array(list(product((-1.0, 1.0), repeat=self.k))), faces])
 
     def rim(self) -> Array:
-        """Return the coordinates (K, k) of corners, face centres and, for k = 3, edge middles."""
+        """Return the coordinates (K, k) of corners, face centres and, if k = 3, edge middles.
+
+        If k = 3 they are in the order of (u_1, u_2, u_3), else in that of :meth:`corners`.
+        """
         if self.k != 3:
             return self.corners()
         U = np.array(list(product((-1.0, 0.0, 1.0), repeat=3)))
@@ -597,7 +614,7 @@ class Cell:
 
     @property
     def coordinate_names(self) -> list[str]:
-        """Name of each of the m task coordinates, those of width 0 included."""
+        """Name of each of the m task coordinates, also of those of width 0."""
         positions = ["xyz"[i] for i in self.task.rows[: len(self.half_width)]]
         turns = (
             ["about x", "about y", "about z"]
@@ -664,7 +681,7 @@ class Cell:
 
     @property
     def _bounds(self) -> Array:
-        """Maximum |u_i| (k,) in the cell: 1, or for a range ``"all"`` π divided by the half-width.
+        """Maximum |u_i| (k,) of accepted poses: 1, or π / half-width for a range ``"all"``.
 
         The range ``"all"`` of a rotation ends only at the joint limits.
         """
@@ -675,19 +692,28 @@ class Cell:
 
     @property
     def _active_widths(self) -> Array:
-        """Half-widths (k,) of the coordinates u, m or rad, each equal to a change of u by 1."""
+        """Half-widths (k,), m or rad, of the task coordinates that belong to u."""
         return self.widths[self._active]
 
     def _widths_at(self, u: Array) -> Array:
-        """Return the half-widths (k,) at the coordinates u (k,), m and rad; constant in a box."""
+        """Return the half-widths (k,), m and rad, at the pose u (k,); the same everywhere in a box.
+
+        In some sectors, the half-width of the radius depends on the height.
+        """
         return self._active_widths
 
     def _middle_of(self, i: int) -> str:
-        """Write what the middle of the coordinate u_i depends on; empty in a box."""
+        """Write what the middle of the coordinate u_i depends on: in a box nothing, an empty text.
+
+        Error messages append the text to "from the middle".
+        """
         return ""
 
     def _values(self, Y: Array) -> Array:
-        """Return the values (K, m) of all task coordinates at offsets Y (K, m), m and rad."""
+        """Return the values (K, m) of the m task coordinates at offsets Y (K, m), m and rad.
+
+        They are offsets plus the values in the middle, :attr:`centre`.
+        """
         return np.asarray(self.centre + Y)
 
     @property
@@ -721,10 +747,10 @@ class Cell:
         return Y
 
     def vectors(self, turns: ArrayLike) -> Array:
-        """Convert the rotational coordinates, rad, to rotation vectors (K, 3) in base axes.
+        """Convert offsets of the rotation, rad, to rotation vectors (K, 3) in base axes.
 
-        ``turns`` are about the base axes, (K, 3), for a pose task, and about the x and y axes of
-        the middle placement, (K, 2), for an axis task.
+        The offsets ``turns`` are about the base axes, (K, 3), for a pose task, and about the x and
+        y axes of the frame in the middle of the cell, (K, 2), for an axis task.
         """
         (turns,) = as_matrices(
             ("turns", turns, f"K {3 if self.task.kind == 'pose' else 2}"), exact=True, finite=False
@@ -745,7 +771,8 @@ class Cell:
     def _frame_twists(self, Y: Array) -> Array:
         """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
 
-        Velocities are in base axes. Y (K, m) are the offsets, m and rad.
+        Column i is the velocity, in base axes, per unit of task coordinate i. Y (K, m) are the
+        offsets, m and rad.
         """
         positions = len(self.half_width)
         T = np.zeros((len(Y), 6, self.task.m))

@@ -2,7 +2,8 @@
 
 A cell is a box of poses, a sector a cell in cylindrical coordinates: radius, angle and height about
 an axis, two tilts of the tool, and its spin. Their arguments are the middle, half-widths, an axis,
-and placements. Invalid values raise an InputError that names the argument.
+and placements. Invalid values raise an InputError that names the argument. An axis, or line, (2, 3)
+is a point, m, and a unit direction, in base axes.
 """
 
 from __future__ import annotations
@@ -69,8 +70,8 @@ def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array
     """Convert half-widths, given as one number or one per coordinate, to an array (size,).
 
     Each must be 0, which holds the coordinate constant, or from 1e-6 to 1000, in ``unit``; else an
-    InputError is raised. ``name``, ``unit`` and ``each`` (such as "one per axis") are for its
-    message.
+    InputError is raised. The ``name`` of the argument, ``unit`` ("m" or "rad") and ``each`` (such
+    as "one per axis") are for its message.
     """
     try:
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
@@ -104,9 +105,9 @@ def of_positions(task: Task, value: ArrayLike, name: str) -> Array:
 def as_axis(task: Task, axis: ArrayLike | None) -> Array:
     """Convert the argument ``axis`` of a sector to a point, m, and a unit direction: (2, 3).
 
-    None is the base's z axis or, if it nearly coincides with this one, the axis of the joint that
-    turns the whole arm, so that the symmetry of the arm is exact. An InputError is raised if the
-    axis is not normal to the plane of a planar task.
+    None is the axis of the joint that turns the whole arm, if it nearly coincides with the base's z
+    axis: the symmetry of the arm is then exact. Otherwise, None is the base's z axis. An InputError
+    is raised if the axis is not normal to the plane of a planar task.
     """
     if axis is None and task.m > 2 and axis_symmetry(task, VERTICAL) is None:
         own = own_axis(task)
@@ -155,7 +156,10 @@ def as_height(task: Task, height: float) -> float:
 
 
 def as_turn(angle: Angle, name: str) -> float:
-    """Check the half-width of a sector's angle or spin, and return it, rad; ``"all"`` gives π."""
+    """Check the half-width of a sector's angle or spin, and return it, rad; ``"all"`` gives π.
+
+    ``name`` of the argument, ``angle`` or ``spin``, is for error messages.
+    """
     if isinstance(angle, str):
         require_choice(angle, ("all",), name)
         return np.pi
@@ -212,8 +216,8 @@ def no_joint(task: Task, name: str, line: Array) -> InputError:
     """Make the error that no joint of the arm allows the range "all" of ``angle`` or ``spin``.
 
     ``name`` is one of these. The range requires a joint that alone moves the frame along the
-    coordinate. The message states how far the axis of the nearest joint differs from the
-    coordinate's axis, which for the angle is ``line`` (2, 3), a point and a direction. If a joint
+    coordinate. The message states how far the axis of a joint differs from the axis of the
+    coordinate: for the angle, this is ``line`` (2, 3); for the spin, the tool's z axis. If a joint
     turns the arm about another axis, the remedy names that axis.
     """
     what = {

@@ -11,13 +11,13 @@ from ....base.arguments import Array
 def cut_sides(
     U: Array, bad: NDArray[np.bool_], inside: float = 0.01, weights: Array | None = None
 ) -> tuple[Array, Array]:
-    """Find a large box of coordinates without bad poses: its low and high corner (k,) each.
+    """Find a large box of coordinates without bad poses; return its low and its high corner, (k,).
 
     U (K, k) are poses in coordinates from −1 to 1, and ``bad`` (K,) is True where a function fails.
     One side at a time is moved inward: the side that loses the smallest volume per excluded bad
-    pose. It stops at the innermost of these poses, and by ``inside`` farther inward. With
-    ``weights`` (k,), a loss along one coordinate counts more or less than along another. Both
-    corners are equal if no box is left.
+    pose. It moves past the innermost of the poses that it excludes, by ``inside``. ``weights`` (k,)
+    are factors of the loss along each coordinate, by default 1. Both corners are equal if no box is
+    left.
     """
     k = U.shape[1]
     weights = np.ones(k) if weights is None else weights

@@ -1,7 +1,8 @@
 """Kinematics, rotations, linear systems and null-space bases of many configurations at once.
 
-Arrays have one row per configuration, and records are named tuples of such arrays. A singular
-matrix does not affect the results of the other rows.
+Arrays have one row per configuration, K in all, and records are named tuples of such arrays. A
+singular matrix does not affect the results of the other rows. Letters: n joints, m task
+coordinates, r = n − m; N are bases of the null space of J, J⁺ is the pseudoinverse of J.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ _arms: weakref.WeakKeyDictionary[Task, Any] = weakref.WeakKeyDictionary()
 def chain_for_c(task: Task) -> Any | None:
     """Return the kinematic chain of a task as a C struct for :func:`run`, cached per task.
 
-    None if there is no native library, or the task has more than 64 joints, which C cannot hold.
+    Return None without the native library, or with more than 64 joints, which C cannot hold.
     """
     if library() is None:
         return None
@@ -63,7 +64,7 @@ def run(name: str, arm: Any, count: int, *given: Any) -> None:
 
 
 def rows_of(record: Record, which: NDArray[Any] | list[int] | slice) -> Record:
-    """Select the rows ``which`` of all arrays of a record."""
+    """Select the rows ``which`` of all arrays of a record: a record of the same kind."""
     make: Any = type(record)
     selected: Record = make(*(each[which] for each in record))
     return selected
@@ -108,7 +109,7 @@ def solved(A: Array, b: Array) -> Array:
 
 
 def bases(J: Array, near: Array | None = None) -> tuple[Array, Array, Array]:
-    """Evaluate J⁺, null-space bases, and singular values of K Jacobians.
+    """Evaluate J⁺, null-space bases N, and singular values of K Jacobians.
 
     Unlike :func:`redundancy.pseudoinverse`, the function raises no error where J loses rank; J⁺ is
     then large.
@@ -148,7 +149,7 @@ def inverses(J: Array) -> tuple[Array, Array]:
 
 
 def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
-    """Evaluate null-space bases N (K, n, r), aligned to ``near``, and singular values (K, m).
+    """Evaluate null-space bases N, aligned to ``near``, both (K, n, r), and singular values (K, m).
 
     The results are those of :func:`bases`, but for r = 1 in half the time: N is then the normalised
     projection of ``near`` onto the null space, computed from the eigenvectors of J Jᵀ. Near

@@ -3,8 +3,8 @@ r"""Profile of a sector: its smallest and largest radius as polynomials of the h
 At a height η above the sector's middle, m, the radius is ``ρ = ρ_0 + b(η) + s(η) y``. ρ_0 is the
 radius of the middle and y the radial coordinate of the sector, from −w to w, m; w is the half-width
 of the radius in the middle. The bend b and the stretch s are polynomials with b(0) = 0 and s(0) =
-1. With b = 0 and s = 1, the sector has one range of radius at all heights. A straight line in the
-coordinates stays in the sector, whatever its profile.
+1. With b = 0 and s = 1, the sector has the same range of radius at all heights. With any profile,
+the coordinates of the sector form a box, so a straight line in them stays in the sector.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Profile(NamedTuple):
 
     @property
     def degree(self) -> int:
-        """Degree D of the polynomials; 0 for a sector with one range of radius."""
+        """Degree D of the polynomials; 0 if the range of radius is the same at all heights."""
         return len(self.bend) - 1
 
     def at(self, eta: Array, half: float) -> tuple[Array, Array, Array, Array]:
@@ -55,9 +55,10 @@ class Profile(NamedTuple):
         return b, s, db, ds
 
     def moved(self, y: float, eta: float) -> tuple[Profile, float]:
-        """Return the profile relative to another middle, at the coordinates y and η of this one, m.
+        """Return the profile relative to another middle, and a factor.
 
-        Return also the factor by which the half-width of the radius in the middle changes.
+        The new middle is at the radial coordinate ``y``, m, and the height ``eta``, m, relative to
+        the old one. The factor is that by which the half-width of the radius in the middle changes.
         """
         if not self.degree:
             return self, 1.0
@@ -78,10 +79,10 @@ class Profile(NamedTuple):
         return [rho + b - radius * s, rho + b + radius * s]
 
     def lowest(self, rho: float, radius: float, half: float) -> tuple[float, float]:
-        """Return the smallest radius, and the smallest range of radius, largest minus smallest, m.
+        """Return the minimum of the inner radius, and of outer minus inner radius, m.
 
-        They are the minima over all heights of a sector with the half-width ``half`` of the height,
-        the radius ``rho`` of the middle, and the half-width ``radius`` there, m.
+        The minima are over all heights η from −half to half, m. ``rho`` is the radius of the
+        middle, ``radius`` the half-width there, m.
         """
         low, high = self.sides(rho, radius)
         return _minimum(low, half), _minimum(high - low, half)
@@ -172,19 +173,19 @@ def _value(coefficients: Array, x: Array) -> Array:
 
 
 def _derivative(coefficients: Array) -> Array:
-    """Return the coefficients of the derivative of a polynomial, (0,) of a constant."""
+    """Return the coefficients of the derivative of a polynomial: (D,), or none for a constant."""
     return coefficients[1:] * np.arange(1, len(coefficients))
 
 
 def _moved(coefficients: ArrayLike, x: float) -> Array:
-    """Return the coefficients of the polynomial p(x + ·), as many as those of p."""
+    """Return the coefficients of the polynomial t ↦ p(x + t), as many as ``coefficients`` of p."""
     c = np.asarray(coefficients, float)
     moved = Polynomial(c)(Polynomial([x, 1.0])).coef
     return np.pad(moved, (0, len(c) - len(moved)))
 
 
 def _minimum(p: Polynomial, half: float) -> float:
-    """Find the minimum of a polynomial between −half and half."""
+    """Find the minimum value of a polynomial between −half and half."""
     roots = p.deriv().roots() if p.degree() > 1 else np.zeros(0)
     real = np.real(roots[np.abs(np.imag(roots)) < 1e-9])
     return float(p(np.concatenate([np.clip(real, -half, half), [-half, half]])).min())

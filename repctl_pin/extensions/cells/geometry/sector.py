@@ -3,8 +3,11 @@
 The axis is by default the base's z axis. A sector suits an arm whose first joint turns the whole
 arm: then a function need not be designed along the angle. The task coordinates of a pose are
 radius, angle, height, two tilts and spin, or the first m of them; offsets are their differences
-from the middle, m and rad. A coordinate is symmetric if a single joint moves the frame along it; it
-can be removed from the coordinates u of :class:`Cell`.
+from the middle, m and rad. They are numbered from 0 (``RADIUS``) to 5 (``SPIN``). A coordinate is
+symmetric if a single joint moves the frame along it; it can be removed from the coordinates u of
+:class:`Cell`, which also has the letters. The range of angle or spin can be ``"all"``, as far as
+the limits of that joint. The profile of a sector is its range of radius as a function of the height
+η above the middle.
 """
 
 from __future__ import annotations
@@ -206,7 +209,8 @@ class Sector(Cell):
     def _tables(self) -> tuple[dict[str, ArrayLike], dict[str, ArrayLike], dict[str, Any]]:
         """Return the members of the C struct :data:`CHART` that describe the sector, by name.
 
-        The three dictionaries have arrays of integers, arrays of floats, and single numbers.
+        The three dictionaries have, in this order, arrays of integers, arrays of floats, and single
+        numbers.
         """
         ints, reals, scalars = super()._tables()
         (radius, height), basis = self.middle, self.directions
@@ -228,14 +232,14 @@ class Sector(Cell):
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Radius and height of the middle, m: its distances from and along the sector's axis."""
+        """Radius and height of the middle, m: its distances from the axis, and along it from o."""
         away = self.placement.translation - self.axis[0]
         z = float(away @ self.axis[1])
         return float(np.linalg.norm(away - z * self.axis[1])), z
 
     @property
     def centre(self) -> Array:
-        """Values (m,) of all task coordinates at the middle of the sector, m and rad."""
+        """Values (m,) of the task coordinates in the middle, m and rad; all angles are 0."""
         rho, z = self.middle
         return np.array([rho, 0.0, z, 0.0, 0.0, 0.0])[: self.task.m]
 
@@ -246,7 +250,7 @@ class Sector(Cell):
 
     @property
     def directions(self) -> Array:
-        """Unit vectors at the middle, as rows (3, 3): radial, tangential, and along the axis."""
+        """Unit vectors at the middle, as rows (3, 3): outward, tangential, and along the axis."""
         a = self.axis[1]
         away = self.placement.translation - self.axis[0]
         outward = away - (away @ a) * a
@@ -292,7 +296,8 @@ class Sector(Cell):
     def _frame_twists(self, Y: Array) -> Array:
         """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
 
-        Velocities are in base axes. Y (K, m) are the offsets.
+        Column i is the velocity, in base axes, per unit of task coordinate i. Y (K, m) are the
+        offsets, m and rad.
         """
         y = _all_six(Y)
         T = np.zeros((len(y), 6, 6))
@@ -319,9 +324,9 @@ class Sector(Cell):
         return offset
 
     def _profiled(self, eta: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate bend, stretch, and their derivatives with respect to η, at heights η (K,), m.
+        """Evaluate bend b, stretch s, ∂b/∂η and ∂s/∂η at heights η (K,), m: four arrays (K,).
 
-        η is the height above the middle; the result are four arrays (K,), see :class:`Profile`.
+        η is the height above the middle, see :class:`Profile`.
         """
         half = self.widths[HEIGHT] * (1 + EDGE) if self.task.m > 2 else 0.0
         return self.profile.at(eta, half)
@@ -337,14 +342,17 @@ class Sector(Cell):
         return np.asarray(rho + bend[..., None] + stretch[..., None] * ends)
 
     def _values(self, Y: Array) -> Array:
-        """Return the values (K, m) of all task coordinates at offsets Y (K, m), m and rad."""
+        """Return the values (K, m) of the task coordinates at offsets Y (K, m), m and rad.
+
+        The radius also depends on the height.
+        """
         values = super()._values(Y)
         bend, stretch, *_ = self._profiled(_all_six(Y)[:, HEIGHT])
         values[:, RADIUS] = self.middle[0] + bend + stretch * Y[:, RADIUS]
         return values
 
     def _widths_at(self, u: Array) -> Array:
-        """Return the half-widths (k,) at u (k,), m and rad; the radius' depends on the height."""
+        """Return the half-widths (k,), m and rad, at u (k,): the radius' varies with the height."""
         widths = super()._widths_at(u).copy()
         if RADIUS in self.moved:
             _, stretch, *_ = self._profiled(_all_six(self.spread(u[None]))[:, HEIGHT])
@@ -361,24 +369,25 @@ class Sector(Cell):
     def without(self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None) -> Sector:
         """Return the sector with the coordinates of the given symmetries removed from u.
 
-        ``free`` are the indices, among the task coordinates, of those with the range ``"all"``; by
-        default those of this sector.
+        No other coordinates are removed. ``free`` has the numbers of the coordinates with the range
+        ``"all"``; by default those of this sector.
         """
         free = self.free if free is None else tuple(free)
         return self._changed(removed=tuple(symmetries), free=free)
 
     @classmethod
     def around(cls, *_: object, **__: object) -> Sector:
-        """Raise an InputError: unlike a :class:`Cell`, a sector is not made around given poses."""
+        """Raise an InputError: a sector, unlike a :class:`Cell`, cannot be made around poses."""
         raise InputError(
             "a sector is not made around poses; give its placement, radius=, height= and angle=, "
             "or use rp.Cell.around"
         )
 
     def scaled(self, factor: float) -> Sector:
-        """Return a sector with the same middle and scaled half-widths.
+        """Return a sector with the same middle and the half-widths multiplied by a factor.
 
-        Symmetric coordinates keep their half-widths.
+        Symmetric coordinates keep their half-widths. An InputError is raised if the inner and the
+        outer radius of the new sector meet.
         """
         factors = np.full(len(self.widths), positive(factor, "the factor"))
         factors[[one.coordinate for one in self.symmetries]] = 1.0
@@ -387,11 +396,10 @@ class Sector(Cell):
         return sector
 
     def _profiled_by(self, coefficients: Array) -> Sector:
-        """Return the sector with a profile, given its coefficients as in a file.
+        """Return the sector with another profile.
 
-        The profile is the range of radius as a function of the height. ``coefficients`` (2, D + 1)
-        are those of bend and stretch, see :class:`Profile`. InputError is raised if they are
-        invalid.
+        ``coefficients`` (2, D + 1), from a file, are those of bend and stretch, see
+        :class:`Profile`. InputError is raised if they are invalid.
         """
         good = coefficients.ndim == 2 and len(coefficients) == 2 and self.widths[HEIGHT:3].any()
         good = good and coefficients.shape[1] <= MOST_DEGREE + 1
@@ -410,7 +418,7 @@ class Sector(Cell):
         return sector
 
     def _require_open(self) -> None:
-        """Raise an InputError if the smallest and the largest radius meet at some height."""
+        """Raise an InputError if inner and outer radius meet, or the inner reaches the axis."""
         if not self.profile.degree:
             return
         w = self.widths
@@ -422,7 +430,7 @@ class Sector(Cell):
             )
 
     def _part(self, low: Array, high: Array) -> Sector:
-        """Return the sector between two corners, low and high (k,), in coordinates u.
+        """Return the part of the sector with low ≤ u ≤ high, for two corners (k,).
 
         The middle of the tilts stays, so their range becomes narrower on both sides.
         """
@@ -442,9 +450,9 @@ class Sector(Cell):
     def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:
         """Return a sector whose middle is moved along symmetric coordinates.
 
-        So a design centres a range between the limits of the joint. ``middles`` and ``halves`` are
-        the offsets of the new middle and the new half-widths, rad, by index of the coordinate. If
-        the tool tilts, the spin moves :attr:`spin_middle`, else the placement.
+        A design thus centres a range between the limits of the joint. ``middles`` has the offsets
+        of the new middle, ``halves`` the new half-widths, rad, by number of the coordinate. An
+        offset of the spin moves :attr:`spin_middle` if the tool tilts, else the placement.
         """
         y, widths = np.zeros(self.task.m), self.widths.copy()
         for i, middle in middles.items():
@@ -464,7 +472,7 @@ class Sector(Cell):
 
     @property
     def coordinate_names(self) -> list[str]:
-        """Name of each of the m task coordinates, those of width 0 included."""
+        """Name of each of the m task coordinates, also of those of width 0."""
         return ["radius", "angle", "height", "tilt about x", "tilt about y", "spin"][: self.task.m]
 
     @property
@@ -535,20 +543,20 @@ class Sector(Cell):
 
 
 def _all_six(Y: Array) -> Array:
-    """Append 0 for the coordinates of a sector that the task does not command: (K, 6).
-
-    The order is radius, angle, height, two tilts, spin.
-    """
+    """Append 0 to Y (K, m) for the coordinates that the task does not command: (K, 6)."""
     return np.pad(Y, ((0, 0), (0, 6 - Y.shape[1])))
 
 
 def _tilt_vectors(y: Array) -> Array:
-    """Return the rotation vectors (K, 3), rad, of the two tilts in the coordinates y (K, 6)."""
+    """Return the rotation vectors (K, 3), rad, of the two tilts in the offsets y (K, 6)."""
     return y[:, 3:5] @ np.eye(2, 3)
 
 
 def _at_radius(placement: pin.SE3, line: Array, rho: float) -> pin.SE3:
-    """Move a placement to a radius, m, from the axis ``line`` (2, 3), at its angle and height."""
+    """Move a placement to the radius ``rho``, m, from an axis; angle and height stay.
+
+    The axis ``line`` (2, 3) is a point, m, and a unit direction. A placement on it is not moved.
+    """
     origin, a = line
     away = placement.translation - origin
     outward = away - (away @ a) * a

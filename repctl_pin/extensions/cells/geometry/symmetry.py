@@ -34,9 +34,9 @@ in place of it. URDFs write π with as few as two decimals: 3.14 is 1.6e-3 off."
 class Symmetry:
     """A joint that changes only one coordinate of the frame in a sector, at every configuration.
 
-    If the joint moves by s, the coordinate increases by ``sign · s``. So F need not be designed
-    along the coordinate: where that of a pose x increases by y, the configuration becomes ``F(x) +
-    sign · y e_j``.
+    If the joint moves by s, rad, the coordinate increases by ``sign · s``. So F need not be
+    designed along the coordinate: if this coordinate of a pose x increases by y, the configuration
+    changes from F(x) to ``F(x) + sign · y e_j``, with e_j the unit vector of the joint.
 
     Attributes
     ----------
@@ -83,10 +83,10 @@ def own_axis(task: Task) -> Array | None:
 
 
 def last_axis(task: Task) -> tuple[str, Array]:
-    """Return the name of the last joint, which must be revolute, and its axis (2, 3) in frame axes.
+    """Return the name of the last joint, which must be revolute, and its axis (2, 3).
 
-    The point, m, is relative to the frame's origin. An error message compares the axis with the
-    tool's z axis.
+    The axis is in the axes of the task's frame, and its point, m, relative to the frame's origin.
+    An error message compares it with the tool's z axis.
     """
     q = np.array(task.reference)
     x = task.placement(q)
@@ -105,7 +105,7 @@ def difference(one: Array, other: Array) -> tuple[float, float]:
 
 
 def difference_words(one: Array, other: Array) -> str:
-    """Write by how much two axes (2, 3) are tilted and apart; empty if they coincide."""
+    """Write the angle and the distance between two axes (2, 3); empty if the axes coincide."""
     tilt, away = difference(one, other)
     parts = [f"tilted by {tilt:.2g} rad"] if tilt > _TOLERANCE else []
     parts += [f"{away:.2g} m away"] if away > _TOLERANCE else []

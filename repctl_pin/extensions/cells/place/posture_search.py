@@ -1,7 +1,9 @@
 """Search for the best configuration in the middle of a cell, from which a function is designed.
 
-A ray is the motion of the arm, by J⁺ or another inverse, along the straight line from the middle of
-the cell to a corner. From the best configuration, the rays reach all corners with large margins.
+A ray is the motion of the arm, by the desired inverse G_d (such as J⁺), along the straight line
+from the middle of the cell to a corner; face centres count as corners, see :meth:`Cell.corners`.
+From the best configuration, the rays reach all corners with large margins. Letters: n joints, K
+configurations or rays.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from ....strategies import Pseudoinverse
 from ....strategies.strategy import Inverse
 from ....studies.problem import Problem
 from ..evaluate.reach import EXACT, SINGULAR, Rays, rays, reached, unlike_rows
-from ..evaluate.turning import reduced
+from ..evaluate.symmetric_coordinates import reduced
 from ..geometry.cell import Cell
 from ..geometry.kinematics import bases, placed
 
@@ -48,8 +50,8 @@ the nearest to the reference is chosen."""
 def _in_the_middle(cell: Cell, Q: Array, *, inward: bool = False) -> tuple[Array, Array]:
     """Move configurations Q (K, n), of any poses, to the middle of a cell by inverse kinematics.
 
-    Return the configurations (K, n), rad or m, and the task errors that remain (K,), m and rad.
-    With ``inward``, joints also move away from their limits, see :func:`reached`.
+    Return the new configurations (K, n), rad or m, and the norms of the task errors that remain
+    (K,), m and rad. With ``inward``, joints also move away from their limits, see :func:`reached`.
     """
     return reached(cell, *cell.placements(np.zeros((len(Q), cell.k))), Q, inward=inward)
 
@@ -84,13 +86,15 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
 
 
 def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
-    """Search for configurations in the middle of the cell; return the best four, the best first.
+    """Search for configurations in the middle of the cell; return up to four, the best first.
 
-    A design tries them in this order. If some candidates are free of collisions, the others are
-    dropped. From each remaining candidate, the arm moves along straight rays to the corners of the
-    cell. The criteria are, in this order: most corners reached, no collision, largest joint-limit
-    margin (up to 0.1 rad or m), smallest joint speed. Among nearly equal candidates, the one
-    nearest to the task's reference configuration is the first.
+    A design tries them in this order. They differ from each other by more than 0.3 in joint space.
+    If some candidates are free of collisions in the middle, the others are dropped. From each
+    remaining candidate, the arm moves along rays to the corners. The criteria are, in this order:
+    most corners reached, no collision there, largest joint-limit margin (up to 0.1 rad or m),
+    smallest joint speed. Among nearly equal candidates, the one nearest to the task's reference
+    configuration is the first. ``seed`` is for the random configurations at which the search
+    begins.
 
     Raises
     ------
@@ -153,7 +157,8 @@ def _margins(cell: Cell, Q: Array) -> Array:
     """Evaluate the smallest joint-limit margin (K,) at configurations Q (K, n), rad or m.
 
     The configurations are in the middle of the cell. A joint that alone moves the frame along a
-    coordinate of the cell must also have room for half of its width, which reduces its margin.
+    removed coordinate must also cover the half-width of this coordinate on either side, which is
+    subtracted from its margin.
     """
     return np.asarray(cell.limit_margin(Q).min(axis=1))
 
@@ -170,9 +175,11 @@ class Candidate:
     share : float
         Fraction of the corners that are reached.
     margin : float
-        Minimum joint-limit margin on the rays that reach their corners, rad or m.
+        Minimum joint-limit margin on the rays that reach their corners, rad or m; infinite if none
+        does.
     body_distance : float
-        Minimum body distance in the middle and at the corners reached, m.
+        Minimum body distance in the middle and at the corners reached, m; at corners without a
+        collision, that of the convex hulls, a lower bound.
     speed : float
         Mean squared joint speed per unit of task speed at the corners reached: ``‖G_d E C‖_F²``
         with the desired inverse G_d, E = ∂x/∂u in the cell's coordinates u, and C = (EᵀE)^(−1/2).
@@ -188,8 +195,8 @@ class Candidate:
 def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
     """Evaluate configurations Q (K, n) in the middle of a cell by their rays to its corners.
 
-    The rays are motions of the desired inverse. If some of the configurations are free of
-    collisions, those with collisions are left out of the result.
+    Return one candidate per configuration, in the order of Q. If some of the configurations are
+    free of collisions, those with collisions are left out.
     """
     bodies, corners = bodies_of(cell.task), cell.corners()
     distances = bodies.distances(Q)
@@ -215,10 +222,11 @@ def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
 def _at_corners(
     desired: Inverse, cell: Cell, ends: Rays, good: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Evaluate squared joint speeds and distances of convex hulls, m, at the ends of rays.
+    """Evaluate squared joint speeds, and distances of the bodies' convex hulls, m, at ends of rays.
 
-    Hulls are the convex hulls of bodies. The results, (K,) each, are 0 and inf where ``good`` (K,)
-    is False.
+    Return two arrays (K,), for K rays. ``good`` (K,) is True for rays that reached their corners;
+    for the others, the speed is 0 and the distance infinite. For the squared speed ``‖G_d E C‖_F²``
+    see :class:`Candidate`.
     """
     speeds, nearest = np.zeros(len(good)), np.full(len(good), np.inf)
     if good.any():
@@ -233,8 +241,9 @@ def _at_corners(
 def _least_distance(bodies: Bodies, hulls: Array, Q: Array) -> float:
     """Compute the smallest body distance over configurations Q (K, n), m.
 
-    ``hulls`` (K,), m, are the distances of the bodies' convex hulls. Where these overlap, the
-    bodies themselves are measured, at a few configurations with the deepest overlap.
+    ``hulls`` (K,), m, are the distances of the bodies' convex hulls, which take the place of the
+    body distances if positive. Where hulls overlap, the bodies themselves are measured, at up to
+    three configurations with the deepest overlap.
     """
     deepest = np.argsort(hulls)[:_TESTED]
     deepest = deepest[hulls[deepest] < 0]
@@ -244,11 +253,11 @@ def _least_distance(bodies: Bodies, hulls: Array, Q: Array) -> float:
 
 
 def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
-    """Choose the candidate, a configuration in the middle of a cell, with which to design.
+    """Choose the best candidate, with which a design begins.
 
     The criteria are, in this order: most corners reached; no collision, or the largest body
-    distance if all collide; joint-limit margin up to 0.1 rad or m; squared joint speed within 20 %
-    of its minimum; smallest distance from the configuration ``reference`` (n,).
+    distance if all collide; joint-limit margin up to 0.1 rad or m; squared joint speed at most
+    20 % above the minimum; smallest distance from the configuration ``reference`` (n,).
     """
     most = max(c.share for c in candidates)
     candidates = [c for c in candidates if c.share > most - 1e-9]
@@ -355,10 +364,10 @@ def fitting_start(
 
 
 def _reached(problem: Problem, cell: Cell) -> tuple[float, int]:
-    """Return the share of a cell's corners that J⁺ reaches from a problem's start, and faults.
+    """Return the share of a cell's corners that J⁺ reaches from a problem's start, and the faults.
 
-    The share is from 0 to 1, or −1 if the middle is not reached. The number of faults is 0, 1 or 2:
-    a violated limit counts as one, a collision as another.
+    The share is from 0 to 1, or −1 if the middle is not reached. The second result is the number of
+    faults, 0 to 2: a violated limit counts as one, a collision as another.
     """
     desired = Pseudoinverse(problem.task)
     try:

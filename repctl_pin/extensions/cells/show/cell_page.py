@@ -45,9 +45,9 @@ if the range of the radius depends on the height."""
 
 
 def _box_of(cell: Cell) -> Array:
-    """Return points (P, 3), m, of a line along all edges of a cell's box of positions.
+    """Return points (P, 3), m, of a polyline along all edges of a cell's box of positions.
 
-    The line encloses a rectangle or a segment if some positions are fixed.
+    It encloses a rectangle, or is a segment, if some positions are held constant.
     """
     if isinstance(cell, Sector):
         return _edges(cell)
@@ -59,7 +59,7 @@ def _box_of(cell: Cell) -> Array:
 
 
 def _edges(sector: Sector) -> Array:
-    """Return points (P, 3), m, of a line along the edges of a sector's range of positions."""
+    """Return points (P, 3), m, of a polyline along the edges of a sector's range of positions."""
     there = np.linspace(-1.0, 1.0, _ARC)
     arc, corners = ([*there, *there[::-1]], [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
     traced = [(*corner, angle) for corner in corners for angle in arc]
@@ -134,7 +134,7 @@ def cell_page(
 
 
 def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
-    """Return (label, motion, colour) of each controller; the last is the function's."""
+    """Return (label, motion, colour) of each motion; the last motion is the function's."""
     colours = [VERMILLION, BLUE][-len(motions) :]
     return [(*one, colour) for one, colour in zip(motions.items(), colours, strict=True)]
 

@@ -51,7 +51,7 @@ def _slice_of_cell(
 
 
 def _name_axes(ax: Axes, cell: Cell, i: int, j: int) -> None:
-    """Write the names and units of two coordinates of a cell on the axes of a map."""
+    """Label the axes of a map with names and units of the coordinates u_i and u_j of a cell."""
     ax.locator_params(nbins=4)
     ax.set_xlabel(f"{cell.names[i]} ({cell.units[i]})")
     ax.set_ylabel(f"{cell.names[j]} ({cell.units[j]})")

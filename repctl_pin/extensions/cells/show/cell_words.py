@@ -76,7 +76,7 @@ def _of_the_sentences(design: CellDesign, motions: Mapping[str, Motion]) -> dict
 
 
 def _of_the_figures(design: CellDesign) -> dict[str, str]:
-    """Explain the rows in numbers and the coordinates of a sector, by their names there."""
+    """Explain the figures of merit and the coordinates of a sector, by their names on the page."""
     words = {}
     if isinstance(design.cell, Sector):
         moved = [name for name, w in zip(_OF_A_SECTOR, design.cell.widths, strict=False) if w]
@@ -106,7 +106,7 @@ def _of_the_figures(design: CellDesign) -> dict[str, str]:
 
 
 def _of_the_evidence(design: CellDesign) -> dict[str, str]:
-    """Explain what is proved of the margins, or that nothing is."""
+    """Explain the word that says what is proved of the margins, by name; or that nothing is."""
     shape = "sector" if isinstance(design.cell, Sector) else "box"
     if design.proof:
         return {

@@ -59,9 +59,10 @@ class Approach(NamedTuple):
 def approach_axis(task: Task, given: Any = None) -> Approach:
     """Find the approach axis of a task's frame, or check a given name such as ``"-z"``.
 
-    The tool points along the axis of the last joint, toward the fingers or the frame's origin. If
-    these lie beside that axis, the tool points from the joint to them. The approach axis is the
-    axis of the frame nearly along that direction, or z if there is none.
+    The tool points along the axis of the last joint, toward the fingers or, without fingers, the
+    frame's origin. If these lie beside that axis, the tool points from the joint to them. The
+    approach axis is the axis of the frame nearly along that direction, or z if there is none.
+    InputError is raised for a given text that names no axis.
     """
     if given is not None:
         require_choice(given, AXES, "approach axis")
@@ -94,9 +95,10 @@ def _named(direction: Array) -> str:
 
 
 def _fingers(task: Task) -> Array | None:
-    """Compute the mean position (3,) of the fingers' joints, m, in frame axes; None without.
+    """Compute the mean position (3,) of the fingers' joints, m, in frame axes.
 
-    Joints beyond the end of the arm on the body of the frame are taken for those of fingers.
+    Joints that the body of the frame carries are taken for those of fingers. Return None if there
+    are none.
     """
     model: pin.Model = task.robot.model
     frame = model.frames[frame_id(model, task.frame)]

@@ -98,13 +98,15 @@ class BestCell:
     Attributes
     ----------
     cell : Cell
-        The box.
+        The box; without a size, the largest sector.
     posture : (n,) array
-        Configuration in the middle of the box, from which J⁺ reaches all corners, rad or m.
+        Configuration in the middle of the cell, rad or m; from there, J⁺ reaches all corners of a
+        box.
     factor : float
-        Length of the edges divided by their requested length; 1 if the box fits.
+        Length of the edges divided by their requested length; 1 if the box fits, and for a sector.
     margin : float
-        Smallest limit margin on the straight motions to the corners, rad or m.
+        Smallest limit margin on the straight motions to the corners of a box, or that of the
+        function over the sector, rad or m.
     reason : str
         Obstruction to the requested size at the same middle; empty if the box fits at that size.
     table : WholeTable or None
@@ -174,9 +176,9 @@ def best_cell(
     ----------
     task
         The task.
-    size : float or (k,) array, optional
-        Edges of the box, m: one number, or one per position that the task commands. By default, the
-        largest sector is found instead.
+    size : float or (P,) array, optional
+        Lengths of the edges of the box, m: one number, or one for each of the P positions that the
+        task commands. By default, the largest sector is found instead.
     orientation : str or (3, 3) array, optional
         Direction of the tool's approach axis, ``"down"``, ``"forward"`` (along x of the base) or
         ``"up"``; or the rotation matrix of the frame. By default, the orientation at the task's
@@ -234,7 +236,10 @@ def best_cell(
 def _of_size(
     task: Task, R: Array, size: ArrayLike, at: ArrayLike | None, seed: int, progress: bool | Report
 ) -> BestCell:
-    """Find the best place for a box of the given size, m, with the orientation R (3, 3)."""
+    """Find the best place for a box of the given size, m, with the orientation R (3, 3).
+
+    The other arguments are those of :func:`best_cell`; ``seed`` is that of its options.
+    """
     edges = of_positions(task, size, "size")
     if not edges.any():
         raise InputError("must be above 0", argument="size")
@@ -269,9 +274,10 @@ def _whole(
     seed: int,
     progress: bool | Report,
 ) -> BestCell:
-    """Find the largest sector at an orientation, and check the arguments that it requires.
+    """Find the largest sector for the frame's ``rotation`` (3, 3) at the angle 0.
 
-    The arguments are those of :func:`best_cell` without a size.
+    The other arguments are those of :func:`best_cell` without a size, and are checked here;
+    ``seed`` is that of its options.
     """
     if at is not None:
         raise InputError("requires size=", argument="at")
@@ -300,9 +306,9 @@ def _whole(
 
 
 def _on_workpiece(task: Task) -> bool:
-    """Test whether joints of the task move the link to which its poses are relative.
+    """Test whether joints of the task move the link to which the poses are relative.
 
-    For such a task, the floods of the largest sector would take too long.
+    For such a task, the floods that find the largest sector would take too long.
     """
     Q = np.stack([task.reference, task.reference + 0.05])
     first, second = base_placements(task.robot, np.stack([task.to_robot(q) for q in Q]))
@@ -361,6 +367,7 @@ def _oriented(
 def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: Report) -> Grown:
     """Find middles for a box that the arm reaches inside its limits, the best first.
 
+    ``box`` has the requested size and orientation; ``report`` is the progress callback.
     Configurations are drawn at random, and turned to the orientation of the box at their position.
     With ``at`` (3,), m, they also move toward that position, each by a different fraction of the
     distance. Without ``at``, middles from floods around the arm are also tried, for tasks of more
@@ -396,7 +403,8 @@ def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
     """Sort the middles of a box, the best first, by the criteria of :func:`best_cell`.
 
     The criteria are: size of the box that fits there; distance from ``at`` (3,), m, if ``at`` is
-    given; position above the base; limit margin; largest joint motion to a corner.
+    given; whole box above z = 0 of the base; limit margin, up to 0.3 rad or m; largest joint motion
+    to a corner, the smallest first.
     """
     z = box.placements(box.corners())[0][:, 2] - box.placement.translation[2]
     below = found.p[:, 2] + z.min() * found.steps / STEPS < 0
@@ -441,9 +449,10 @@ class _Fitting(NamedTuple):
 
 
 def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
-    """Find the largest box that one function covers, among the middles ``found``; None if none is.
+    """Find the largest box around one of the middles ``found`` that one function covers.
 
-    A few middles are tried at a time. The box becomes smaller only after all middles have failed.
+    ``box`` has the requested size. When all middles have failed, boxes that are smaller by a tenth
+    of it are tried. Return None if no function covers a box of any size. ``seed`` is for the fits.
     """
     desired = Pseudoinverse(box.task)
     free = _free(box, found, len(found.p))
@@ -473,10 +482,11 @@ def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
 def _best_place(
     fit: CellFit, box: Cell, free: Grown, places: list[int], size: int
 ) -> tuple[tuple[Cell, Candidate] | None, FailureReason | None]:
-    """Choose the best of the places, rows of ``free``, a few at a time, as :func:`_best_of` does.
+    """Choose the best of some places for a box of ``size`` tenths, three places at a time.
 
-    The first few of which one fits decide. Return the place, or None, and the first reason for
-    failure.
+    ``places`` are numbers of rows of ``free``. Each three are compared by :func:`_best_of`; the
+    search ends when one of them fits. Return its results: the box with its :class:`Candidate`, or
+    None, and the first reason for failure, or None.
     """
     stop: FailureReason | None = None
     for first in range(0, min(len(places), _BATCHES * _JUDGED), _JUDGED):
@@ -491,9 +501,10 @@ def _best_place(
 def _regular(box: Cell, free: Grown, size: int, rows: NDArray[np.intp]) -> list[int]:
     """List places at which no singularity is found in the box, the farthest from one first.
 
-    Singularities can meet a box between the points of its rim, which alone are tested before. They
-    are searched for at unlike places of ``rows`` (K,), rows of ``free``, because places beside each
-    other meet the same singularity. The box has ``size`` steps.
+    A place is the number of a row of ``free``; ``rows`` (K,) are those to test, for a box of
+    ``size`` tenths. Singularities can meet a box between the points of its rim, at which alone it
+    was tested before. Of places beside each other, one is tested, because they meet the same
+    singularity.
     """
     rows = rows[unlike_rows(free.p[rows], _BESIDE * box.half_width.max(), _REGULAR)]
     ratios = [
@@ -503,10 +514,11 @@ def _regular(box: Cell, free: Grown, size: int, rows: NDArray[np.intp]) -> list[
 
 
 def _least_ratio(cell: Cell, q: Array) -> float:
-    """Search a box for the smallest σ_min / σ_max of J on J⁺'s motions from its middle.
+    """Search a box for the smallest ratio σ_min / σ_max of J.
 
-    q (n,) is the configuration in the middle. The search begins at poses of a grid on the surface.
-    The result is 0 if one of them is not reached.
+    Motions with J⁺ lead from the configuration q (n,) in the middle to poses of a grid on the
+    surface. The search begins at those with the smallest ratios. The result is 0 if a pose is not
+    reached.
     """
     ways = np.meshgrid(*[np.linspace(-1, 1, _SURFACE)] * cell.k, indexing="ij")
     U = np.stack(ways, axis=-1).reshape(-1, cell.k)
@@ -572,8 +584,8 @@ def _largest_steps(desired: Inverse, box: Cell, found: Grown, k: int) -> int:
 def _worth(design: object) -> float:
     """Rate a design by joint speed, body distance and limit margin; a higher number is better.
 
-    Distances and margins above a useful value do not raise the rating. The rating is 0 if the
-    function does not cover the box, or bodies collide.
+    Distances above 2 cm and margins above 0.3 rad or m do not raise the rating. The rating is 0 if
+    the function does not cover the box, or bodies collide, or ``design`` is no design.
     """
     if not isinstance(design, CellDesign) or not design.evaluation.everywhere:
         return 0.0
@@ -583,7 +595,7 @@ def _worth(design: object) -> float:
 
 
 def _main_failure(design: CellDesign | tuple[FailureReason, ...]) -> FailureReason | None:
-    """Return the reason with the largest share of a failed design, or of reasons for failure."""
+    """Return the reason for failure with the largest share of poses; None without a reason."""
     failures = design.failures if isinstance(design, CellDesign) else design
     return max(failures, key=lambda stop: stop.share, default=None)
 

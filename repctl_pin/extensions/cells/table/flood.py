@@ -5,6 +5,9 @@ height around the axis of the joint that turns the whole arm. A node is a row of
 radius and height; in a flood, a third index before them is the number of the flood. A flood begins
 at one node with one configuration and spreads from neighbour to neighbour. It stops at joint
 limits, at singularities, and where a joint would jump. All floods are computed at once.
+
+Letters: n joints, m task coordinates, I radii, J heights, S floods or masks; K and L are numbers of
+nodes. ``held`` is True for joints that are locked.
 """
 
 from __future__ import annotations
@@ -49,13 +52,14 @@ class Table(NamedTuple):
     task : Task
         The task.
     origin, outward, up : (3,) arrays
-        Point on the axis, m; directions of the radius and of the axis.
+        Point on the axis, m; unit vectors along the radius (at the angle 0) and along the axis. All
+        are in base axes.
     rotation : (3, 3) array
-        Orientation of the frame.
+        Orientation of the frame, in base axes.
     radii, heights : (I,) and (J,) arrays
-        Coordinates of the nodes, m.
+        Radii and heights of the nodes from ``origin``, m, rising by 3 cm.
     counted : (n,) array of bool
-        Joints whose limits are checked: all but those that alone turn the arm or the tool.
+        True for joints whose limits are checked: all but those that alone turn the arm or the tool.
     around : Symmetry
         The joint that turns the arm about the axis.
     """
@@ -72,7 +76,7 @@ class Table(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of radii and heights."""
+        """Numbers (I, J) of radii and heights."""
         return len(self.radii), len(self.heights)
 
     def goals(self, nodes: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -82,10 +86,11 @@ class Table(NamedTuple):
         return p, np.broadcast_to(self.rotation, (len(nodes), 3, 3))
 
     def margins(self, Q: Array) -> Array:
-        """Divide limit margins of counted joints by the required margins; return the minimum (K,).
+        """Evaluate the minimum over joints of limit margin / required margin, at Q (K, n): (K,).
 
-        A configuration, a row of Q (K, n), is inside the limits where the result exceeds 1. The
-        required margin is 5 % of the range of the joint, and at most 0.05 rad or m (``_MARGIN``).
+        Only :attr:`counted` joints are included. A configuration counts as inside the limits where
+        the result exceeds 1. The required margin is 5 % of the range of the joint, and at most 0.05
+        rad or m (``_MARGIN``).
         """
         least = _MARGIN * np.minimum(1.0, self.task.upper - self.task.lower)
         return np.asarray(
@@ -97,8 +102,8 @@ class Table(NamedTuple):
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Solve for the poses of nodes (K, 2) by Newton's method from Q (K, n).
 
-        Joints with ``held`` (K, n) True are locked. Return the configurations (K, n), and a mask
-        (K,) of those that are exact, inside the limits and not singular.
+        ``held`` is (K, n), ``iterations`` the number of steps. Return the configurations (K, n),
+        and a mask (K,) that is True where they are exact, inside the limits and not singular.
         """
         task, Q = self.task, Q.copy()
         p_goal, R_goal = self.goals(nodes)
@@ -122,9 +127,9 @@ class Table(NamedTuple):
         return Q, good
 
     def _push(self, Q: Array, held: NDArray[np.bool_]) -> Array:
-        """Compute motions (K, n) of joints near a limit away from it, at Q (K, n).
+        """Compute motions (K, n), rad or m, that move joints away from near limits, at Q (K, n).
 
-        They are 0 for joints that are locked, where ``held`` (K, n) is True, or not counted.
+        They are 0 for joints that are locked, far from their limits, or not :attr:`counted`.
         """
         task = self.task
         inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
@@ -133,7 +138,10 @@ class Table(NamedTuple):
         return np.asarray(_PUSH * (low - high) * (self.counted & ~held))
 
     def _sound(self, Q: Array, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Test which configurations Q (K, n) are inside the limits and not singular: (K,)."""
+        """Test which configurations Q (K, n) are inside the limits and not singular: (K,).
+
+        Only joints that are not locked count for singularities.
+        """
         sound = self.margins(Q) > 1
         J = placed(self.task, Q[sound])[2] * ~held[sound, None, :]
         squares = np.linalg.eigvalsh(J @ np.swapaxes(J, 1, 2))
@@ -142,7 +150,7 @@ class Table(NamedTuple):
 
 
 def _newton_step(J: Array, e: Array, push: Array) -> Array:
-    """Compute Newton steps Δq = J⁺ (e − J b) + b (K, n), shortened to a maximum joint motion.
+    """Compute Newton steps Δq = J⁺ (e − J b) + b, (K, n), shortened to 0.45 rad or m per joint.
 
     J (K, m, n) are Jacobians, e (K, m) task errors. The motion b = ``push`` (K, n) acts in the null
     space of J only.
@@ -157,10 +165,9 @@ def _newton_step(J: Array, e: Array, push: Array) -> Array:
 def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bool_]) -> Array:
     """Compute S floods of a table: configurations (S, I, J, n), NaN at nodes that are not reached.
 
-    Flood i begins at the node ``nodes[i]`` with the configuration ``Q[i]``, (S, 2) and (S, n);
-    ``held`` (S, n) is True for joints that are locked. An arm with locked joints cannot avoid a
-    jump by self-motion, so its flood leaves out a node that differs by more than a short step from
-    any neighbour.
+    Flood i begins at the node ``nodes[i]`` with the configuration ``Q[i]``: ``nodes`` is (S, 2), Q
+    and ``held`` are (S, n). An arm with locked joints cannot avoid a jump by self-motion. So its
+    flood leaves out a node at which a joint differs by 0.45 rad or m or more from any neighbour.
     """
     found = np.full((len(Q), *table.shape, table.task.n), np.nan)
     seed = np.arange(len(Q))
@@ -185,7 +192,8 @@ def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bo
 def _near_neighbours(found: Array, nodes: NDArray[np.intp], Q: Array) -> NDArray[np.bool_]:
     """Test which Q (K, n) at nodes (K, 3) are near those of all reached neighbours: (K,).
 
-    Near means that each joint differs by less than one short step.
+    Near means that each joint differs by less than 0.45 rad or m. ``found`` (S, I, J, n) has the
+    configurations that the floods have reached so far.
     """
     near = np.ones(len(nodes), bool)
     for way in _WAYS:
@@ -200,7 +208,8 @@ def _near_neighbours(found: Array, nodes: NDArray[np.intp], Q: Array) -> NDArray
 def _neighbours(found: Array, front: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
     """List the nodes (L, 3) that are neighbours of a front (K, 3) and not reached, each once.
 
-    Return also, for each, the index of the row of the front from which it is entered: (L,).
+    The front has the nodes that were reached last. Return also, for each listed node, the index of
+    a row of the front beside it: (L,). ``found`` (S, I, J, n) is NaN at nodes that are not reached.
     """
     beside = np.concatenate([front + (0, *way) for way in _WAYS])
     parent = np.tile(np.arange(len(front)), len(_WAYS))
@@ -217,9 +226,9 @@ class Rectangles(NamedTuple):
     Attributes
     ----------
     area : (S,) array
-        Area between the outer nodes, in units of the nodes' spacing squared.
+        Area between the outer nodes, in units of the nodes' spacing squared; 0 without a rectangle.
     first, last : (S, 2) arrays of int
-        Indices of radius and height of two opposite corners.
+        Indices (radius, height) of the corner with the smallest and of that with the largest ones.
     """
 
     area: NDArray[Any]

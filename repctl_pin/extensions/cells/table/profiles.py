@@ -44,7 +44,8 @@ class Between(NamedTuple):
         Indices of the lowest and the highest height.
     low, high : (D + 1,) arrays
         Coefficients of the smallest and the largest radius, minus the radius of the table's first
-        node, in powers of the height, which is −1 at ``first`` and 1 at ``last``.
+        node. They are polynomials of degree D in a height that is −1 at ``first`` and 1 at
+        ``last``; the constant is first.
     """
 
     area: float
@@ -54,7 +55,7 @@ class Between(NamedTuple):
     high: Array
 
     def inside(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
-        """Return a mask, of the given shape (I, J), of the nodes between the polynomials."""
+        """Return a mask, of the given shape (I, J), that is True between the polynomials."""
         mask = np.zeros(shape, bool)
         if self.area:
             j = np.arange(self.first, self.last + 1)
@@ -70,26 +71,27 @@ class Between(NamedTuple):
         return round((self.low[0] + self.high[0]) / 2), (self.first + self.last) // 2
 
     def sides(self, start: float, spacing: float) -> tuple[Array, Array]:
-        """Return the coefficients of both radii in m.
+        """Return the coefficients of the smallest and of the largest radius in m: two (D + 1,).
 
-        ``start`` is the radius of the first node, and ``spacing`` that between nodes, m.
+        ``start`` is the radius of the table's first node, ``spacing`` that of the nodes, m.
         """
         least = np.eye(1, len(self.low))[0] * start
         return least + spacing * self.low, least + spacing * self.high
 
     @classmethod
     def none(cls) -> Between:
-        """Return the result where no two polynomials fit."""
+        """Make the result for runs in which no two polynomials fit: it has the area 0."""
         return cls(0.0, 0, 0, np.zeros(1), np.zeros(1))
 
 
 def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
-    """Follow the runs of a mask (I, J) up and down from the middle of a rectangle: (J, 2).
+    """Choose one run at each of J heights, up and down from the middle of a rectangle: (J, 2).
 
-    A run is a range of radii at one height whose nodes are all True. ``first`` and ``last`` are
-    opposite corners of the rectangle. At each of its heights, the run is taken that overlaps most
-    with the rectangle; beyond them, the one that overlaps most with the run before. A row of the
-    result has the first and the last index of the run, or −1 without one.
+    A run is a range of radii at one height at which the mask (I, J) is True throughout. ``first``
+    and ``last`` are the indices (i, j) of opposite corners of the rectangle. At each of its
+    heights, the run is taken that overlaps most with the rectangle; beyond them, the one that
+    overlaps most with the run before. A row of the result has the first and the last index i of the
+    run, or −1 twice without a run.
     """
     middle = int(first[1] + last[1]) // 2
     rectangle = int(first[0]), int(last[0])
@@ -107,9 +109,10 @@ def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp
 
 
 def _overlapping(column: NDArray[np.bool_], low: int, high: int) -> tuple[int, int] | None:
-    """Find the run of a column (I,) that overlaps most with indices ``low`` to ``high``.
+    """Find the run of True entries of a column (I,) that overlaps most with ``low`` to ``high``.
 
-    Return its first and last index; None without overlap.
+    These are indices, both included. Return the first and the last index of the run; None without
+    overlap.
     """
     edges = np.flatnonzero(np.diff(np.pad(column, 1).astype(int)))
     starts, ends = edges[::2], edges[1::2] - 1
@@ -121,11 +124,12 @@ def _overlapping(column: NDArray[np.bool_], low: int, high: int) -> tuple[int, i
 
 
 def largest_between(ends: Array, least: float = 0.0) -> Between:
-    """Find the two polynomials with the largest area between them inside runs (J, 2).
+    """Find the two polynomials with the largest area between them, inside the runs ``ends`` (J, 2).
 
-    They may extend over any range of heights. Ranges are tried in the order of the area of their
-    runs, an upper bound, until it falls below the best area, or to ``least``. An area of at most
-    ``least``, in units of the spacing squared, may be missed.
+    ``ends`` is the result of :func:`runs`. The polynomials may extend over any range of heights.
+    The area of the runs over a range is an upper bound of the area between polynomials. Ranges are
+    tried in the order of this bound, until it is at most the best area or ``least``. So an area of
+    at most ``least``, in units of the spacing squared, may be missed.
     """
     there = np.flatnonzero(ends[:, 0] >= 0)
     if len(there) <= _SHORT:
@@ -148,7 +152,10 @@ def largest_between(ends: Array, least: float = 0.0) -> Between:
 
 
 def _between(ends: Array, first: int, last: int) -> Between:
-    """Find the two polynomials inside runs (L, 2), at all heights from the first to the last."""
+    """Find the two polynomials inside runs, with the largest area between them.
+
+    ``ends`` (L, 2) has the runs at the L heights with the indices ``first`` to ``last``.
+    """
     V = chebyshev.chebvander(np.linspace(-1, 1, len(ends)), _DEGREE)
     weights = np.ones(len(ends))
     weights[[0, -1]] = 0.5

@@ -12,7 +12,9 @@ the first, a point, m, and a direction. The joint speed of a node is squared, ``
 function (array ``own``) or of J⁺ (``usual``). Its limits (``limits``) are the maximum extra joint
 speed on average and at the worst node. A quick design has low accuracy, and serves to rank sectors.
 A locked flood is that of an arm with r of its joints locked, which is therefore not redundant.
-Masks (I, J) have one entry per node, for I radii and J heights. S is the number of floods.
+Masks (I, J) have one entry per node, for I radii and J heights. S is the number of floods, n that
+of joints, K that of openings, nodes or configurations. A node is a pair of indices (radius,
+height). The argument ``fit`` has the arguments of a design, ``report`` is the progress callback.
 """
 
 from __future__ import annotations
@@ -38,7 +40,7 @@ from ....motion.solve_ik import random_configurations
 from ....strategies import Pseudoinverse
 from ..cell_design_result import CellDesign
 from ..evaluate.reach import unlike_rows
-from ..evaluate.turning import reduced
+from ..evaluate.symmetric_coordinates import reduced
 from ..fit.cell_fit import CellFit
 from ..fit.trimming import Required, Window, covered_share, near_all_round, trimmed, turned
 from ..geometry.cell import Cell
@@ -152,8 +154,8 @@ class WholeTable(NamedTuple):
     design : CellDesign
         The function over the sector, whose range of radius may depend on the height.
     straight : CellDesign
-        The function over the largest sector with one range of radius; ``design`` itself if that is
-        the larger one.
+        The function over the largest sector with the same range of radius at all heights. It is
+        ``design`` itself if no sector with another range is larger.
     locked : LockedJoints or None
         Arm with locked joints that covers the largest share of the sector. Arms within the limits
         of joint speed come first; among equals, the arm with the lowest joint speed is chosen.
@@ -165,8 +167,8 @@ class WholeTable(NamedTuple):
         Area, radius times height, of all nodes that any flood reaches, and of the largest rectangle
         in a flood without collision, m².
     affordable : float
-        Upper bound, m²: area of the largest rectangle in which some function can keep the limits of
-        joint speed.
+        Area of the largest rectangle, m², in which some function can keep the limits of joint
+        speed: an upper bound of the area of a sector with one range of radius.
     floods : list of (I, J) arrays of bool
         For each flood that was tested, a mask of the nodes that it reaches without collision.
     table : Table
@@ -212,7 +214,7 @@ class WholeTable(NamedTuple):
         return text
 
     def _obstruction(self) -> str:
-        """Write why the sector is not larger, as the end of a sentence."""
+        """Write why the sector is not larger, as the end of "it is not larger because"."""
         design = self.design
         if self.area > _MUCH * self.affordable:
             return f"joint speed meets its limits in at most {self.affordable:.2g} m²"
@@ -223,12 +225,12 @@ class WholeTable(NamedTuple):
 
 
 def _at_bodies(design: CellDesign) -> bool:
-    """Test whether the sector of a design ends where bodies come near each other."""
+    """Test whether bodies come so near in a design's sector that they may have ended it."""
     return bool(design.body_distance < 2 * design.requested_body_distance)
 
 
 def area_of(cell: Cell) -> float:
-    """Compute the area of a sector's range of radius and height, m²."""
+    """Compute the area of a sector's range of radius and height, m²: their product, if constant."""
     w = cell.widths
     stretch = cell.profile.mean_stretch(w[HEIGHT]) if isinstance(cell, Sector) else 1.0
     return float(4 * w[RADIUS] * w[HEIGHT] * stretch)
@@ -259,7 +261,7 @@ class _Floods(NamedTuple):
     def middles(self, found: Rectangles) -> tuple[NDArray[np.intp], Array]:
         """Return nodes (S, 2) and configurations (S, n) in the middles of S rectangles.
 
-        There is one rectangle per flood; without it, the result is where the flood begins.
+        ``found`` has one rectangle per flood. If its area is 0, the node is where the flood begins.
         """
         nodes = (found.first + found.last) // 2
         empty = found.area == 0
@@ -371,9 +373,9 @@ def _at_least_locked(
 ) -> tuple[CellDesign, LockedJoints | None]:
     """Return a design that covers as much as arms with locked joints, if one is found.
 
-    Also return an arm with locked joints that still covers a larger sector, or None. If an arm
-    covers more than the given design, a function of free joints is designed from its
-    configurations.
+    If an arm of the floods ``locked`` covers more than the given design, a function of free joints
+    is designed from its configurations, and returned if it is larger; else the given design. Return
+    also an arm with locked joints that still covers a larger sector, or None.
     """
     larger = _larger(table, locked, design, limits)
     if larger is not None:
@@ -419,8 +421,9 @@ def _at_side(
 ) -> tuple[Array, Array]:
     """Turn nodes (K, 2) with configurations Q (K, n) about the arm's axis by an angle, rad.
 
-    The tool turns back, so that its orientation is constant. Return positions (K, 3), m, and
-    configurations (K, n), whose joints can exceed their limits.
+    The tool turns back, if a joint turns it, so that its orientation is constant. Return the
+    positions (K, 3), m, of the frame and the configurations (K, n) after the turn, whose joints can
+    exceed their limits.
     """
     back = -angle * float(np.sign(table.rotation[2, 2]))
     for one, turn in zip(symmetries, (angle, back), strict=False):
@@ -473,10 +476,10 @@ def _sectors(
     line: Array,
     symmetries: tuple[Symmetry, ...],
 ) -> list[_Place]:
-    """Choose the rectangles with the best bounds of the rating as sectors, the best first.
+    """Choose the rectangles with the highest bounds of their ratings as sectors, the best first.
 
-    ``found`` has one rectangle per opening. Sectors with nearly equal configurations in their
-    middles are left out.
+    ``found`` has one rectangle per opening. Of sectors with nearly equal configurations in their
+    middles, only the best is kept.
     """
     middles = (found.first + found.last) // 2
     postures = floods.Q[openings.flood, middles[:, 0], middles[:, 1]]
@@ -546,7 +549,7 @@ def _shaped_places(
     """Choose the best sectors whose range of radius depends on the height, the best first.
 
     They contain only nodes at which joint speed can meet its limits, as in :func:`_affordable`, and
-    are larger in area than ``worth``, m².
+    are larger in area than ``worth``, m². ``speeds`` (2, S, I, J) is the result of :func:`_speeds`.
     """
     own, usual = speeds[:, openings.flood]
     least = worth / SPACING**2
@@ -572,11 +575,12 @@ def _shaped_places(
 def _affordable_between(
     mask: NDArray[np.bool_], own: Array, usual: Array, limits: Required, least: float = 0.0
 ) -> Between:
-    """Find the largest range of radius by height in one opening that keeps the speed limits.
+    """Find the largest part of one opening, by polynomials of the height, that keeps speed limits.
 
-    ``mask``, ``own`` and ``usual`` are (I, J). Nodes with the largest extra joint speed are left
-    out until the mean over the range meets its limit. A range of at most the area ``least``, in
-    units of the spacing squared, may be missed.
+    ``mask`` (I, J) has the nodes of the opening; ``own`` and ``usual`` are (I, J). Nodes with the
+    largest extra joint speed are left out until the mean over the part meets its limit. A part of
+    at most the area ``least``, in units of the spacing squared, may be missed. The area of the
+    result is 0 if nothing is found.
     """
     best = Between.none()
     with np.errstate(invalid="ignore"):
@@ -595,9 +599,10 @@ def _affordable_between(
 def _larger_design(
     fit: CellFit, places: list[_Place], limits: Required, design: CellDesign
 ) -> CellDesign:
-    """Design the places in turn; return the first design if it is larger than the given one.
+    """Design the places in turn until one succeeds; return its design if that is larger.
 
-    It must be larger in area, and also in :func:`_worth`. Otherwise return the given design.
+    It must be larger than the given design in area, and also in :func:`_worth`. Otherwise return
+    the given design.
     """
     worth = _worth(design)
     for place in places:
@@ -656,7 +661,10 @@ def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectang
 
 
 def _speeds(floods: _Floods, cell: Cell) -> Array:
-    """Evaluate the squared joint speeds in S floods, of a function and of J⁺: (2, S, I, J)."""
+    """Evaluate minimum squared joint speeds in S floods, of a function and of J⁺: (2, S, I, J).
+
+    They are per unit of task speed along the coordinates of ``cell``; NaN outside a flood.
+    """
     speeds = np.full((2, *floods.reached.shape), np.nan)
     speeds[:, floods.reached] = _least_speeds(cell, floods.Q[floods.reached])
     return speeds
@@ -665,9 +673,8 @@ def _speeds(floods: _Floods, cell: Cell) -> Array:
 def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
     """Evaluate the extra joint speed over one rectangle per opening: (K,).
 
-    It is the root mean square joint speed relative to that of J⁺, minus 1.
-
-    ``own`` and ``usual`` are (K, I, J).
+    It is the rms joint speed of a function relative to that of J⁺, minus 1. ``found`` has the
+    rectangles; ``own`` and ``usual`` are (K, I, J).
     """
     extra = np.zeros(len(own))
     for k, ((i, j), (i_end, j_end)) in enumerate(zip(found.first, found.last + 1, strict=True)):
@@ -677,9 +684,10 @@ def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
 
 
 def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report) -> list[_Place]:
-    """Rate places by a quick design of each; return them, the best first.
+    """Rate places by a quick design of each; return them with it, the best first.
 
-    A place that cannot be more than 20 % better than the best so far is not designed.
+    A place that cannot be more than 20 % better than the best so far keeps the rating 0, without a
+    design. A place whose configuration does not lead to its middle is left out.
     """
     ranked: list[_Place] = []
     for k, place in enumerate(places):
@@ -722,7 +730,8 @@ def _farther_from_bodies(
 ) -> CellDesign:
     """Design a function that keeps away from bodies; return it if it is better, else ``design``.
 
-    The given ``design`` has minimum joint speed only, and its sector ends at bodies.
+    The given ``design`` was made for minimum joint speed only, and its sector ends at bodies. The
+    better one has the larger :func:`_worth`.
     """
     away = replace(fit, body_distance=_AWAY * limits.distance)
     with suppress(InputError):
@@ -732,9 +741,9 @@ def _farther_from_bodies(
 
 
 def _worth(design: CellDesign) -> float:
-    """Rate a final design: the area of its sector, m², times 0.5 to 1 for its range of angle.
+    """Rate a final design: the area of its sector, m², times (1 + s) / 2.
 
-    The narrower range of the arm's angle and of the tool's spin counts.
+    s is the fraction of a full turn that the angle or the spin covers: the smaller one.
     """
     cell = design.cell
     turns = [cell.widths[one.coordinate] / np.pi for one in design.function.chart.cell.removed]
@@ -781,10 +790,10 @@ def _turns(
     found: Rectangles,
     symmetries: tuple[Symmetry, ...],
 ) -> Array:
-    """Rate the range around the arm of one rectangle per opening: (K,), 0.5 to 1 for a full turn.
+    """Rate the range around the arm of one rectangle per opening: (1 + s) / 2, (K,).
 
-    A joint that turns the arm or the tool has its own range, minus its variation over the
-    rectangle; the smallest of these ranges and of the window's counts.
+    s is the smallest of three fractions of a full turn: that of the window, and those that are left
+    to the angle and the spin, see :func:`_turn_share`. ``found`` has the rectangles.
     """
     task, share = table.task, openings.half / np.pi
     for k, flood in enumerate(openings.flood):
@@ -795,9 +804,10 @@ def _turns(
 
 
 def _turn_share(task: Task, symmetries: tuple[Symmetry, ...], Q: Array, share: float) -> float:
-    """Return the share of a full turn that is left around the arm, at most ``share``.
+    """Return the fraction of a full turn that is left to the angle and the spin, at most ``share``.
 
-    A joint that turns the arm or the tool has its own range, minus its variation over Q (K, n).
+    What is left is the range of the joint that turns the arm or the tool, minus its variation over
+    the configurations Q (K, n). The smaller fraction counts.
     """
     for one in symmetries:
         left = task.upper[one.joint] - task.lower[one.joint] - np.ptp(Q[:, one.joint])
@@ -806,7 +816,9 @@ def _turn_share(task: Task, symmetries: tuple[Symmetry, ...], Q: Array, share: f
 
 
 def _symmetries(task: Task) -> tuple[Array, tuple[Symmetry, ...]]:
-    """Find the vertical axis (2, 3) about which a joint turns the whole arm, and all symmetries.
+    """Find the vertical axis (2, 3) about which a joint turns the whole arm, and the symmetries.
+
+    These are one or two: that of the arm and, in a pose task, that of the tool.
 
     Raises
     ------
@@ -845,7 +857,7 @@ def _drawn(
 ) -> tuple[Table, NDArray[np.intp], Array]:
     """Draw random configurations, and move each to the nearest node of a new table.
 
-    Return the table, the nodes (K, 2) and the configurations (K, n) there.
+    Return the table, and the K that reach it: the nodes (K, 2) and the configurations (K, n) there.
     """
     Q = random_configurations(task, _DRAWN, rng)
     p = placed(task, Q)[0] - line[0]
@@ -906,7 +918,7 @@ def _grid(
 def _locked_floods(
     table: Table, nodes: NDArray[np.intp], Q: Array, rng: np.random.Generator
 ) -> _Floods:
-    """Flood a table with r joints locked, chosen at random, at 0 or at their random values.
+    """Flood a table with r joints locked, chosen at random, at 0 or at their values in Q.
 
     The floods begin at random rows of nodes (K, 2) and Q (K, n).
     """
@@ -925,7 +937,7 @@ def _locked_floods(
 
 
 def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Floods) -> _Floods:
-    """Flood a table without locked joints, from unlike rows of nodes (K, 2) and Q (K, n).
+    """Flood a table without locked joints, from rows of nodes (K, 2) and Q (K, n) unlike in Q.
 
     Further floods begin in the middles of the largest rectangles of the floods ``locked``.
     """
@@ -977,9 +989,10 @@ def _whole_turns(floods: _Floods) -> _Openings:
 def _best_clear(
     table: Table, floods: _Floods, bound: Array, symmetries: tuple[Symmetry, ...]
 ) -> tuple[float, _Openings]:
-    """Choose the body distance to keep, m; return it with the openings that keep it.
+    """Choose the body distance to keep, 5 mm or 1 mm; return it, m, with the openings that keep it.
 
-    ``bound`` (S,) is the rating of each flood without regard to bodies, see :func:`_values`.
+    1 mm is chosen if 5 mm leaves less than 85 % of its rating. ``bound`` (S,) is the rating of each
+    flood without regard to bodies, see :func:`_values`.
     """
     wide = _opened(table, floods, bound, _CLEAR, symmetries)
     rating = _values(table, floods, wide, symmetries).max()
@@ -1022,7 +1035,7 @@ def _opened(
 def _values(
     table: Table, floods: _Floods, openings: _Openings, symmetries: tuple[Symmetry, ...]
 ) -> Array:
-    """Rate K openings: the area of the largest rectangle, times 0.5 to 1 for the range of angle.
+    """Rate K openings: the area of the largest rectangle, times the factor of :func:`_turns`.
 
     The area is in units of the nodes' spacing squared.
     """
@@ -1047,7 +1060,7 @@ def _colliding(table: Table, floods: _Floods) -> str:
 
 
 def _unlike(table: Table, floods: _Floods) -> _Floods:
-    """Select floods with large rectangles and unlike configurations in their middles.
+    """Select up to eight floods with large rectangles and unlike configurations in their middles.
 
     Joints that do not move the task, such as the last one of an axis task, make no difference.
     """
@@ -1086,8 +1099,8 @@ def _sector(
     """Make the sector between the nodes ``first`` and ``last``, with the range "all" of its angle.
 
     If a joint turns the tool, the range of the spin is "all", too. The middle of the sector is
-    turned by two angles, rad: about the arm's axis, and about the tool's approach axis. With
-    ``found``, the range of radius depends on the height.
+    turned by two angles, ``turns``, rad: about the arm's axis, and about the tool's approach axis.
+    With ``found``, the range of radius is that between its polynomials, not that of the nodes.
     """
     low = np.array([table.radii[first[0]], table.heights[first[1]]])
     high = np.array([table.radii[last[0]], table.heights[last[1]]])
@@ -1123,8 +1136,8 @@ def _shaped_sector(
 def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
     """Add floods with locked joints that begin in the middle of a design's sector.
 
-    The joints are locked at their values in the middle of the sector, or at 0. Return the new
-    floods, followed by ``locked``.
+    The joints are locked at the design's values in the middle of the sector, or at 0. Return the
+    new floods, followed by ``locked``.
     """
     cell, task = design.cell, table.task
     assert isinstance(cell, Sector), "a table is a sector"
@@ -1144,14 +1157,14 @@ def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
 
 
 def _angles(table: Table, cell: Sector) -> tuple[float, float]:
-    """Return the first and the last angle of a sector, rad, from the angle 0 of a table."""
+    """Return the first and the last angle of a sector, rad; the angle 0 is that of the table."""
     p = cell.placement.translation - table.origin
     middle = np.arctan2(np.cross(table.up, table.outward) @ p, table.outward @ p)
     return float(middle - cell.widths[ANGLE]), float(middle + cell.widths[ANGLE])
 
 
 def _at_zero(table: Table, design: CellDesign) -> Array:
-    """Turn the configuration (n,) in a design's middle to the angle and spin of a table."""
+    """Turn the configuration (n,) in a design's middle to the angle 0 and spin 0 of a table."""
     q = design.posture.copy()
     for one in design.function.chart.cell.removed:
         p, R, _ = placed(table.task, q[None])
@@ -1166,7 +1179,7 @@ def _at_zero(table: Table, design: CellDesign) -> Array:
 def _best_locked(
     table: Table, locked: _Floods, design: CellDesign, limits: Required
 ) -> LockedJoints | None:
-    """Find the arm with locked joints that covers most of a design's sector; None if none does.
+    """Find the arm with locked joints that covers most of a design's sector; None if none does so.
 
     ``locked`` are floods with locked joints. Arms that keep the limits of joint speed come first;
     among arms that cover the same share, the one with the lowest joint speed is chosen.
@@ -1197,7 +1210,11 @@ def _best_locked(
 
 
 class _Larger(NamedTuple):
-    """Arm with locked joints, its sector, and the configuration (n,) in the middle of it."""
+    """Arm with locked joints that covers a larger sector than a design.
+
+    ``found`` has the sector's range of radius, ``posture`` (n,) the arm's configuration in the
+    middle.
+    """
 
     arm: LockedJoints
     found: Between
@@ -1238,7 +1255,10 @@ def _larger(table: Table, locked: _Floods, design: CellDesign, limits: Required)
 def _larger_place(
     table: Table, line: Array, symmetries: tuple[Symmetry, ...], larger: _Larger
 ) -> _Place:
-    """Make the place of the sector of an arm with locked joints, for a function of free joints."""
+    """Make the place for a function of free joints from the sector of an arm with locked ones.
+
+    ``larger`` is the arm with its sector.
+    """
     q, turns = _central(table.task, symmetries, larger.posture)
     cell = _shaped_sector(table, line, symmetries, larger.found, turns)
     return _Place(cell, q, larger.arm.area)
@@ -1279,7 +1299,8 @@ def _locked_arm(
 ) -> LockedJoints:
     """Evaluate an arm with locked joints on all nodes of a mask ``clear`` (I, J).
 
-    The arm is that of flood number ``k`` of ``locked``, which reaches these nodes.
+    The arm is that of flood number ``k`` of ``locked``, which reaches these nodes. The ``share`` of
+    the result is 1; the caller may replace it.
     """
     task, Q = table.task, locked.Q[k][clear]
     joints = np.flatnonzero(locked.held[k])
@@ -1293,9 +1314,9 @@ def _locked_arm(
 
 
 def _locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, float]:
-    """Evaluate the extra joint speed, mean and maximum, of an arm with locked joints at Q (K, n).
+    """Evaluate the extra joint speed, rms and maximum, of an arm with locked joints at Q (K, n).
 
-    ``held`` (n,) is True for locked joints. The result is a fraction of the joint speed of J⁺.
+    ``held`` (n,) is True for locked joints. The results are fractions: 0.05 is 5 % more than J⁺.
     """
     mine, least = _locked_squares(cell, Q, held)
     return float(np.sqrt(mine.mean() / least.mean()) - 1), float(np.sqrt((mine / least).max()) - 1)
@@ -1310,7 +1331,7 @@ def _locked_squares(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[Arra
 def _least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
     """Evaluate minimum squared joint speeds at Q (K, n), of a function and of J⁺: (K,) each.
 
-    Along each coordinate that symmetries remove, the function moves one joint only.
+    The function moves as J⁺ does, but one joint only along each coordinate that a symmetry removes.
     """
     J, E, C = _unit_twists(cell, Q)
     usual = np.linalg.pinv(J) @ E
@@ -1328,5 +1349,8 @@ def _unit_twists(cell: Cell, Q: Array) -> tuple[Array, Array, Array]:
 
 
 def _squares(own: Array, usual: Array) -> tuple[Array, Array]:
-    """Sum squared joint motions (K, n, k), of a function and of J⁺, over joints and coordinates."""
+    """Sum squared joint motions (K, n, k) over joints and coordinates: (K,) of each argument.
+
+    ``own`` is that of a function, ``usual`` that of J⁺.
+    """
     return (own**2).sum(axis=(1, 2)), (usual**2).sum(axis=(1, 2))

@@ -5,7 +5,8 @@ angles alone. A window is a range of the angle. Each window has those nodes of a
 of collisions at all its angles: a wide window has fewer such nodes, a narrow window more. A table
 is a grid of radius and height around the arm, whose nodes have the indices (i, j) of I radii and J
 heights. A flood is the set of nodes that the arm reaches from one configuration without a change of
-branch, one of the separate solutions of inverse kinematics.
+branch, one of the separate solutions of inverse kinematics; as an array (I, J, n), it has the
+configurations of n joints, NaN at nodes that it does not reach.
 """
 
 from __future__ import annotations
@@ -34,7 +35,9 @@ STEP = 2 * np.pi / _ANGLES
 
 
 class Shut(NamedTuple):
-    """Angles around the arm, M in number, at which nodes of a flood cannot be used.
+    """Masks of the nodes of a flood that cannot be used at M equally spaced angles around the arm.
+
+    The first angle is 0.
 
     Attributes
     ----------
@@ -48,7 +51,7 @@ class Shut(NamedTuple):
     out: NDArray[np.bool_]
 
     def at(self, angle: float) -> NDArray[np.bool_]:
-        """Return a mask (I, J) of the nodes that cannot be used at ``angle``, rad.
+        """Return a mask (I, J), True at nodes that cannot be used at ``angle``, rad.
 
         It is the mask of the nearest angle that was tested.
         """
@@ -56,10 +59,10 @@ class Shut(NamedTuple):
         return np.asarray(self.near[k] | self.out[k])
 
     def free(self, angles: tuple[float, float]) -> NDArray[np.bool_]:
-        """Return the nodes (I, J) at which bodies keep the distance at all angles of a range.
+        """Return a mask (I, J), True where bodies keep the distance at all angles of a range.
 
-        The range is from the first to the last angle, rad. Angles beyond the limits of the joint
-        that turns the arm are left out.
+        The range is from the first to the last of the two ``angles``, rad. Angles beyond the limits
+        of the joint that turns the arm are left out; a node with no other angle is False.
         """
         half = (angles[1] - angles[0]) / 2
         away = STEP * np.arange(_ANGLES) - sum(angles) / 2
@@ -88,7 +91,8 @@ def shut(table: Table, flood: Array, distance: float) -> Shut:
     """Find where bodies are nearer than a distance, m, at the nodes of a flood (I, J, n).
 
     Pairs of bodies that do not move relative to each other when the arm turns are tested once per
-    node. The other pairs are tested at each angle, at one node per block of nodes.
+    node. The other pairs are tested at each of 16 angles, at one node per block of neighbouring
+    nodes, which stands for the block.
     """
     task, bodies, joint = table.task, bodies_of(table.task), table.around.joint
     on = np.argwhere(np.isfinite(flood[..., 0]))

@@ -2,8 +2,8 @@
 
 Test vectors, which are inputs with Python's results for them, are also exported. They check a build
 on the robot's computer. Ω is the region of joint space, or the cell of poses, of the design. The
-function of a cell is q = F(x; c), with the pose x and the level c, which is the position along the
-self-motion.
+function of a cell is q = F(x; c), with the pose x and the level c (r,), which is the position along
+the self-motion. n is the number of joints.
 """
 
 from __future__ import annotations
@@ -50,9 +50,10 @@ def export_c(
 ) -> list[Path]:
     """Export a repeatable inverse or a cell function as C99, with C++17 interfaces.
 
-    ``name.h`` and ``name.c`` depend on ``<math.h>`` only. They define the functions placement,
-    jacobian, inverse, leaf, velocity, step, torque and inside, with the prefix ``name_``. The
-    functions do not allocate memory, keep no state, and return a status. ``name.hpp`` has these
+    ``name`` stands for the argument. ``name.h`` and ``name.c`` depend on ``<math.h>`` only. They
+    define the functions placement, jacobian, inverse, leaf, velocity, step, torque and inside, with
+    the prefix ``name_``; ``step``, for example, is :meth:`RepeatableInverse.step`. The functions do
+    not allocate memory, keep no state, and return a status. ``name.hpp`` has these
     functions with ``std::array``, and ``name_kdl.hpp`` has solvers of Orocos KDL. The program
     ``check.c`` compares a build with Python's results in ``test_vectors.h``. ``loop.c`` is an
     example of a control loop at 1 kHz, and ``CMakeLists.txt`` builds all. The output is
@@ -127,8 +128,9 @@ def _texts(
 ) -> dict[str, str]:
     """Compose the texts of all exported files, by file name.
 
-    ``name`` is the prefix of the files and of the C functions, and ``source`` has the main texts.
-    The test vectors lie in ``region``; with None, in the inverse's own Ω.
+    ``name`` is the prefix of the files and of the C functions; ``source`` has the texts of header
+    and source file, and parts of the C++ header. The test vectors lie in ``region``; with None, in
+    the inverse's own Ω.
     """
     if isinstance(control, InverseFunction):
         inverse = control.inverse
@@ -198,7 +200,8 @@ def _refuse_foreign(path: Path) -> None:
 def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
     """Choose the configuration (n,) at which the example and the test vectors begin.
 
-    It is F at the cell's middle, or the centre of Ω; without either, the task's reference.
+    It is F in the middle of the cell if Ω is a cell; else the centre of Ω or, without Ω, the task's
+    reference configuration.
     """
     if isinstance(region, Cell) and isinstance(inverse.potentials, CellPotentials):
         return InverseFunction(inverse.potentials.chart)(region.placement)
@@ -208,10 +211,11 @@ def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
 def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
     """Write the closed path of the example ``loop.c`` as C text: ``along`` (2 rows) and ``radii``.
 
-    The path ``p = p_0 + r_1 a_1 (cos s − 1) + r_2 a_2 sin s``, with the rows a_1 and a_2 of
-    ``along`` and the radii r_1 and r_2, m, has a constant orientation. It lies inside a cell. In a
-    sector, whose orientation turns with the angle, it is in the plane of radius and height. A
-    planar task, which leaves the orientation free, uses radius and angle instead.
+    The path is an ellipse, ``p = p_0 + r_1 a_1 (cos s − 1) + r_2 a_2 sin s``, with the rows a_1 and
+    a_2 of ``along`` and the radii r_1 and r_2, m; its orientation is constant. If Ω is a cell, the
+    path lies inside. In a sector, whose orientation turns with the angle, it is in the plane of
+    radius and height. A planar task, which leaves the orientation free, uses radius and angle
+    instead.
     """
     axes = [int(axis) for axis in inverse.task.rows if axis < 3]
     along, most = np.eye(3)[axes], np.full(len(axes), np.inf)
@@ -269,7 +273,7 @@ def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, na
 
 
 def _optional(given: Array | None, size: int) -> tuple[int, Array]:
-    """Convert an optional vector for C: 1 and the vector, or 0 and zeros if it is None."""
+    """Convert an optional vector for C: (1, vector) or, if it is None, (0, zeros (size,))."""
     return int(given is not None), np.zeros(size) if given is None else given
 
 

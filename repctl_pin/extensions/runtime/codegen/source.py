@@ -42,8 +42,8 @@ _MEANING = {
 class Source(NamedTuple):
     """Texts of the C header ``header`` and the C source file ``code``, and parts of the C++ header.
 
-    ``governor`` and ``closing`` are the C++ text of the governor and of the closing radius; empty
-    if they are left out.
+    The parts are ``governor`` and ``closing``, on the governor and the closing radius; empty if
+    they are not exported.
     """
 
     header: str
@@ -136,7 +136,8 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
     """Check that an inverse and its region can be written as C, and return the region.
 
     The region None stands for the region Ω of the inverse. The result is None if the inverse has no
-    region either; every q is then inside. An InputError is raised if C cannot hold them.
+    region either; every q is then inside. An InputError is raised if one of them cannot be written
+    as C, or if they do not fit each other.
     """
     task = inverse.task
     if task.r < 1:
@@ -160,8 +161,9 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
 def _frame_sizes(arm: Any) -> dict[str, str | int]:
     """Return the sizes of one frame for C: task rows, joints, and maximum joints of any frame.
 
-    ``arm`` is the C struct of the task's joint chains, from :func:`native_arm`. For one frame, the
-    sizes are numbers, so that the compiler can unroll loops. For several frames, the first two are
+    They are returned by the names of the template's placeholders, as numbers or C expressions.
+    ``arm`` is the C struct of the task's joint chains, from :func:`native_arm`. For one frame, all
+    are constants, so that the compiler can unroll loops. For several frames, the first two are
     members of each frame's struct ``arm``.
     """
     if arm.frames == 1:
@@ -230,9 +232,10 @@ def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | N
 
 
 def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
-    """Test whether an inverse is that of the function over this very cell.
+    """Test whether an inverse is that of a cell function over this very ``cell``.
 
-    Only then can the cell be its region in C, because C tests poses with the chart of the function.
+    Only then can the cell be the region of the inverse in C, because C tests poses with the chart
+    of the function.
     """
     if not isinstance(inverse.potentials, CellPotentials):
         return False

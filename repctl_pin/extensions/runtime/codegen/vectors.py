@@ -4,6 +4,8 @@ The exported program ``check.c`` calls the C functions with these inputs, and co
 with those of Python. A status is the return value of a C function: OK, SINGULAR (the arm is near a
 singularity), BAD_NUMBER (an input is invalid) or OUTSIDE (q is outside the region of the design).
 A leaf is the set h(q) = c of r potentials h, which the inverse keeps constant; c (r,) is its level.
+The torque law is that of :class:`LeafImpedance`; its observer estimates a disturbance. n is the
+number of joints, m that of task coordinates.
 """
 
 from __future__ import annotations
@@ -40,11 +42,12 @@ class Vector:
     """Test vector: a configuration q (n,), and the other inputs of the exported C functions.
 
     ``xdot`` (m,) is ẋ for ``RepeatableInverse.velocity``. ``target``, ``dt``, ``twist``, ``leaf``,
-    ``gain``, ``limit`` (the speed limits) and ``damping`` are arguments of
+    ``gain``, ``limit`` (n,) (the speed limits) and ``damping`` are arguments of
     ``RepeatableInverse.step``, where ``leaf`` (r,) is the level c; with ``stay_inside``, a step
-    from outside the region, or beyond joint limits, has the status OUTSIDE. ``joint_speed`` is q̇,
-    ``M`` the inertia, ``bias`` the gravity and velocity terms, and ``observer`` the observer's
-    state (r,) for the torque law. An input that is left out is None.
+    from outside the region, or to joints beyond their limits, has the status OUTSIDE. Inputs of the
+    torque law are ``joint_speed`` (n,), q̇; ``M`` (n, n), the inertia; ``bias`` (n,), the gravity
+    and velocity terms; ``gains``; and ``observer`` (r,), the observer's state. An optional input
+    that is left out is None.
     """
 
     q: Array
@@ -83,9 +86,10 @@ def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) ->
 
 
 def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generator) -> Vector:
-    """Sample the valid test vector number k at q (n,); every sixth one at a distance from q.
+    """Sample the valid test vector number k at q (n,); every sixth one away from q.
 
-    The distance is random, about 1 rad or m per joint. All random numbers are drawn from ``rng``.
+    The distance is random, about 1 rad or m per joint, so that most of these lie outside the
+    region. All random numbers are drawn from ``rng``.
     """
     task = inverse.task
     if k % 6 == 5:  # further outside
@@ -115,7 +119,8 @@ def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generato
 def _bad(task: Task, found: Sequence[Vector]) -> dict[int, tuple[str, Any]]:
     """Choose invalid inputs: a dict ``{number of the vector: (name of the input, its value)}``.
 
-    In q and ẋ, the value replaces the last entry. ``found`` are the valid vectors.
+    For q and ẋ, the value is to replace the last entry, else the whole input. ``found`` are the
+    valid vectors.
     """
     bad: dict[int, tuple[str, Any]] = {
         7: ("q", np.nan),
@@ -138,8 +143,9 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
 
     The statuses are ``usable`` (OK if q is finite), ``inside`` (OUTSIDE beyond the region), and
     those of ``velocity`` and ``step`` of the inverse and of its torque law, ``torque``. The outputs
-    are ``placement``, ``J``, the level ``c`` of q, ``qdot``, ``q_next``, ``tau`` and the
-    ``observer``'s state. The output of a function whose status is not OK is 0.
+    are ``placement``, ``J``, the level ``c`` of q, ``qdot`` (from ``velocity``), ``q_next`` (from
+    ``step``), ``tau`` and the ``observer``'s new state (from the torque law). The output of a
+    function that raises an error is 0.
     """
     task, q = inverse.task, vector.q
     # numbers that are not finite are refused by all functions
@@ -185,8 +191,7 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
 def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Array]:
     """Evaluate the torque law: return its status, τ (n,), and the observer's new state (r,).
 
-    The state is 0 for a vector without an observer, the estimator of disturbances. A vector without
-    a level stands for the level 0.
+    The state is 0 for a vector without an observer. The level is 0 for a vector without one.
     """
     task, observer = inverse.task, None
     if vector.observer is not None:
@@ -201,7 +206,10 @@ def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Arr
 
 
 def _turned(placement: pin.SE3, w: Array) -> pin.SE3:
-    """Rotate a placement about the origin of the base by the rotation vector w (3,), rad."""
+    """Rotate a placement about the origin of the base by the rotation vector w (3,), rad.
+
+    Both its position and its orientation turn.
+    """
     return pin.SE3(pin.exp3(w), np.zeros(3)) * placement
 
 
@@ -212,7 +220,7 @@ def _inertia(rng: np.random.Generator, n: int) -> Array:
 
 
 def _gains(rng: np.random.Generator, task: Task) -> Gains:
-    """Sample random gains of the torque law: stiffness, damping, frequency and observer."""
+    """Sample random gains of the torque law."""
     zeta, omega, zeta_h, kappa = rng.uniform(0.5, 20.0, 4).tolist()
     stiffness, limit = rng.uniform(20.0, 2000.0, task.m), rng.uniform(0.5, 5.0, task.n)
     return Gains(stiffness, zeta, omega, zeta_h, kappa, limit)

@@ -4,9 +4,10 @@ A single joint moves the frame along such a coordinate, so the function is desig
 coordinate is then removed from the coordinates u of a pose, which go from −1 to 1. The range of the
 coordinate ends at the limits of that joint. If its range is given as ``"all"``, it ends nowhere
 else. A pose is covered if the function has a configuration there inside the joint limits. A sector
-is a cell in cylindrical coordinates: radius, angle and height about an axis, two tilts of the tool,
-and its spin. A chart is the pair of polynomials of u in which the function is written: q_ref
-approximates its configurations, n_ref the null space of J.
+is a cell in cylindrical coordinates, numbered from 0: radius, angle and height about an axis, two
+tilts of the tool, and its spin. A chart is the pair of polynomials of u in which the function is
+written: q_ref approximates its configurations, n_ref the null space of J. K poses are the rows of
+U (K, k).
 """
 
 from __future__ import annotations
@@ -123,9 +124,9 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
     """Compute the smallest and the largest value of a joint, rad, over the covered poses of a cell.
 
     ``joint`` is the index of the joint that moves the frame along a symmetric coordinate. Return
-    also the fraction of sampled poses that are covered, and widths (3,), rad, of intervals around
-    the mean of both values that contain 99.9 %, 99 % and this fraction of the values. All results
-    are NaN if no pose is covered.
+    (smallest, largest, fraction, widths): the fraction of sampled poses that are covered, and the
+    widths (3,), rad, of intervals around the mean of smallest and largest value that contain
+    99.9 %, 99 % and this fraction of the values. All results are NaN if no pose is covered.
     """
     candidate, cell = CandidateFunction.zero(chart), chart.cell
     U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
@@ -150,7 +151,7 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
 
 
 def _inside(cell: Cell, points: Points) -> NDArray[np.bool_]:
-    """Test at which of K points of a function it covers the pose: (K,)."""
+    """Test at which of K points the function exists inside the joint limits: (K,)."""
     margin = cell.limit_margin(points.Q).min(axis=1)
     return np.asarray(points.found & (margin >= 0))
 
@@ -164,8 +165,8 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
     """Compute the range of a chart's function along each symmetric coordinate of its sector.
 
     A coordinate with the range ``"all"`` gets the computed range: the middle of the sector is moved
-    along it, and its half-width is set. Return the chart over the changed sector, and the ranges. A
-    chart without removed symmetries is returned unchanged, with no ranges.
+    along it, and its half-width is set. Return the chart over the changed sector, and one range per
+    symmetric coordinate. A chart without removed coordinates is returned unchanged, with no ranges.
     """
     sector = chart.cell
     if not sector.removed:
@@ -196,8 +197,8 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
 def narrowed(chart: Chart, ranges: dict[int, tuple[float, float]]) -> Chart:
     """Return the chart of the same function over a part of its sector.
 
-    ``ranges`` has the ends (low, high), rad from the middle, by index of each symmetric coordinate
-    that is cut. Cut coordinates no longer have the range ``"all"``.
+    ``ranges`` has the ends (low, high), rad from the middle, of each symmetric coordinate that is
+    cut, by its number in the sector. Cut coordinates no longer have the range ``"all"``.
     """
     sector = chart.cell
     assert isinstance(sector, Sector), "no other cell has symmetries"
@@ -213,10 +214,10 @@ def narrowed(chart: Chart, ranges: dict[int, tuple[float, float]]) -> Chart:
 
 
 def expanded(chart: Chart) -> Chart:
-    """Rewrite the chart of a sector in all its coordinates, those that symmetries removed included.
+    """Rewrite the chart of a sector in all its coordinates, the removed symmetric ones included.
 
-    Body distances depend on these, so they are evaluated with the new chart. Its polynomial q_ref
-    is linear in them. Other charts are returned unchanged.
+    Body distances depend on the removed coordinates, so they are evaluated with the new chart. Its
+    polynomial q_ref is linear in these. Charts without removed coordinates are returned unchanged.
     """
     sector = chart.cell
     if not sector.removed:
