@@ -295,7 +295,7 @@ async function main() {
       if (own) own.place(callouts.rooms, spots);
     };
   viewer.controls.addEventListener("end", () => keep(clock, eye, own ? own.addressParts() : []));
-  savable(viewer, clock, scene.live);
+  savable(viewer, clock, scene, arms);
   const paper = () => still(viewer, clock, arms, panes, resize);
   printable(paper);
   if (address.time !== null) clock.time = Math.min(Math.max(address.time, 0), clock.cycles);
@@ -305,7 +305,7 @@ async function main() {
   if (own && address.own) await own.open(address.own);
 
   run(clock, viewer, scene.live, resize);
-  openConsole(api, { viewer, clock, view, arms, panes, still: paper, own });
+  openConsole(api, { viewer, clock, view, arms, panes, still: paper, own, scene });
   api.took = performance.now() - start;
   const problems = [...scene.problems, ...api.errors];
   notify(
