@@ -148,7 +148,8 @@ async function main() {
       for (const rim of arm.rims) rim.visible = box("callouts").checked && !arm.lost;
       const { broken } = arm.data;
       const past = Boolean(arm.past) && scene.cycles[cycle] - 1 + part >= broken.at;
-      arm.notice.textContent = past ? broken.words : "";
+      // without callouts, the label says what else stands at the red ball
+      arm.notice.textContent = past && !box("callouts").checked ? broken.words : "";
       if (!arm.past) continue;
       // the place where a motion ends is marked from the beginning
       arm.past.node.visible = past || arm.data.lost < Infinity;

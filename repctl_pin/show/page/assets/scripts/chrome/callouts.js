@@ -33,7 +33,7 @@ export class Callouts {
   say(atEnd, read = null) {
     const { leading, hands: names } = this.scene;
     this.sets.forEach(({ arm, part, hands, mark }, k) => {
-      sayWhatBreaks(mark, arm, leading);
+      sayWhatBreaks(mark, arm, leading, this.isNarrow(k));
       const from = this.measuredFrom(arm, k, atEnd);
       const short = this.isNarrow(k);
       const [off, when] = read ? read(arm) : [arm.partOff(), from];
@@ -140,13 +140,15 @@ function makeCallout(pane, kind) {
 }
 
 // Say at the red ball what happens there, where it is seen.
-function sayWhatBreaks(mark, arm, leading) {
+function sayWhatBreaks(mark, arm, leading, short) {
   mark.on = Boolean(arm.past && arm.past.node.visible && !leading);
   mark.box.style.visibility = mark.on ? "" : "hidden";
   if (!mark.on) return;
   const { broken, title, lost } = arm.data;
-  setText(mark.value, lost < Infinity ? `${title} ${broken.words}` : broken.words);
-  setText(mark.note, `in cycle ${broken.cycle}`);
+  const when = `in cycle ${broken.cycle}`;
+  const ends = lost < Infinity;
+  setText(mark.value, ends ? (short ? "fails here" : `${title} fails here`) : broken.words);
+  setText(mark.note, ends ? `close to a singularity, ${when}` : when);
 }
 
 // Text that stays is not written again: a page lays out what was written.

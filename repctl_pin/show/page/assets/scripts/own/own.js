@@ -993,7 +993,7 @@ export class Own {
       node.replaceChildren(...children);
       if (height) node.style.minHeight = `${height}px`;
     }
-    this.head = header.offsetHeight;
+    this.head = header.getBoundingClientRect().height;
     body.style.setProperty("--head", `${this.head}px`);
     nodes.forEach((node, k) => node.replaceChildren(...now[k]));
     body.className = classes;
