@@ -636,7 +636,7 @@ def test_a_loop_close_to_a_singularity_is_kept(driver: Any, page: Path, study: r
         driver.execute_script("repctl.own.open({ points: arguments[0] })", points.tolist())
         wait_until_computed(driver)
         assert driver.execute_script("return repctl.own.state") == "own"
-        assert said(driver).endswith("No arm can follow it to its end.") == lost
+        assert said(driver).startswith("No arm can follow your loop to its end: ") == lost
     assert errors(driver) == []
 
 

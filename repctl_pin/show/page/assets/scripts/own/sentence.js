@@ -7,6 +7,7 @@ const BACK = 1e-4; // m, below which it is back
 const TURNED = 0.1; // rad, from which a joint is named although no part is off
 const FAR = 0.5; // leaf margin from which the repeatable control is far from where it fails
 const FROM = " from its start";
+const WHERE = "close to a singularity, at the red ball";
 const NOT_KNOWN = [
   " Close to a singularity, small errors of the computation grow, so the drift is not known from " +
     "the red ball on.",
@@ -19,11 +20,11 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   // an arm that has come close to a singularity is named first, the others are compared
   const lost = arms.flatMap((arm, k) => (runs[k].data.lost < cycles ? [k] : []));
   const kept = arms.flatMap((_, k) => (lost.includes(k) ? [] : [k]));
-  const sentence = lost.flatMap((k) => lostWords(arms[k], runs[k].data.broken));
   if (!kept.length) {
-    sentence.push([" No arm can follow it to its end."]);
+    const sentence = [[noneWords(runs, shape), "bad"]];
     return { sentence, notes: [...notesOf(arms, runs, cycles), NOT_KNOWN], part: "hand" };
   }
+  const sentence = lost.flatMap((k) => lostWords(runs[k].data));
   const context = {
     chain,
     arms: kept.map((k) => arms[k]),
@@ -40,9 +41,15 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   };
 }
 
-function lostWords({ data }, { cycle }) {
-  const where = `in cycle ${cycle}, close to a singularity, at the red ball`;
-  return [[`${capitalized(data.under)} fails ${where}.`, "bad"], [" "]];
+function lostWords({ under, broken }) {
+  return [[`${capitalized(under)} fails in cycle ${broken.cycle}, ${WHERE}.`, "bad"], [" "]];
+}
+
+function noneWords(runs, { whose }) {
+  const each = runs.map(({ data: { under, broken } }, k) =>
+    k ? `${under} in cycle ${broken.cycle}` : `${under} fails in cycle ${broken.cycle}`,
+  );
+  return `No arm can follow ${whose} to its end: ${each.join(", ")}, ${WHERE}.`;
 }
 
 // Who is back and who is not, of the arms that have gone all the way.
