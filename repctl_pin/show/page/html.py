@@ -11,6 +11,7 @@ For the browser's console and for tests, the page has an object ``repctl`` with 
 - ``drift(arm, name)``: displacement, m, of a named body from its ghost, and the body's colour
 - ``picture()``, ``seen()``: data URL of a PNG of the scene, and of the page
 - ``record(seconds)``: start a film; return the function ``stop`` and the promise ``done`` of a Blob
+- ``csv()``: the motions of all arms, as text with the columns of a study's ``motion.csv``
 - ``still()``: canvas element with a picture of the scene, for print
 - ``pane(arm)``: position and size of an arm's pane, as fractions of the picture
 
@@ -40,6 +41,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from ..._version import __version__
 from ...base.arguments import Array
 from ...base.errors import RepctlError
 from ..text.headline import Headline
@@ -95,6 +97,7 @@ def page(
         headline=headline,
         scene=scene,
         words=words,
+        version=__version__,
         data=Markup(_as_script(scene)),
         viewer=Markup(_viewer()),
         commands=Markup(pack(b"".join(struct.pack("<I", len(c)) + c for c in commands))),

@@ -20,6 +20,7 @@ from ...base.errors import InputError
 from ...model.shapes import Shape
 from ...model.surfaces import Surfaces
 from ...model.task import Task
+from ...studies.quantities import KEYS
 from ...studies.study_result import picked
 from ..palette import VERMILLION
 from ..text.headline import NO_HEADLINE, Headline, names_of
@@ -35,7 +36,7 @@ _CORNER = 128e-7
 _JOINT = 1e-3
 """Scale by which joint values are stored, so that the page's resolution is 1e-4 rad or m."""
 
-_JOINT_ROWS = 22
+_JOINT_ROWS = 61
 """Maximum number of samples of the joints per cycle."""
 
 _SHOWN = 24
@@ -182,13 +183,13 @@ class JointRows:
         Task to which the joints belong.
     rows : tuple of (shown cycles · per_cycle, n) arrays
         Joint positions of each arm, rad or m.
-    per_cycle : int
-        Number of plotted samples per cycle, both ends included.
+    at : (F,) array
+        Times of the F samples of a cycle, both ends included, as fractions of the cycle.
     """
 
     task: Task
     rows: tuple[Array, ...]
-    per_cycle: int
+    at: Array
 
     @staticmethod
     def of(task: Task, shown: Sequence[Array], frames: Frames) -> JointRows:
@@ -201,14 +202,15 @@ class JointRows:
         within = np.rint(np.linspace(0, frames.per_cycle - 1, count)).astype(int)
         index = (np.arange(len(frames.cycles))[:, None] * frames.per_cycle + within).ravel()
         rows = tuple(np.array([task.from_robot(q) for q in Q[index]]) for Q in shown)
-        return JointRows(task, rows, count)
+        at = frames.index[within] / frames.index[frames.per_cycle - 1]
+        return JointRows(task, rows, at)
 
     def described(self) -> dict[str, Any]:
         """Describe the joints, without the rows, in plain types for JSON.
 
         The keys are names, lower and upper limits (None for no limit), whether each joint is
-        revolute, the number of samples per cycle, and the factor, 0.001, by which the page's
-        script divides the rows.
+        revolute, the number of samples per cycle, their times, and the factor, 0.001, by which the
+        page's script divides the rows.
         """
         lower, upper = self.task.lower, self.task.upper
         return {
@@ -216,7 +218,8 @@ class JointRows:
             "lower": [float(v) if np.isfinite(v) else None for v in lower],
             "upper": [float(v) if np.isfinite(v) else None for v in upper],
             "turns": self.task.revolute.tolist(),
-            "perCycle": self.per_cycle,
+            "perCycle": len(self.at),
+            "at": np.round(self.at, 6).tolist(),
             "scale": _JOINT,
         }
 
@@ -423,6 +426,7 @@ def _describe(
     }
     return {
         **picked(arm, "label", "color", "unit"),
+        "strategy": KEYS.get(arm.label, arm.label),
         **names_of(arm.label),
         "drift": arm.cycle_drift.tolist(),
         "off": off.tolist(),

@@ -42,11 +42,8 @@ _ABOUT = {
     "path ends in the joint positions with which it began",
 }
 _UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one"}
-LEAST_AT_EACH_INSTANT = (
-    "At each instant no control moves the joints more slowly than the usual one; over a whole "
-    "cycle another can."
-)
-"""Why a motion can need less joint speed over a cycle than J⁺."""
+_WHY_SLOWER = "This is possible because the two arms pass through different joint positions."
+"""Why a motion can need less joint speed over a cycle than J⁺, the slowest at each instant."""
 
 _ABOUT_DRIFT = (
     "after the last cycle: which part of the arm is farthest from where it was at the start, and "
@@ -184,7 +181,7 @@ def headline_of(
         worst = max(summaries, key=lambda one: one.off)
         said += [Span(also), Span("0", "good", _exact(worst)), Span(" from its start.")]
     else:
-        said += _drifted(summaries, f"After {times} " if lost else "")
+        said += _drifted(summaries, times, again=bool(lost))
     return Headline((*said, *_ends(summaries)), notes, _ABOUT_DRIFT)
 
 
@@ -216,13 +213,15 @@ def _is_open(one: MotionSummary) -> bool:
     return one.path_loss is None and one.hand_off > ON_PATH * one.size
 
 
-def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
+def _drifted(summaries: Sequence[MotionSummary], times: str, *, again: bool) -> list[Span]:
     """Write which part or joint is displaced, and by how much under each controller.
 
     The part is the one that is displaced most under any controller. If no part is displaced by 1 cm
-    or more, a joint is named instead that is displaced by 0.1 rad or more. ``after`` begins the
-    sentence, such as "After 10 cycles "; empty if the sentence before gives the number of cycles.
+    or more, a joint is named instead that is displaced by 0.1 rad or more. ``times`` is the number
+    of cycles as text, "10 cycles", with which the sentence begins if ``again``; otherwise, the
+    sentence before has begun with it.
     """
+    after = f"After {times} " if again else ""
     worst = max(summaries, key=lambda one: one.off)
     numbered = worst.part.removeprefix("link ").isdigit()
     named = worst.part if worst.part.startswith("link ") else f"the {worst.part}"
@@ -235,7 +234,7 @@ def _drifted(summaries: Sequence[MotionSummary], after: str) -> list[Span]:
         subject = f"the joint {joint}"
         offs = [_turned(one) for one in summaries]
     else:
-        verb = "has hardly drifted"
+        verb = "has hardly drifted" if again else f"has hardly drifted in {times}"
         offs = _offs(summaries, "")
     said = [Span(f"{after}{subject} {verb}: " if after else capital(f"{subject} {verb}: "))]
     for one, off in zip(summaries, offs, strict=True):
@@ -420,7 +419,7 @@ def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list
     by = f"Under {under(last.label)}, the joints move"
     said = f"{by} {early} in cycle 1{over} (root mean square)."
     if first.label == "J⁺" and "slower" in early + late:
-        said += f" {LEAST_AT_EACH_INSTANT}"
+        said += f" {_WHY_SLOWER}"
     return [Span(said)]
 
 
@@ -489,17 +488,7 @@ def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
         for one in known
         if one.collision_cycle
     ]
-    near = [one for one in free if (one.body_distance or 0.0) < NEAR]
-    texts = [
-        f"{' and '.join(one.near)} come as near as {_distance(one)}{one.checked}" for one in near
-    ]
-    if len(texts) == 2 and texts[0] == texts[1]:
-        said.append(Span(f"{texts[0]} under both controls.", "near"))
-    else:
-        said += [
-            Span(f"{text}{_by(one, summaries)}.", "near")
-            for text, one in zip(texts, near, strict=True)
-        ]
+    said += _nearest([one for one in free if (one.body_distance or 0.0) < NEAR], summaries)
     if said or len(free) < len(summaries):
         return said
     least = min(free, key=lambda one: one.body_distance or 0.0)
@@ -508,9 +497,29 @@ def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
     return [Span(f"Links stay at least {_distance(least)} apart{both}{checked}.")]
 
 
-def _distance(one: MotionSummary) -> str:
+def _nearest(near: Sequence[MotionSummary], summaries: Sequence[MotionSummary]) -> list[Span]:
+    """Write the minimum body distance of each motion in ``near``, with its two links: one span.
+
+    Distances between different links that round to the same number get a third digit, so that they
+    are not read as one. The list is empty if ``near`` is.
+    """
+    if not near:
+        return []
+    pairs = {one.near for one in near}
+    alike = len({_distance(one) for one in near}) < len(pairs)
+    texts = [
+        f"{_distance(one, 3 if alike else 2)} between {' and '.join(one.near)}{one.checked}"
+        for one in near
+    ]
+    if len(near) == 2 and texts[0] == texts[1]:
+        return [Span(f"Closest links: {texts[0]}, under both controls.", "near")]
+    each = (f"{text}{_by(one, summaries)}" for text, one in zip(texts, near, strict=True))
+    return [Span(f"Closest links: {', '.join(each)}.", "near")]
+
+
+def _distance(one: MotionSummary, digits: int = 2) -> str:
     """Format the minimum body distance of a motion, such as ``6.7 mm``, kept on one line."""
-    return _whole(metres(one.body_distance or 0.0))
+    return _whole(metres(one.body_distance or 0.0, digits))
 
 
 def _unchecked(summaries: Sequence[MotionSummary]) -> list[Span]:

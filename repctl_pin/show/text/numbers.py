@@ -24,16 +24,16 @@ def number(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1e3 else f"{value:.0f}"
 
 
-def metres(value: float) -> str:
+def metres(value: float, digits: int = 2) -> str:
     """Format a length, m, in a suitable unit: 1.2 m, 45 cm, 2.6 mm, 0.02 mm, 7 µm.
 
-    It has two digits, and is 0 below a nanometre.
+    It has two significant digits, or as many as given, and is 0 below a nanometre.
     """
     if value < 1e-9:
         return "0"
     units = ((0.995, 1, "m"), (0.00995, 100, "cm"), (1e-5, 1000, "mm"), (0.0, 1e6, "µm"))
     scale, unit = next((scale, unit) for least, scale, unit in units if value >= least)
-    return f"{float(f'{scale * value:.2g}'):g} {unit}"
+    return f"{float(f'{scale * value:.{digits}g}'):g} {unit}"
 
 
 def displacement(value: float) -> str:

@@ -148,7 +148,8 @@ async function main() {
       for (const rim of arm.rims) rim.visible = box("callouts").checked && !arm.lost;
       const { broken } = arm.data;
       const past = Boolean(arm.past) && scene.cycles[cycle] - 1 + part >= broken.at;
-      arm.notice.textContent = past ? broken.words : "";
+      // without callouts, the label says what else stands at the red ball
+      arm.notice.textContent = past && !box("callouts").checked ? broken.words : "";
       if (!arm.past) continue;
       // the place where a motion ends is marked from the beginning
       arm.past.node.visible = past || arm.data.lost < Infinity;
@@ -295,7 +296,7 @@ async function main() {
       if (own) own.place(callouts.rooms, spots);
     };
   viewer.controls.addEventListener("end", () => keep(clock, eye, own ? own.addressParts() : []));
-  savable(viewer, clock, scene.live);
+  savable(viewer, clock, scene, arms);
   const paper = () => still(viewer, clock, arms, panes, resize);
   printable(paper);
   if (address.time !== null) clock.time = Math.min(Math.max(address.time, 0), clock.cycles);
@@ -305,7 +306,7 @@ async function main() {
   if (own && address.own) await own.open(address.own);
 
   run(clock, viewer, scene.live, resize);
-  openConsole(api, { viewer, clock, view, arms, panes, still: paper, own });
+  openConsole(api, { viewer, clock, view, arms, panes, still: paper, own, scene });
   api.took = performance.now() - start;
   const problems = [...scene.problems, ...api.errors];
   notify(

@@ -30,11 +30,11 @@ export async function setStage(viewer, scene) {
 
   if (scene.joints)
     for (const arm of arms) {
-      const { names, perCycle, scale } = scene.joints;
+      const { names, perCycle, scale, at: times } = scene.joints;
       const n = names.length;
       const count = scene.cycles.length * perCycle * n;
       const values = motion.subarray(at, at + count).map((v) => v / scale);
-      arm.study.run.joints = { count: perCycle, n, values };
+      arm.study.run.joints = { at: times, count: perCycle, n, values };
       arm.use(arm.run, arm.study.start);
       at += count;
     }

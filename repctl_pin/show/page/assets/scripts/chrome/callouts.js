@@ -16,6 +16,7 @@ export class Callouts {
       arm,
       part: makeCallout(panes.frames[k], ""),
       hands: scene.hands.map(() => makeCallout(panes.frames[k], " hand")),
+      mark: makeCallout(panes.frames[k], " mark"),
       gap: gapLine(panes.frames[k]),
     }));
     for (const { part } of this.sets) {
@@ -31,7 +32,8 @@ export class Callouts {
   // while time runs, what `read` says of an arm: how far it was off, m, and when.
   say(atEnd, read = null) {
     const { leading, hands: names } = this.scene;
-    this.sets.forEach(({ arm, part, hands }, k) => {
+    this.sets.forEach(({ arm, part, hands, mark }, k) => {
+      sayWhatBreaks(mark, arm, leading, this.isNarrow(k));
       const from = this.measuredFrom(arm, k, atEnd);
       const short = this.isNarrow(k);
       const [off, when] = read ? read(arm) : [arm.partOff(), from];
@@ -86,14 +88,15 @@ export class Callouts {
     if (byId("panes").classList.contains("quiet")) return;
     // all are read before any is moved
     const size = (node) => panes.sizeOf(node);
-    const sizes = this.sets.map(({ part, hands }, k) => ({
+    const sizes = this.sets.map(({ part, hands, mark }, k) => ({
       label: size(panes.frames[k].firstChild),
       box: size(part.box),
       boxes: hands.map(({ box }) => size(box)),
+      marked: size(mark.box),
     }));
-    this.rooms = this.sets.map(({ arm, part, hands, gap }, k) => {
+    this.rooms = this.sets.map(({ arm, part, hands, mark, gap }, k) => {
       const { width, height } = panes.place(k);
-      const { label, box, boxes } = sizes[k];
+      const { label, box, boxes, marked } = sizes[k];
       const room = new Room(width, height);
       const at = arm.lost ? null : panes.seen(k, arm.partSpot());
       const ghost = at && arm.ghostSpot();
@@ -111,7 +114,11 @@ export class Callouts {
         const places = at && aroundHand(boxes[f], tips[f], room);
         putCallout(hand, boxes[f], at && tips[f], spots ? RIM : 0, room, places);
       };
-      room.reserved({ x: left, y: row, w: width - left, h: box.h }, () => hands.forEach(put));
+      const ball = mark.on ? panes.seen(k, arm.past.node.position) : null;
+      room.reserved({ x: left, y: row, w: width - left, h: box.h }, () => {
+        putCallout(mark, marked, ball, 3, room, ball && aroundHand(marked, ball, room));
+        hands.forEach(put);
+      });
       putCallout(part, box, at, 0, room, at && aboveArm(box, at, left, row, width));
       return room;
     });
@@ -127,9 +134,21 @@ function makeCallout(pane, kind) {
   const note = element("small");
   const box = element("div", { class: `callout${kind}` }, value, note);
   const leader = element("i", { class: `leader${kind}` });
-  if (kind) note.remove();
+  if (kind === " hand") note.remove();
   pane.append(leader, box);
   return { box, leader, value, note };
+}
+
+// Say at the red ball what happens there, where it is seen.
+function sayWhatBreaks(mark, arm, leading, short) {
+  mark.on = Boolean(arm.past && arm.past.node.visible && !leading);
+  mark.box.style.visibility = mark.on ? "" : "hidden";
+  if (!mark.on) return;
+  const { broken, title, lost } = arm.data;
+  const when = `in cycle ${broken.cycle}`;
+  const ends = lost < Infinity;
+  setText(mark.value, ends ? (short ? "fails here" : `${title} fails here`) : broken.words);
+  setText(mark.note, ends ? `close to a singularity, ${when}` : when);
 }
 
 // Text that stays is not written again: a page lays out what was written.

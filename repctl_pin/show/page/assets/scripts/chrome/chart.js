@@ -4,13 +4,14 @@ import { byId, element, sharp, sizeOf, tone } from "../dom.js";
 import { formatLength, formatNumber, stepAbove } from "../numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
+const CONTRAST = 3; // of a bar to the paper, at least, as WCAG 2 measures it
 const LEAST = 1e-3; // m, which the axis reaches up to at least
 
 export class Chart {
   // `seek`: goes to the end of a shown cycle
   constructor(arms, scene, seek) {
     const canvas = byId("chart");
-    Object.assign(this, { arms, scene, canvas, gain: 1 });
+    Object.assign(this, { arms, scene, canvas, gain: 1, bars: new Map() });
     canvas.addEventListener("click", ({ offsetX }) => {
       const last = scene.cycles.length;
       seek(
@@ -146,13 +147,13 @@ export class Chart {
         const x = at(c + 1) - group + k * wide;
         // a zero is a hairline
         const tall = Math.max(off < 1e-4 ? 1 : 2, foot - level(off));
-        draw.fillStyle = arm.data.color;
-        draw.globalAlpha = finished ? 1 : 0.3;
-        draw.fillRect(x, foot - tall, Math.max(wide - (wide > 4 ? 1 : 0), 0.8), tall);
+        const across = Math.max(wide - (wide > 4 ? 1 : 0), 0.8);
+        draw.fillStyle = this.barColour(arm.data.color);
+        draw.fillRect(x, foot - tall, across, tall);
+        if (!finished) hollow(draw, x, foot - tall, across, tall);
         const { broken } = arm.data;
         if (broken && scene.cycles[c] >= broken.cycle)
           hatch(draw, x, foot - tall, wide, tall, 0.3 * em);
-        draw.globalAlpha = 1;
       });
     }
     this.number({ draw, height, em, count, pitch, at }, group);
@@ -166,6 +167,13 @@ export class Chart {
         Math.max(level(top) + beside * em, 0.75 * em),
         em,
       );
+  }
+
+  // The colour of an arm, nearer to that of text where it has too little contrast to the paper.
+  barColour(color) {
+    const key = color + tone("--paper");
+    if (!this.bars.has(key)) this.bars.set(key, legible(color, tone("--paper"), tone("--ink")));
+    return this.bars.get(key);
   }
 
   // The numbers of the cycles, each under its group of bars, this wide.
@@ -243,6 +251,25 @@ export class Chart {
   }
 }
 
+// A colour #rrggbb, mixed with ink until its contrast to the paper is large enough.
+function legible(color, paper, ink) {
+  for (let share = 0; share < 1; share += 0.05) {
+    const mixed = channels(color).map((v, i) => v + share * (channels(ink)[i] - v));
+    const [dark, bright] = [luminance(mixed), luminance(channels(paper))].sort((a, b) => a - b);
+    if ((bright + 0.05) / (dark + 0.05) >= CONTRAST) return `rgb(${mixed.map(Math.round).join()})`;
+  }
+  return ink;
+}
+
+const channels = (color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
+
+function luminance(rgb) {
+  const [r, g, b] = rgb.map((v) =>
+    v <= 10 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4,
+  );
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+}
+
 // The smallest and the largest value of joint i of n.
 function range(values, i, n) {
   let low = Infinity;
@@ -277,6 +304,13 @@ function textWithHalo(draw, words, x, y, em) {
   });
   draw.strokeText(words, x, y);
   draw.fillText(words, x, y);
+}
+
+// Empty a bar but for its edge, if it is wide enough to have an inside.
+function hollow(draw, x, y, width, height) {
+  if (width < 4 || height < 3) return;
+  draw.fillStyle = tone("--paper");
+  draw.fillRect(x + 1.5, y + 1.5, width - 3, height - 1.5);
 }
 
 function hatch(draw, x, y, width, height, step) {

@@ -1,9 +1,9 @@
 // For tests, and for anyone at the browser's console: window.repctl.
 
 import { byId } from "../dom.js";
-import { record, seen } from "./save.js";
+import { motionCsv, record, seen } from "./save.js";
 
-export function openConsole(api, { viewer, clock, view, arms, panes, still, own }) {
+export function openConsole(api, { viewer, clock, view, arms, panes, still, own, scene }) {
   Object.defineProperties(api, {
     time: { get: () => clock.time },
     playing: { get: () => clock.playing },
@@ -30,6 +30,7 @@ export function openConsole(api, { viewer, clock, view, arms, panes, still, own 
       return viewer.renderer.domElement.toDataURL();
     },
     still,
+    csv: () => motionCsv(arms, scene, clock.seconds),
     seen: () => seen(viewer).toDataURL(),
     record: (seconds) => record(viewer, clock, seconds),
     // where a pane is in the picture: left, top, width, height, in parts of the whole

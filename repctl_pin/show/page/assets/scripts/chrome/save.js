@@ -149,8 +149,33 @@ export function download(blob, name) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }
 
-// The two buttons: a picture, and a film of the motion once through, or until it is pressed again.
-export function savable(viewer, clock, live) {
+// The motions of all arms as the text of a CSV file, with the columns of a study's motion.csv: a row
+// for each sample of the joints, as far as it is known.
+export function motionCsv(arms, { cycles, joints }, seconds) {
+  const round = (v) => Number(v.toFixed(6));
+  const text = (v) => (/[",\n]/.test(v) ? `"${v.replaceAll('"', '""')}"` : v);
+  const rows = [["strategy", "cycle", "time", ...joints.names].map(text)];
+  for (const { data, run } of arms) {
+    const { at, n, values } = run.joints;
+    cycles.forEach((number, c) =>
+      at.forEach((part, i) => {
+        const cycle = number - 1 + part;
+        // the end of a cycle is the start of the next
+        const again = i === 0 && c > 0 && cycles[c - 1] === number - 1;
+        if (again || cycle > data.lost) return;
+        const first = (c * at.length + i) * n;
+        const q = Array.from(values.subarray(first, first + n), round);
+        rows.push([text(data.strategy), round(cycle), round(cycle * seconds), ...q]);
+      }),
+    );
+  }
+  return `${rows.map((row) => row.join(",")).join("\n")}\n`;
+}
+
+// The buttons: a picture, a film of the motion once through, or until it is pressed again, and the
+// motion in numbers.
+export function savable(viewer, clock, scene, arms) {
+  const { live } = scene;
   const picture = byId("save-picture");
   const film = byId("save-film");
   const words = film.textContent;
@@ -162,6 +187,11 @@ export function savable(viewer, clock, live) {
   picture.addEventListener("click", () =>
     seen(viewer).toBlob((blob) => download(blob, `${name()}.png`)),
   );
+  if (scene.joints)
+    byId("save-motion").addEventListener("click", () => {
+      const text = motionCsv(arms, scene, clock.seconds);
+      download(new Blob([text], { type: "text/csv" }), `${name()}.csv`);
+    });
   if (typeof MediaRecorder === "undefined") {
     film.hidden = true;
     return;

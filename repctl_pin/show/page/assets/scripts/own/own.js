@@ -24,8 +24,14 @@ const MAX_SPEED_RATIO = 4; // times the joint speed at the start, or the limit, 
 const MIN_SINE_RATIO = 0.35;
 const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
 const BUDGET = 5; // ms of steps between two pictures
+const HEAD_FOOT = 8; // px to leave free under the notes in the page's head
 const SLICE = 25; // ms of computing between two pictures, once the hand is let go
 const OUT_OF_REACH = "That is out of reach.";
+const ALTERED = [
+  "This is another loop than you drew: the straight way home was blocked, so it goes back along " +
+    "the way it came.",
+  "near",
+];
 
 export class Own {
   // `player`: {play(result), study(), plain(), clear(), show()}, which shows a result of
@@ -91,6 +97,10 @@ export class Own {
       });
     const pressed = (id, does) => byId(id).addEventListener("click", does);
     pressed("again", () => this.repeat());
+    pressed("more", () => {
+      document.body.classList.toggle("unfolded");
+      this.fold();
+    });
     pressed("back", () => this.leave());
     pressed("loop-csv", () => download(new Blob([this.csv()], { type: "text/csv" }), "loop.csv"));
     pressed("copy", ({ currentTarget }) => {
@@ -401,6 +411,7 @@ export class Own {
     }
     this.player.clear();
     this.state = "leading";
+    document.body.classList.remove("unfolded");
     document.body.classList.add("leading", "own");
     byId("own").hidden = true;
     this.scene.leading = lead.slides ? "slides" : "leads";
@@ -658,8 +669,7 @@ export class Own {
     const from = { hand: lead.hand, qs: lead.qs.slice(), worst: lead.worst };
     const { refusal } = yield* this.walk(from, [home]);
     const back = refusal ? open.slice(0, -1).reverse() : [];
-    const also = "Straight home was blocked; the loop goes back along the way it came.";
-    yield* this.following(kept([...open, ...back, home], home), 1, refusal ? also : "");
+    yield* this.following(kept([...open, ...back, home], home), 1, Boolean(refusal));
     this.keepBest();
   }
 
@@ -681,7 +691,7 @@ export class Own {
     return this.run(this.following(points, cycle));
   }
 
-  *following(points, cycle, also = "") {
+  *following(points, cycle, altered = false) {
     this.points = points;
     const paths = this.paths();
     const result = yield* computed(this.laws, this.arms, paths, CYCLES);
@@ -693,14 +703,10 @@ export class Own {
     const shape = {
       encloses: enclosing(lead) > 0,
       turns: points ? windings(this.chain.axis, lead) : 0,
-      whose: points ? "your loop" : "the path",
+      whose: points ? `your ${altered ? "altered " : ""}loop` : "the path",
     };
-    Object.assign(this, { result, length: result.length, also, shape, state: "own" });
+    Object.assign(this, { result, length: result.length, altered, shape, state: "own" });
     document.body.classList.add("own");
-    if (!this.looped) {
-      this.looped = true;
-      this.reserve();
-    }
     byId("own").hidden = false;
     byId("loop-csv").hidden = !points;
     const files = this.chain.frames.map((_, f) => (f === this.led ? "loop.csv" : "hold"));
@@ -713,7 +719,7 @@ export class Own {
   // Say what has happened after a number of cycles.
   report(cycles) {
     this.before = null;
-    const { chain, arms, result, shape, also, points } = this;
+    const { chain, arms, result, shape, altered, points } = this;
     const { sentence, notes, part } = answer(chain, arms, result, cycles, shape);
     this.shown = cycles;
     this.scene.part = part;
@@ -722,9 +728,9 @@ export class Own {
     const far = this.elbowOff();
     const moved = far > 1e-4 ? `, ${this.part} moved by ${formatLength(far)}` : "";
     const title = points
-      ? `your loop, ${formatLength(this.length)} long${moved}`
+      ? `${shape.whose}, ${formatLength(this.length)} long${moved}`
       : `the study’s path${moved}`;
-    this.write(sentence, also ? [[`${also} `, "near"], ...notes.slice(1)] : notes, title);
+    this.write(sentence, altered ? [ALTERED, ...notes] : notes, title);
     byId("again").textContent =
       cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";
     this.player.show();
@@ -749,7 +755,8 @@ export class Own {
     ];
   }
 
-  // What is said of a loop beside its motion: whether it was proved to close, and the best so far.
+  // What is said of a loop beside its motion: whether it was proved to close, and how far it is from
+  // the best so far, of both after all cycles.
   loopNotes() {
     const { best, points } = this;
     const { proved, size } = this.chain;
@@ -763,30 +770,38 @@ export class Own {
       );
     if (best && points) {
       const long = formatLength(LEAST_LENGTH * size);
+      const off = this.usualOff();
+      if (points !== best.points && off !== null)
+        words.push([` This loop: ${this.afterAll(off)} under the usual control.`]);
+      words.push([` Your best loop: ${this.afterAll(best.off)}.`]);
       words.push([` Can you draw one, ${long} or longer, under which the usual arm drifts less?`]);
-      words.push([` Your best: ${this.bestWords()}.`]);
     }
     return words;
   }
 
-  bestWords() {
-    return `${formatLength(this.best.off)} from its start after ${CYCLES} cycles`;
+  afterAll(off) {
+    return `${formatLength(off)} from the start after ${CYCLES} cycles`;
+  }
+
+  // How far the usual arm is from its start after all cycles, m; null if it has not completed them.
+  usualOff() {
+    const { result, laws } = this;
+    const usual = result.runs[laws.findIndex(({ r }) => !r)];
+    const complete = usual && result.cycles === CYCLES && usual.data.lost === Infinity;
+    return complete ? Math.max(...usual.ends.at(-1)) : null;
   }
 
   // Keep the drawn loop under which the usual control drifts least, of those that are long enough
   // where they enclose something.
   keepBest() {
-    const { result, chain, laws, points, best } = this;
-    const k = laws.findIndex(({ r }) => !r);
-    if (this.state !== "own" || !points || k < 0) return;
-    const complete = result.cycles === CYCLES && result.runs[k].data.lost === Infinity;
-    if (!complete || enclosing(points) < LEAST_LENGTH * chain.size) return;
-    const off = Math.max(...result.runs[k].ends.at(-1));
+    const { chain, points, best } = this;
+    const off = this.state === "own" && points ? this.usualOff() : null;
+    if (off === null || enclosing(points) < LEAST_LENGTH * chain.size) return;
     const { led, mirrored, elbowAt, level } = this;
     if (!best || off < best.off)
       this.best = { off, points, hand: led, mirrored, elbow: elbowAt, level };
     byId("best").hidden = false;
-    byId("best").textContent = `Your best: ${this.bestWords()}`;
+    byId("best").textContent = `Your best loop: ${this.afterAll(this.best.off)}`;
     this.report(this.shown);
   }
 
@@ -805,12 +820,12 @@ export class Own {
     this.before = null;
     this.endGesture();
     this.stand(0, 0);
-    Object.assign(this, { state: "study", points: null, looped: false });
+    Object.assign(this, { state: "study", points: null });
     document.body.classList.remove("own");
     byId("own").hidden = true;
     for (const [node, children] of this.texts) node.replaceChildren(...children);
     if (words) this.write(words, null, null);
-    this.reserve();
+    else this.fold();
     this.player.study();
   }
 
@@ -916,10 +931,31 @@ export class Own {
     const note = ([text, kind]) => element("span", { class: kind || "" }, text);
     if (notes) byId("notes").replaceChildren(...notes.map(note));
     if (title) byId("title").textContent = `${this.scene.title.split(":")[0]}: ${title}`;
+    this.fold();
   }
 
-  // Give sentence and notes the room of their longest words, so that nothing moves when they
-  // change: of a gesture, and from the first loop on of all loops.
+  // Show as many lines of a loop's notes as there is room for under its sentence, and a button for
+  // the others, which then cover the stage: nothing below moves.
+  fold() {
+    const { classList } = document.body;
+    const [notes, more] = ["notes", "more"].map(byId);
+    const [header] = document.getElementsByTagName("header");
+    notes.style.maxHeight = "";
+    const open = classList.contains("unfolded") || classList.contains("noted");
+    const clear = () => notes.offsetTop + notes.scrollHeight <= this.head - HEAD_FOOT;
+    header.classList.remove("cut");
+    const folded = this.state !== "study" && this.head && notes.offsetWidth && !clear();
+    header.classList.toggle("cut", Boolean(folded));
+    more.textContent = open ? "Fewer notes" : "All notes";
+    more.setAttribute("aria-expanded", String(open));
+    if (!folded || open) return;
+    const line = parseFloat(getComputedStyle(notes).lineHeight);
+    const lines = Math.floor((this.head - HEAD_FOOT - notes.offsetTop) / line + 0.01);
+    notes.style.maxHeight = `${Math.max(lines, 0) * line}px`;
+  }
+
+  // Give sentence and notes the room of the longest words of a gesture, so that nothing moves when
+  // they change; what is said of a loop takes the same room.
   reserve() {
     const [[ring]] = this.rings;
     // the words "Drag me", and fewer of them
@@ -931,25 +967,36 @@ export class Own {
       this.inviting = sizes;
       this.reach = ring.offsetWidth / 2 + 2; // px from the hand to the words
     }
-    const proved = this.chain.proved ? PROVED_WORDS : "";
-    for (const id of ["verdict", "notes"]) {
-      const text = this.looped ? LOOP_WORDS[id] + (id === "notes" ? proved : "") : LEAD_WORDS[id];
+    this.reserveHead();
+    this.fold();
+  }
+
+  // The height of the page's head with the study's words and with those of a gesture.
+  reserveHead() {
+    const { body } = document;
+    const [header] = document.getElementsByTagName("header");
+    this.head = 0;
+    if (body.classList.contains("inside") || !header.clientWidth) return;
+    const nodes = this.texts.map(([node]) => node);
+    const now = nodes.map((node) => [...node.childNodes]);
+    const classes = body.className;
+    body.classList.remove("own", "leading", "unfolded");
+    header.classList.remove("cut");
+    for (const node of nodes) Object.assign(node.style, { minHeight: "", maxHeight: "" });
+    for (const [node, children] of this.texts) node.replaceChildren(...children);
+    for (const [id, words] of Object.entries(LEAD_WORDS)) {
       const node = byId(id);
-      node.style.minHeight = "";
-      // no words, or folded
-      if (document.body.classList.contains("inside") || !node.clientWidth) continue;
-      const style = "position: absolute; visibility: hidden; left: 0; top: 0";
-      const sample = element(node.tagName, { id, style }, text);
-      sample.style.width = `${node.clientWidth}px`;
-      node.after(sample);
-      const [, children] = this.texts.find(([one]) => one === node);
-      const now = [...node.childNodes];
+      const children = [...node.childNodes];
+      const before = node.clientHeight;
+      node.replaceChildren(...words.map((text) => element("span", {}, text)));
+      const height = Math.max(before, node.clientHeight);
       node.replaceChildren(...children);
-      const heights = [sample, node].map((one) => one.getBoundingClientRect().height);
-      node.replaceChildren(...now);
-      sample.remove();
-      node.style.minHeight = `${Math.ceil(Math.max(...heights))}px`;
+      if (height) node.style.minHeight = `${height}px`;
     }
+    this.head = header.getBoundingClientRect().height;
+    body.style.setProperty("--head", `${this.head}px`);
+    nodes.forEach((node, k) => node.replaceChildren(...now[k]));
+    body.className = classes;
   }
 
   // Where the hands' rings are, in the pixels of each pane.
@@ -1006,31 +1053,18 @@ export class Own {
   }
 }
 
+// The longest words of a gesture.
 const LEAD_WORDS = {
-  verdict:
+  verdict: [
     "The arm comes near a singularity, where its joints would race. Go another way, or let go.",
-  notes:
-    "The dotted line closes the loop. You are more than 1.1 cm from the start: there, closing is " +
-    "not proved.",
+  ],
+  notes: [
+    "The dotted line closes the loop.",
+    "You are more than 1.1 cm from the start: there, closing is not proved.",
+  ],
 };
 const LET_GO =
   "Let go, and both arms follow the path from here, the repeatable one on the leaf chosen.";
-const LOOP_WORDS = {
-  verdict:
-    "After 10 cycles of your loop the hand is back. The shoulder is not: 0.88 m from its start " +
-    "under the usual control, 0 under the repeatable one.",
-  notes:
-    "Under the repeatable one, the joints move 0.8 % slower in cycle 1, 8.8 % slower over all 10 " +
-    "cycles (root mean square). " +
-    "At each instant no control moves the joints more slowly than the usual one; over a whole " +
-    "cycle another can. " +
-    "In cycle 8, panda_joint2 leaves its range under the usual control. The repeatable control " +
-    "stays far from where it fails: 0.88 (1 is best, 0 fails). Collisions are not checked. Can " +
-    "you draw one, 25 cm or longer, under which the usual arm drifts less? Your best: 0.88 mm " +
-    "from its start after 10 cycles.",
-};
-const PROVED_WORDS = " Closing is proved within 1.1 cm of the start; this loop was computed.";
-
 // The placement of a base as a matrix of the scene; of none, the unit matrix.
 function placementOf(base) {
   const M = new MeshCat.THREE.Matrix4();

@@ -165,7 +165,7 @@ function jointRows(arm, at, perCycle, cycles) {
   const values = new Float64Array(cycles * count * n);
   for (let c = 0, i = 0; c < cycles; c++)
     for (const row of index) values.set(at(c * perCycle + row), n * i++);
-  return { count, n, values };
+  return { at: index.map((row) => row / perCycle), count, n, values };
 }
 
 // What is marked where a motion ends close to a singularity.
@@ -174,7 +174,7 @@ function lostAt(chain, q, row, perCycle) {
   return {
     at: row / perCycle,
     cycle: Math.floor(row / perCycle) + 1,
-    words: "close to a singularity: cannot be computed reliably from here",
+    words: "fails close to a singularity",
     place: chain.tip(chain.led || 0),
   };
 }

@@ -7,9 +7,11 @@ const BACK = 1e-4; // m, below which it is back
 const TURNED = 0.1; // rad, from which a joint is named although no part is off
 const FAR = 0.5; // leaf margin from which the repeatable control is far from where it fails
 const FROM = " from its start";
-const SMALLEST =
-  " At each instant no control moves the joints more slowly than the usual one; over a whole " +
-  "cycle another can.";
+const WHERE = "close to a singularity, at the red ball";
+const NOT_KNOWN = [
+  " Close to a singularity, small errors of the computation grow, so the drift is not known from " +
+    "the red ball on.",
+];
 const HANDS = { 1: "the hand is", 2: "both hands are" };
 
 // {sentence, notes, part} after a number of cycles, in pieces [words, tone]. `whose`: "your loop"
@@ -18,11 +20,11 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   // an arm that has come close to a singularity is named first, the others are compared
   const lost = arms.flatMap((arm, k) => (runs[k].data.lost < cycles ? [k] : []));
   const kept = arms.flatMap((_, k) => (lost.includes(k) ? [] : [k]));
-  const sentence = lost.flatMap((k) => lostWords(arms[k], runs[k].data.broken, shape));
   if (!kept.length) {
-    sentence.push([" No arm can follow it to its end."]);
-    return { sentence, notes: notesOf(arms, runs, cycles), part: "hand" };
+    const sentence = [[noneWords(runs, shape), "bad"]];
+    return { sentence, notes: [...notesOf(arms, runs, cycles), NOT_KNOWN], part: "hand" };
   }
+  const sentence = lost.flatMap((k) => lostWords(runs[k].data));
   const context = {
     chain,
     arms: kept.map((k) => arms[k]),
@@ -34,20 +36,20 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   const found = comparison(context, shape);
   return {
     sentence: [...sentence, ...found.sentence],
-    notes: notesOf(context.arms, context.runs, cycles),
+    notes: [...notesOf(context.arms, context.runs, cycles), ...(lost.length ? [NOT_KNOWN] : [])],
     part: found.part,
   };
 }
 
-function lostWords({ data }, { cycle }, { whose }) {
-  return [
-    [
-      `${capitalized(data.under)} comes close to a singularity in cycle ${cycle} of ${whose}, at ` +
-        "the red mark: its drift cannot be computed reliably from there.",
-      "bad",
-    ],
-    [" "],
-  ];
+function lostWords({ under, broken }) {
+  return [[`${capitalized(under)} fails in cycle ${broken.cycle}, ${WHERE}.`, "bad"], [" "]];
+}
+
+function noneWords(runs, { whose }) {
+  const each = runs.map(({ data: { under, broken } }, k) =>
+    k ? `${under} in cycle ${broken.cycle}` : `${under} fails in cycle ${broken.cycle}`,
+  );
+  return `No arm can follow ${whose} to its end: ${each.join(", ")}, ${WHERE}.`;
 }
 
 // Who is back and who is not, of the arms that have gone all the way.
@@ -67,6 +69,16 @@ function comparison(context, { encloses, turns, whose }) {
     ]);
   const hands = HANDS[chain.frames.length] || `all ${chain.frames.length} hands are`;
   const by = alone ? ` under ${aloneUnder(arms[0])}` : "";
+  if (alone && back && encloses)
+    return {
+      sentence: [
+        [`${capitalized(aloneUnder(arms[0]))} brings every part back: `],
+        ["0", "good"],
+        [`${FROM} after ${times}.`],
+        ...othersOf(chain, arms, runs, k),
+      ],
+      part: most.part,
+    };
   sentence.push([`After ${times} of ${whose} ${hands} back${by}. `]);
   const value = (i, unit) => {
     const { off, part } = worst[i];
@@ -94,7 +106,8 @@ function comparison(context, { encloses, turns, whose }) {
     sentence.push([`The joint ${mostTurned(chain, runs, k)} is not: `], ...angles, ["."]);
   } else {
     const offs = listed((i) => value(i, ""));
-    sentence.push([`${capitalized(partWords(most.part))} has hardly drifted: `], ...offs, ["."]);
+    const subject = capitalized(partWords(most.part));
+    sentence.push([`${subject} has hardly drifted in ${times}: `], ...offs, ["."]);
   }
   sentence.push(...othersOf(chain, arms, runs, k));
   return { sentence, part: most.part };
@@ -191,7 +204,7 @@ function laterWords({ broken, under, lost }, cycles) {
   if (!broken || broken.cycle <= cycles) return [];
   const what =
     lost < Infinity
-      ? `${under} comes close to a singularity`
+      ? `${under} fails close to a singularity, at the red ball`
       : `${limitWords(broken)} under ${under}`;
   return [[` In cycle ${broken.cycle}, ${what}.`, "bad"]];
 }
@@ -202,7 +215,7 @@ function speedWords(one, usual, cycles) {
   const middle = early === late ? " and" : `, ${late}`;
   const over = cycles > 1 ? `${middle} over all ${cycles} cycles` : "";
   const said = `Under the repeatable one, the joints move ${early} in cycle 1${over}`;
-  return `${said} (root mean square).${/slower/.test(early + late) ? SMALLEST : ""}`;
+  return `${said} (root mean square).`;
 }
 
 function faster(cost) {
