@@ -129,7 +129,7 @@ CALL = _struct(pointers="arm q xdot twist leaf limit posture target numbers resu
 GOVERNOR_CALL = _struct(
     ints="room",
     doubles="dt",
-    pointers="arm state limits target twist leaf q result samples ways allows",
+    pointers="arm state limits target twist leaf q result samples ways kept last allows",
 )
 """The struct GovernorCall of governor_calls.c: the arguments of one governor."""
 

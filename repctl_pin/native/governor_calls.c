@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
 #include "governor.h"
 #include "torque.h"
@@ -17,6 +18,8 @@ typedef struct {
   const double *q;            /* N: where it begins */
   double *result;          /* N */
   double *samples, *ways;  /* room N: of a plan, and the ways of the joints up to them */
+  Governor *kept;          /* governor_bytes(): the state before a tick that may fail */
+  double *last;            /* N: the command then */
   int (*allows)(int count, int first); /* first: of the questions about the next motion */
 } GovernorCall;
 
@@ -77,6 +80,28 @@ static int ask(void *guard, const Plan *plan) {
     }
   }
   return call->allows(count, g->asked++ == 0) == 1 ? OK : BODIES;
+}
+
+/* Copy a state. A tick of one part writes a plan or asks about one, and before it writes one, there is none to lose: its
+   plans, nine tenths of the state, need no copy. */
+static void copy_state(const Governor *from, Governor *to) {
+  const size_t plans = offsetof(Governor, plan), rest = offsetof(Governor, landing);
+  memcpy(to, from, plans);
+  if (from->parts > 1) memcpy(to->plan, from->plan, sizeof(from->plan));
+  memcpy((char *)to + rest, (const char *)from + rest, sizeof(Governor) - rest);
+}
+
+/* Keep the state and the command, and go back to them after a tick that failed. */
+EXPORT void call_governor_keep(const GovernorCall *call) {
+  const Arm *arm = call->arm;
+  copy_state(call->state, call->kept);
+  memcpy(call->last, call->result, N * sizeof(double));
+}
+
+EXPORT void call_governor_undo(const GovernorCall *call) {
+  const Arm *arm = call->arm;
+  copy_state(call->kept, call->state);
+  memcpy(call->result, call->last, N * sizeof(double));
 }
 
 /* bits of given: 1 target, 2 twist, 4 leaf */

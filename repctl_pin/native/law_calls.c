@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
 #include "law.h"
 #include "least_speed.h"
@@ -62,6 +63,17 @@ EXPORT long call_inverses(const Arm *arm, long count, const double *Q, double *G
 EXPORT long call_velocities(const Arm *arm, long count, const double *Q, const double *Xdot, double *Qdot) {
   long a = 0;
   while (a < count && find_velocity(arm, Q + a * N, Xdot + a * M, Qdot + a * N) == OK) a++;
+  return a;
+}
+
+/* Compute J^+ of each Jacobian J (count, M, N); return the number of rows before the first one that fails. */
+EXPORT long call_least_inverses(const Arm *arm, long count, const double *J, double *G) {
+  long a = 0;
+  double rows[M][N];
+  for (; a < count; a++) {
+    memcpy(rows, J + a * M * N, sizeof(rows));
+    if (!inverse_of_rows(arm, rows, G + a * N * M)) break;
+  }
   return a;
 }
 

@@ -58,10 +58,8 @@ int least_speed(const Arm *arm, const double q[], const double xdot[], const dou
   return 1;
 }
 
-int least_inverse(const Arm *arm, const double q[], double G[]) {
-  double p[3 * FRAMES], rotations[9 * FRAMES], J[M][N], R[M][M];
-  if (!all_finite(q, N)) return 0;
-  place(arm, q, p, rotations, J);
+int inverse_of_rows(const Arm *arm, double J[][N], double G[]) {
+  double R[M][M];
   if (!orthogonal_rows(arm, J, R)) return 0;
   for (int a = 0; a < M; a++) {
     double b[M], column[N];
@@ -71,4 +69,11 @@ int least_inverse(const Arm *arm, const double q[], double G[]) {
     for (int k = 0; k < N; k++) G[k * M + a] = column[k];
   }
   return all_finite(G, N * M);
+}
+
+int least_inverse(const Arm *arm, const double q[], double G[]) {
+  double p[3 * FRAMES], rotations[9 * FRAMES], J[M][N];
+  if (!all_finite(q, N)) return 0;
+  place(arm, q, p, rotations, J);
+  return inverse_of_rows(arm, J, G);
 }

@@ -8,7 +8,10 @@
 int least_speed(const Arm *arm, const double q[], const double xdot[], const double *posture, double gain,
                 double qdot[]);
 
-/* J^+ (N, M); return 0 as above, and then G is not to be used. */
+/* J^+ (N, M) of J, whose rows become orthonormal; return 0 as above, and then G is not to be used. */
+int inverse_of_rows(const Arm *arm, double J[][N], double G[]);
+
+/* J^+ (N, M) at q; return 0 as above, and then G is not to be used. */
 int least_inverse(const Arm *arm, const double q[], double G[]);
 
 #endif

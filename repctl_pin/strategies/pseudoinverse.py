@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from ctypes import byref, c_long, c_void_p
 from functools import partial
 from typing import Any, Literal
 
@@ -13,6 +14,7 @@ from ..base.arguments import Array, as_configurations, as_matrices, as_numbers, 
 from ..base.errors import InputError, SingularityError
 from ..base.threads import PerThread
 from ..model.task import Task, own_task
+from ..native import library
 from ..redundancy.inverses import pseudoinverse, weighted_pseudoinverse
 from .native_arm import library_arm
 from .native_law import call_memory, holding_library
@@ -45,6 +47,7 @@ class Pseudoinverse:
         self.task = redundant(task)
         self._quick = PerThread(partial(least_speed, self.task))
         self._inverse = PerThread(partial(_least_inverse, self.task))
+        self._inverses = PerThread(partial(_least_inverses, self.task))
 
     def __repr__(self) -> str:
         return described(self, self.task)
@@ -55,7 +58,7 @@ class Pseudoinverse:
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
         """Evaluate J⁺ at every row of Q (K, n): (K, n, m); Jacobians J (K, m, n) are optional."""
-        return pseudoinverse(at_rows(self.task, Q, J)[1])
+        return self._inverses.own(at_rows(self.task, Q, J)[1])
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
         """Compute ``q̇ = Jᵀ (J Jᵀ)⁻¹ ẋ`` (n,).
@@ -206,6 +209,26 @@ def _least_inverse(task: Task) -> Callable[[Array], Array]:
         return result.copy() if run(call) else plain(q)
 
     return inverse
+
+
+def _least_inverses(task: Task) -> Callable[[Array], Array]:
+    """Create the function J (K, m, n) → J⁺ (K, n, m), in C or, where C fails, in NumPy.
+
+    NumPy's error then names the number of configurations at which J loses rank.
+    """
+    arm, native = library_arm(task), library()
+    if arm is None or native is None:
+        return pseudoinverse
+
+    def inverses(J: Array) -> Array:
+        J = np.ascontiguousarray(J, float)
+        K, m, n = J.shape
+        G = np.empty((K, n, m))
+        J_at, G_at = c_void_p(J.ctypes.data), c_void_p(G.ctypes.data)
+        done = native.call_least_inverses(byref(arm), c_long(K), J_at, G_at)
+        return G if done == K else pseudoinverse(J)
+
+    return inverses
 
 
 def _weight_matrix(weight: ArrayLike, n: int) -> Array:

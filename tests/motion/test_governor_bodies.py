@@ -224,9 +224,10 @@ def test_other_motions_are_judged_too(task: rp.Task) -> None:
     assert governed(task).keeps_distance(np.zeros((2, 3)))
 
 
-@pytest.mark.parametrize(
-    ("dt", "raised"), [(DT, RuntimeError("a\nb")), (0.02, KeyboardInterrupt()), (DT, MemoryError())]
-)
+FAULTS = [(DT, RuntimeError("a\nb")), (0.02, KeyboardInterrupt()), (0.001, MemoryError())]
+
+
+@pytest.mark.parametrize(("dt", "raised"), FAULTS)
 def test_a_fault_of_the_geometry_loses_no_command(
     task: rp.Task, dt: float, raised: BaseException, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -269,6 +270,37 @@ def test_a_fault_of_the_geometry_loses_no_command(
         assert (now == last).all() and status is other
         assert governor.nearest_bodies == untouched.nearest_bodies
     assert faults > 3
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.02])
+def test_an_interruption_after_any_tick_loses_no_command(
+    task: rp.Task, dt: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl+C is raised when C has returned: after ticks with a plan, a question, or neither."""
+    inverse = control(task, Q0, rp.Polynomial(Q0, 2, 0.5))
+    governor = rp.Governor(inverse, dt, LIMITS, bodies=rp.Bodies(task), body_distance=D)
+    governor.start(Q0)
+    untouched = pickle.loads(pickle.dumps(governor))
+    tick = governor._native.call_governor_step
+
+    class Interrupted:
+        call_governor_keep = governor._native.call_governor_keep
+        call_governor_undo = governor._native.call_governor_undo
+
+        @staticmethod
+        def call_governor_step(*arguments: Any) -> None:
+            tick(*arguments)
+            raise KeyboardInterrupt
+
+    rng = np.random.default_rng(1)
+    for k in range(200):
+        if k % 20 == 0:
+            target = beyond(task, *rng.normal([0.0, 0.1], 0.2))
+        with monkeypatch.context() as patch, suppress(KeyboardInterrupt):
+            patch.setattr(governor, "_native", Interrupted)
+            governor.step(target)
+        (now, status), (same, other) = governor.step(target), untouched.step(target)
+        assert (now == same).all() and status is other
 
 
 def test_a_fault_at_a_later_question_of_a_tick_restores_what_the_guard_knows(

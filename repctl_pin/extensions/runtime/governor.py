@@ -218,6 +218,7 @@ class Governor:
             "leaf": np.zeros(task.r),
             "q": np.zeros(task.n),
             "result": np.zeros(task.n),
+            "last": np.zeros(task.n),
             "samples": np.zeros((ROOM, task.n)),
             "ways": np.zeros((ROOM, task.n)),
         }
@@ -232,6 +233,8 @@ class Governor:
         self._samples, self._ways = memory["samples"], memory["ways"]
         self._ask = _ASK(self._allows)
         if self._guard is not None:
+            self._kept_state = np.empty_like(self._state)
+            own["kept"] = self._kept_state.ctypes.data
             own["allows"] = ctypes.cast(self._ask, ctypes.c_void_p)
         self._call = filled_struct(GOVERNOR_CALL, {}, memory, own)[0]
         self._address = ctypes.c_void_p(ctypes.addressof(self._call))
@@ -243,7 +246,7 @@ class Governor:
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes for a copy or pickle, without those that :meth:`_connect` sets."""
         connected = "arm call address target twist asked_leaf begin native ask samples ways error"
-        own = {f"_{name}" for name in connected.split()}
+        own = {f"_{name}" for name in [*connected.split(), "kept_state"]}
         kept = {name: value for name, value in vars(self).items() if name not in own}
         return kept | {"_state": self._state.copy(), "_q": self._q.copy()}
 
@@ -450,7 +453,7 @@ class Governor:
         Errors of the guard must not pass through C, so they are raised after the call. After an
         error, the governor is as it was before the tick.
         """
-        state, q = self._state.copy(), self._q.copy()
+        self._native.call_governor_keep(self._address)
         self._error: BaseException | None = None
         self._remembered: dict[str, Any] = {}
         try:
@@ -458,7 +461,7 @@ class Governor:
             if self._error is not None:
                 raise self._error
         except BaseException:
-            self._state[...], self._q[...] = state, q
+            self._native.call_governor_undo(self._address)
             if self._remembered:
                 guard.recall(self._remembered)
             raise
