@@ -38,7 +38,9 @@ def range_rows(cell: Cell) -> dict[str, str]:
     rows = {"radius": _radius_row(cell)}
     if cell.task.m > 2:
         low, high = _heights(cell, np.array([-1.0, 1.0]))
-        rows["height"] = f"{low:.3g} to {high:.3g} m above the base" if high > low else f"{low:.3g} m"
+        rows["height"] = (
+            f"{low:.3g} to {high:.3g} m above the base" if high > low else f"{low:.3g} m"
+        )
     for i, name in enumerate(cell.coordinate_names):
         if i not in (RADIUS, HEIGHT, *cell.free) and w[i]:
             rows[name] = f"±{w[i]:.3g} rad"
@@ -48,7 +50,7 @@ def range_rows(cell: Cell) -> dict[str, str]:
 
 
 def range_phrase(cell: Cell, reaches: Mapping[str, float] | None = None) -> str:
-    """Write what a cell covers, such as ``radius 0.31 to 0.70 m, 317° around the base``.
+    """Write what a cell covers, such as ``height 0.05 to 0.45 m, radius 0.35 to 0.70 m``.
 
     Parameters
     ----------
@@ -62,7 +64,7 @@ def range_phrase(cell: Cell, reaches: Mapping[str, float] | None = None) -> str:
     found = dict(reaches or {})
     parts = [_radius_phrase(cell)]
     if cell.task.m > 2 and cell.widths[HEIGHT]:
-        parts.append(f"height {_inward(*_heights(cell, np.array([-1.0, 1.0])))} m")
+        parts.insert(0, f"height {_inward(*_heights(cell, np.array([-1.0, 1.0])))} m")
     near = max(difference(cell.axis, VERTICAL)) <= NEAR
     around = "around the base" if near else "around the axis"
     words = {"angle": f"{{}} {around}", "spin": "{} of tool spin"}
@@ -106,7 +108,7 @@ def _radius_phrase(sector: Sector) -> str:
     if not sector.profile.degree:
         return f"radius {_inward(rho - half, rho + half)} m"
     (low, high), _ = sector.radii([sector.middle[1]] * 2)
-    return f"radius {_inward(low, high)} m at middle height"
+    return f"radius {_inward(low, high)} m in the middle of it"
 
 
 def _heights(sector: Sector, u: Array) -> Array:

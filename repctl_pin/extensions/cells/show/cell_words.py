@@ -25,6 +25,7 @@ _OF_A_SECTOR = {
 }
 """Meanings of the rows of a sector."""
 
+
 def shape_word(design: CellDesign) -> str:
     """Return the word for the set of poses, the only one on the page: ``sector`` or ``cell``."""
     return "sector" if isinstance(design.cell, Sector) else "cell"
