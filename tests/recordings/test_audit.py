@@ -353,7 +353,7 @@ def test_the_command_answers_in_24_rows_and_writes_its_files(
     assert " differs by up to " in said
     assert small[0].count("\n") < 23
     page = (tmp_path / "repctl-out/arm/audit.html").read_text(encoding="utf-8")
-    assert "the recorded motion" in page and page.count("Your arm drifts") == 1
+    assert "Recorded motion" in page and page.count("Your arm drifts") == 1
     said = page[: page.index("</header>")]
     assert (
         said.count(" off") == 0 and "from its start" not in said and "The elbow is not" not in said

@@ -38,11 +38,14 @@ from .evaluate.margins import CandidateFunction
 from .evaluate.symmetric_coordinates import turn_at
 from .function import InverseFunction
 from .geometry.cell import Cell
+from .geometry.ranges import range_rows
 from .geometry.sector import Sector
 
 _WAVES, _POINTS, _REACH = 3, 721, 0.9
 """Number of waves of a random path, of its points that are compared, and the largest coordinate."""
 
+NO_EXTRA_SPEED = 1e-5
+"""Extra joint speed below which it is written as 0."""
 
 _NO_BODIES = "no collision bodies"
 """Text for the body distance of a robot without bodies to compare."""
@@ -247,15 +250,7 @@ class CellDesign:
             bodies += _unmet(j.body_distance, self.requested_body_distance)
         sigma = f"{j.smallest_singular_value:.3g}"
         sigma += _unmet(j.smallest_singular_value, self.requested_sigma_min)
-        # joint speed, on average and at its worst
-        error = f" ± {100 * j.extra_speed_error:.1g}" if j.extra_speed > 1e-5 else ""
-        speed = f"{ratio_in_percent(j.extra_speed)}{error} on average, "
-        speed += f"{ratio_in_percent(j.extra_speed_worst)} at the worst pose"
-        if np.isfinite(j.extra_speed_direction):
-            worst = ratio_in_percent(j.extra_speed_direction)
-            speed += f"\n{worst} at the worst pose in the worst task direction"
-        if self.proof:
-            speed += f"\nproved: {self.proof.extra_speed_words}"
+        speed = self._speed_words()
         # the function itself
         leaf = (
             "not known: evaluated by an older version"
@@ -265,7 +260,7 @@ class CellDesign:
         terms = self.function.chart.monomials.size
         cost = f"{j.cost:.4g} ± {j.cost_error:.1g}"
         return {
-            "cell": self.cell.size(),
+            **self._ranges(),
             "middle": self.cell.where(np.zeros(self.cell.k)),
             **self._symmetry(),
             "posture": ", ".join(f"{v:.4g}" for v in np.round(self.posture, 4) + 0.0),
@@ -287,17 +282,40 @@ class CellDesign:
             return f"not checked: {unchecked}"
         return f"{bodies}\nnot checked: {unchecked}" if unchecked else bodies
 
+    def _speed_words(self) -> str:
+        """Write the extra joint speed: on average, at its worst, and its proved bound."""
+        j = self.evaluation
+        every = [j.extra_speed, j.extra_speed_worst]
+        every += [j.extra_speed_direction] if np.isfinite(j.extra_speed_direction) else []
+        proved = f"\nproved: {self.proof.extra_speed_words}" if self.proof else ""
+        if max(every) < NO_EXTRA_SPEED:
+            return f"0{proved}"
+        mean, worst, *direction = map(ratio_in_percent, every)
+        error = f" ± {100 * j.extra_speed_error:.1g}" if j.extra_speed > NO_EXTRA_SPEED else ""
+        text = f"{mean}{error} on average, {worst} at the worst pose"
+        for one in direction:
+            text += f"\n{one} at the worst pose in the worst task direction"
+        return text + proved
+
+    def _ranges(self) -> dict[str, str]:
+        """Return the ranges of the coordinates as text, by display name, one row for a box.
+
+        Ranges along a symmetry of the arm are followed by how far the function goes.
+        """
+        rows = range_rows(self.cell)
+        for turn in self.evaluation.turns:
+            asked = rows.get(turn.coordinate)
+            rows[turn.coordinate] = f"{asked}\n{turn}" if asked else str(turn)
+        return rows
+
     def _symmetry(self) -> dict[str, str]:
-        """Return texts by display name: the symmetries in use, and the ranges of their coordinates.
+        """Return the symmetries in use as text, by display name.
 
         In a sector, one joint can turn the whole arm about the axis, or the tool about its z axis.
         For other cells the dictionary is empty.
         """
         sector = self.function.chart.cell
-        if not isinstance(sector, Sector):
-            return {}
-        turns = {turn.coordinate: str(turn) for turn in self.evaluation.turns}
-        return {"symmetry": sector.symmetry()} | turns
+        return {"symmetry": sector.symmetry()} if isinstance(sector, Sector) else {}
 
     def summary(self) -> str:
         """Return the figures of merit as text, one per line, under the name of the robot.
@@ -310,7 +328,8 @@ class CellDesign:
             for name, text in self.figures().items()
             for i, line in enumerate(text.split("\n"))
         ]
-        return "\n".join([f"one function for a cell of {task.robot.name} {task}", *lines])
+        shape = "sector" if isinstance(self.cell, Sector) else "cell"
+        return "\n".join([f"one function for a {shape} of {task.robot.name} {task}", *lines])
 
     def __repr__(self) -> str:
         return (

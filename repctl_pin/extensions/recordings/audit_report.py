@@ -29,6 +29,7 @@ from ...show.text.numbers import metres, number
 from ...show.text.parts import part_name
 from ...show.text.table import table
 from .audit import Audit
+from .audit_words import audit_dialog
 from .verdict import ENOUGH, JUMPS, REPEATS, SCATTERS
 
 _JOINTS = 8
@@ -285,7 +286,7 @@ def _leads(audit: Audit) -> list[str]:
     said += _next_step(audit)
     worst = int(np.argmax(audit.visits.noise))
     noise, unit = _number(float(audit.visits.noise[worst])), unit_of([audit.task.revolute[worst]])
-    most = f"at most {noise} {unit} there" if noise != "0" else "none was found"
+    most = f"at most {noise} {unit} there" if noise != "0" else "none found"
     same = metres(audit.visits.tolerance)
     said.append(f"poses count as the same within {same}; noise of the joints: {most}")
     return said
@@ -355,7 +356,7 @@ def _audit_page(audit: Audit) -> str:
     t = np.linspace(0, mean * len(ends), len(q))
     drift = np.linalg.norm(visits.q[ends] - visits.q[0], axis=1)
     motion = JointMotion(task, t, q, np.gradient(q, t, axis=0), len(ends), steps)
-    label = "the recorded motion"
+    label = "Recorded motion"
     track = Playback(
         label,
         VERMILLION,
@@ -372,6 +373,7 @@ def _audit_page(audit: Audit) -> str:
         [track],
         name=f"{Path(audit.log.name).name}{count}",
         headline=_headline(audit),
+        dialog=audit_dialog(audit, _ABOUT),
     )
 
 

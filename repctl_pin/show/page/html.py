@@ -35,7 +35,7 @@ from functools import cache
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -64,12 +64,25 @@ SCRIPTS = (
 """The modules of the page's script, each after the modules that it imports."""
 
 
+class Dialog(NamedTuple):
+    """Texts of a page's dialog, by name; backticks mark code.
+
+    Attributes
+    ----------
+    uses, words : dict
+        How to use the result, and what the words of the page mean.
+    """
+
+    uses: Mapping[str, str]
+    words: Mapping[str, str]
+
+
 def page(
     scene: dict[str, Any],
     commands: Sequence[bytes],
     motion: Sequence[Array],
     headline: Headline,
-    words: Mapping[str, str] | None = None,
+    dialog: Dialog | None = None,
 ) -> str:
     """Write the animation page, with the viewer, the bodies and the motion inside.
 
@@ -84,8 +97,8 @@ def page(
         expects; T and W differ between arrays.
     headline
         Headline above the animation.
-    words
-        Words that the dialog explains, with their meanings; by default those of a study.
+    dialog
+        Texts of the page's dialog; by default those of a study.
     """
     numbers, unit = differences(motion)
     scene = {**scene, "series": [series.shape for series in motion], "resolution": unit}
@@ -96,8 +109,7 @@ def page(
         caption=scene["caption"],
         headline=headline,
         scene=scene,
-        words=words,
-        version=__version__,
+        dialog=dialog,
         data=Markup(_as_script(scene)),
         viewer=Markup(_viewer()),
         commands=Markup(pack(b"".join(struct.pack("<I", len(c)) + c for c in commands))),
@@ -124,6 +136,7 @@ def _templates() -> Environment:
     made = Environment(
         loader=FileSystemLoader(str(folder)), autoescape=True, undefined=StrictUndefined
     )
+    made.globals["version"] = __version__
     made.globals["asset"] = lambda name: Markup(_dense((folder / name).read_text("utf-8")))
     return made
 

@@ -7,7 +7,7 @@ elbow, the joint in the middle of the arm that moves most during self-motion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
@@ -33,6 +33,7 @@ from ..text.headline import Headline, headline_of
 from ..text.motion_summary import MotionSummary, motion_summary, with_outlook
 from ..text.parts import hand_names, part_name
 from .body_points import body_drift
+from .html import Dialog
 from .scene import (
     Arm,
     FirstViolation,
@@ -159,7 +160,7 @@ def playback_page(
     seconds: float | None = None,
     headline: Headline | None = None,
     own: dict[str, Any] | None = None,
-    words: Mapping[str, str] | None = None,
+    dialog: Dialog | None = None,
 ) -> str:
     """Write the HTML page of several motions, side by side, each in a pane.
 
@@ -183,8 +184,8 @@ def playback_page(
     own
         Numbers with which the page follows a closed path that its visitor draws, see
         :func:`.own_loop.own_loop`; None if the visitor cannot draw a path.
-    words
-        Terms that the page's dialog explains, with their meanings; by default those of a study.
+    dialog
+        Texts of the page's dialog; by default those of a study.
     """
     cycles = _common_cycles(tracks)
     visuals = Visuals.of(chains[0].task.robot)
@@ -235,7 +236,7 @@ def playback_page(
         joints=JointRows.of(task, [track.Q[frames.index] for track in tracks], frames),
         surfaces=surfaces,
         own=own,
-        words=words,
+        dialog=dialog,
     )
 
 

@@ -24,7 +24,7 @@ from ...studies.quantities import KEYS
 from ...studies.study_result import picked
 from ..palette import VERMILLION
 from ..text.headline import NO_HEADLINE, Headline, names_of
-from .html import page
+from .html import Dialog, page
 from .meshes import Key, key, lifted, record
 
 _PER_CYCLE = (61, 126, 251, 501)
@@ -286,7 +286,7 @@ def animation_page(
     own: dict[str, Any] | None = None,
     hands: Sequence[str] = ("hand",),
     joints: JointRows | None = None,
-    words: Mapping[str, str] | None = None,
+    dialog: Dialog | None = None,
 ) -> str:
     """Write a self-contained HTML page with one pane per arm: an animation, or the live viewer.
 
@@ -325,8 +325,8 @@ def animation_page(
         Display names of the traced frames.
     joints
         Joint positions for a plot over time; None for no plot.
-    words
-        Terms that the page's dialog explains, with their meanings; by default those of a study.
+    dialog
+        Texts of the page's dialog; by default those of a study.
 
     Returns
     -------
@@ -359,7 +359,7 @@ def animation_page(
     }
     motion = [np.reshape(p, (len(p), np.size(p) // max(1, len(p)))) for p in [*parts, *paths]]
     motion += [] if joints is None else [rows * _JOINT for rows in joints.rows]
-    return page(scene, commands, motion, headline, words)
+    return page(scene, commands, motion, headline, dialog)
 
 
 def _links(own: dict[str, Any] | None, arm: Arm) -> list[Any]:

@@ -160,7 +160,7 @@ class Evaluation:
         if self.everywhere:
             return "100 %"
         if self.coverage == 1.0:
-            return "all held-out poses, but not every pose of the cell"
+            return "all held-out poses, but not every pose"
         return f"{np.floor(1e4 * self.coverage) / 100:.2f} % of the held-out poses"
 
 

@@ -103,7 +103,7 @@ class Turn:
         text += ("\n" + ", ".join(more) + " of them") * bool(more)
         text += (
             f"\nended by {self.joint}, which turns {np.degrees(self.joint_range):.4g}° and "
-            f"differs by {np.degrees(self.spread):.0f}° over the cell"
+            f"differs by {np.degrees(self.spread):.0f}° over the sector"
         )
         if not np.isfinite(self.unasked):
             return text

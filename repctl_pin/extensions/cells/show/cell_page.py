@@ -20,7 +20,7 @@ from ....base.certificate import below, length_below
 from ....model.bodies import bodies_of
 from ....motion import Motion, elbow
 from ....motion.joint_motion import TOO_FAST
-from ....show.page.html import render
+from ....show.page.html import Dialog, render
 from ....show.page.playback import TracedChain, playback_of, playback_page
 from ....show.page.snapshot import still_figure
 from ....show.palette import BLUE, VERMILLION
@@ -28,15 +28,16 @@ from ....show.report import framed, picture, versions
 from ....show.text.headline import NEAR, Headline
 from ....show.text.lines import Span, capital
 from ....show.text.parts import redundant_part
-from ..cell_design_result import CellDesign
+from ..cell_design_result import NO_EXTRA_SPEED, CellDesign
 from ..geometry.cell import Cell
+from ..geometry.ranges import range_phrase
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
-from .cell_words import cell_words, dialog_words, usual
+from .cell_words import cell_uses, cell_words, shape_word, usual
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
 
-_OF_THE_TOUR = "One sample path; the values above are for the whole cell."
+_OF_THE_TOUR = "A sample path through the {0}; the values above are for the whole {0}."
 _STILL = "The arm at the start of the sample path, in grey, and at its end, in colour."
 
 _ARC, _SIDE = 49, 17
@@ -101,36 +102,42 @@ def cell_page(
         Command line that made the page.
     """
     task, joint = design.task, elbow(design.task, design.posture)
-    words = (
-        "Slices through the centre of the cell (+). First: the smallest joint-limit margin. "
-        f"Second: joint speed relative to the {usual(design)} control at the same configurations."
-    )
-    if isinstance(design.cell, Sector) and design.evaluation.turns and design.cell.tilted:
-        words += " Third: range of the angle that is inside the joint's limits at every tilt."
+    shape, dialog = shape_word(design), Dialog(cell_uses(design), cell_words(design, motions))
     animation, still = "", None
     if motions:
         cycles = next(iter(motions.values())).cycles
         shown = _coloured(motions)
-        animation = _tour_page(
-            design, shown, joint, f"{cycles} cycles of a sample path", dialog_words(design, motions)
-        )
+        animation = _tour_page(design, shown, joint, f"{cycles} cycles of a sample path", dialog)
         still = picture(still_figure(shown), _STILL)
+    legend = [_OF_THE_TOUR.format(shape), *(f"{capital(note)}." for note in notes)]
     return render(
         "cell.html",
         style="report.css",
-        title=f"{task.robot.name}: one function for a cell",
-        caption=f"{task.frame_words}, {task.kind} task, n = {task.n}, r = {task.r}: "
-        f"{design.cell.size()}",
+        title=f"{task.robot.name}: one function for a {shape}",
+        caption=f"{task.frame_words}: {task.kind.words}, {task.n} joints, {task.r} redundant",
         headline=cell_headline(design, motions),
+        shape=shape,
         animation=animation.replace("<body>", '<body class="inside">', 1),
         still=still,
-        tour=" ".join([_OF_THE_TOUR, *(f"{capital(note)}." for note in notes)]),
-        slices=None if slices is None else framed(slices, words),
+        tour=" ".join(legend),
+        slices=None if slices is None else framed(slices, _slice_words(design)),
         figures=design.figures(),
-        words=cell_words(design, motions),
+        dialog=dialog,
         command=command,
         details={"joints": ", ".join(task.joint_names), "seed": str(design.seed)} | versions(),
     )
+
+
+def _slice_words(design: CellDesign) -> str:
+    """Describe the figure of slices."""
+    words = (
+        f"Slices through the middle of the {shape_word(design)} (+). First: the smallest "
+        f"joint-limit margin. Second: joint speed relative to the {usual(design)} control at the "
+        "same configurations."
+    )
+    if isinstance(design.cell, Sector) and design.evaluation.turns and design.cell.tilted:
+        words += " Third: range of the angle that is inside the joint's limits at every tilt."
+    return words
 
 
 def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
@@ -144,13 +151,12 @@ def _tour_page(
     motions: Sequence[tuple[str, Motion, str]],
     joint: int,
     name: str,
-    words: Mapping[str, str],
+    dialog: Dialog,
 ) -> str:
     """Write the page with the animated motions side by side, and the outline of the cell.
 
     ``motions`` are (label, motion, colour). ``joint`` is the index of the joint whose path is
-    drawn, and ``name`` is its name on the page. ``words`` are the terms that the page's dialog
-    explains, with their meanings.
+    drawn, and ``name`` is the name of the path on the page. ``dialog`` has the texts of its dialog.
     """
     tracks = [playback_of(*one) for one in motions]
     way = motions[0][1].path.points()
@@ -159,12 +165,12 @@ def _tour_page(
         tracks,
         paths=[_box_of(design.cell), way],
         name=name,
-        words=words,
+        dialog=dialog,
     )
 
 
 def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = None) -> Headline:
-    """Write the headline: coverage and extra joint speed, with notes on limits and bodies.
+    """Write the headline: what the function covers, with notes on joint speed, limits and bodies.
 
     Parameters
     ----------
@@ -174,15 +180,13 @@ def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = Non
         Motions along a sample path, by controller; the last one is the function's.
     """
     path = list((motions or {}).values())[-1:]
-    said = [_limits(design, path), *_bodies(design, path)]
+    said = [_cost(design), _limits(design, path), *_bodies(design, path)]
     for motion in path:
         if motion.speed_ratio > TOO_FAST:
             times = f"{motion.speed_ratio:.2g} times the speed limit"
             said.append(Span(f"On the sample path, {times}.", "bad"))
-    if not design.proof:
-        said.append(Span(f"Tested at {design.held_out:,} poses, not proved."))
-    sentence = Span(_covered(design)), _cost(design)
-    return Headline(tuple(map(_unbroken, sentence)), tuple(map(_unbroken, said)))
+    said.append(_evidence(design))
+    return Headline((_unbroken(Span(_covered(design))),), tuple(map(_unbroken, said)))
 
 
 def _covered(design: CellDesign) -> str:
@@ -191,14 +195,15 @@ def _covered(design: CellDesign) -> str:
     This is the first sentence of the page.
     """
     found = design.evaluation
+    ranges = range_phrase(design.cell, {turn.coordinate: turn.reach for turn in found.turns})
     if found.everywhere:
-        shape = "sector" if isinstance(design.cell, Sector) else "box"
         part = redundant_part(design.task)
-        return f"Every pose in the {shape} has one {part}, however the hand gets there. "
+        return f"One {part} per hand pose, however the hand gets there: {ranges}. "
     causes = [stop for stop in design.failures if stop.cause != "collision"]
     most = max(causes, key=lambda stop: stop.share, default=None)
     why = "" if most is None else f": {most.what}"
-    return f"One function covers {found.covered}{why}. "
+    shape = shape_word(design)
+    return f"One function covers {found.covered}{why}. The {shape} asked for: {ranges}. "
 
 
 def _cost(design: CellDesign) -> Span:
@@ -206,14 +211,21 @@ def _cost(design: CellDesign) -> Span:
 
     It is relative to the desired inverse, by default J⁺; all directions of motion count equally.
     """
-    mean, worst = (
-        ratio_in_percent(share, 2).replace("-", "−")
-        for share in (design.extra_speed, design.extra_speed_worst)
-    )
+    every = design.extra_speed, design.extra_speed_worst
+    if max(every) < NO_EXTRA_SPEED:
+        return Span(f"Joint speed as under the {usual(design)} control.")
+    mean, worst = (ratio_in_percent(share, 2).replace("-", "−") for share in every)
     return Span(
-        f"For this, joint speed is {mean} above that of the {usual(design)} control on average, "
-        f"{worst} at worst. "
+        f"Joint speed {mean} above that of the {usual(design)} control on average, {worst} at worst."
     )
+
+
+def _evidence(design: CellDesign) -> Span:
+    """Write whether the function is proved, or at how many poses it was tested."""
+    if not design.proof:
+        return Span(f"Tested at {design.held_out:,} poses, not proved.")
+    limits = " and its joint limits" if design.proof.limit_margin > 0 else ""
+    return Span(f"The function{limits} proved at every pose, body distances tested.")
 
 
 def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:

@@ -68,11 +68,11 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
     shapes = [cell.widths[cell.moved][list(cut.axes)] for cut in cuts]
     shares = [min(max(w / h, 0.5), 2.0) if h else 1.0 for w, h in shapes]
     task = design.task
-    title = f"{task.robot.name}, {task.frame}, {task.kind}: one function for {design.cell.size()}"
+    title = f"{task.robot.name}, {task.frame}, {task.kind}: slices of one function"
     drawn = [what for what in _WHAT if getattr(cuts[0], what) is not None]
     one = len(cuts) == 1
     if one:  # side by side
-        figure = titled(1.5 + 3.6 * len(drawn), 3.7, title)
+        figure = titled((1.8 + 2.4 * shares[0]) * len(drawn), 3.7, title)
         grid = figure.subplots(1, len(drawn), squeeze=False).T
     else:
         figure = titled(2.0 + 2.7 * sum(shares), 0.7 + 3.0 * len(drawn), title)

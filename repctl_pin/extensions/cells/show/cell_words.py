@@ -16,22 +16,35 @@ from ..geometry.sector import Sector
 
 _OF_A_SECTOR = {
     "radius": "distance of the hand from the axis of the sector",
-    "height": "position of the hand along that axis, from the middle",
+    "height": "position of the hand along that axis, from the base",
     "angle": "turn of the hand around that axis, from the middle",
     "tilt about x": "turn of the tool about its x axis, from the middle",
     "tilt about y": "turn of the tool about its y axis, from the middle",
     "spin": "turn of the tool about its z axis, from the middle",
+    "orientation": "direction of the tool's z axis in the middle",
 }
-"""Meanings of the coordinates of a sector, in the order of the task."""
+"""Meanings of the rows of a sector."""
 
-_COMMANDS = {
-    "Your own arm": "`repctl cell my_arm.urdf --half-width 0.1`, on Linux or macOS, after "
-    "`pip install` of the folder of repctl_pin",
-    "cell.json": "the file in which `repctl cell` saves the function, beside its page",
-    "ROS 2": "`repctl ros2 cell.json --ros-args -p acceleration:=5.0` (rad/s²): a node that turns "
-    "hand poses into joint commands by that file. With your own arm, add `--robot my_arm.urdf`.",
-}
-"""Meanings that stand in the dialog only."""
+
+def shape_word(design: CellDesign) -> str:
+    """Return the word for the set of poses, the only one on the page: ``sector`` or ``cell``."""
+    return "sector" if isinstance(design.cell, Sector) else "cell"
+
+
+def cell_uses(design: CellDesign) -> dict[str, str]:
+    """Tell how to use the function, its file and the command with an arm of one's own."""
+    size = "--down" if shape_word(design) == "sector" else "--half-width 0.1"
+    return {
+        "Your own arm": f"`repctl cell my_arm.urdf {size}`, on Linux or macOS, after `pip install` "
+        "of the folder of repctl_pin",
+        "ROS 2": "`repctl ros2 cell.json --ros-args -p acceleration:=5.0` (rad/s²): a node that "
+        "turns hand poses into joint commands by cell.json, the file of the function beside its "
+        "page. With your own arm, add `--robot my_arm.urdf`.",
+        "CSV": "`repctl follow cell.json --csv motion.csv`: a motion of the joints along a path; "
+        "time in s, joints in rad or m, their velocities in rad/s or m/s. `--path` gives your own.",
+        "Units": "lengths in m, cm or mm and angles in rad or degrees, as written; cell.json has "
+        "m and rad.",
+    }
 
 
 def usual(design: CellDesign) -> str:
@@ -47,25 +60,20 @@ def cell_words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, s
     return _of_the_sentences(design, motions) | _of_the_figures(design) | _of_the_evidence(design)
 
 
-def dialog_words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
-    """Explain the words of the page and its files, for the dialog of its animation."""
-    return _COMMANDS | cell_words(design, motions)
-
-
 def _of_the_sentences(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
     """Explain the words of the first sentences, and of the sample path if there is one."""
-    sector, part = isinstance(design.cell, Sector), redundant_part(design.task)
-    shape = "sector" if sector else "box"
-    around = ", around an axis of the arm" if sector else ""
+    shape, part = shape_word(design), redundant_part(design.task)
+    kind = "all hand poses" if shape == "sector" else "a box of hand poses"
+    around = " in a range of radius around an axis of the arm" if shape == "sector" else ""
     covered = "" if design.evaluation.everywhere else ", where the function covers it"
-    outline = ": its outline bounds the positions" if motions else ""
-    table = " `--down` without a size finds the largest sector, the whole table." if sector else ""
+    outline = ". Its outline bounds the positions" if motions else ""
+    table = ". `--down` without a size finds the largest one, the whole table"
     words = {
-        f"The {shape}, or cell": f"the hand poses for which it was made{around}{outline}. "
-        f"The line under the first sentences names its size.{table}",
-        f"One {part} per pose": "The joints depend only on where the hand is, q = F(x), not on "
-        f"the way there. Wherever the hand goes in the {shape}{covered}, at each pose it has the "
-        "same joints again.",
+        f"The {shape}": f"{kind}{around}, for which the function was made{outline}"
+        f"{table if shape == 'sector' else ''}.",
+        f"One {part} per hand pose": "The joints depend only on where the hand is, q = F(x), not "
+        f"on the way there. Wherever the hand goes in the {shape}{covered}, at each pose it has "
+        "the same joints again.",
     }
     if motions:
         blue = "Blue is the function, whose joints come back."
@@ -79,20 +87,20 @@ def _of_the_figures(design: CellDesign) -> dict[str, str]:
     """Explain the figures of merit and the coordinates of a sector, by their names on the page."""
     words = {}
     if isinstance(design.cell, Sector):
-        moved = [name for name, w in zip(_OF_A_SECTOR, design.cell.widths, strict=False) if w]
-        words = {capital(name): _OF_A_SECTOR[name] for name in moved}
+        rows = design.figures()
+        words = {capital(name): text for name, text in _OF_A_SECTOR.items() if name in rows}
         words["Symmetry"] = (
             "A joint that turns the whole arm, or the tool alone, changes nothing between them. So "
             "the function needs fewer coordinates."
         )
     return words | {
-        "Posture": "the joints in the middle of the cell",
+        "Posture": f"the joints in the middle of the {shape_word(design)}",
         "Degree": "of the polynomials from which the function is computed",
         "Extra joint speed": f"joint speed of the function relative to the {usual(design)} control "
         "at the same configurations, minus 1, over all directions of the hand or in the worst one",
         "Mean ‖∂F − G_d‖²": "the mean that the design makes small: squared differences between the "
         f"joint velocities of the function and of the {usual(design)} control",
-        "Held-out poses": "random poses of the cell that the design did not use",
+        "Held-out poses": f"random poses of the {shape_word(design)} that the design did not use",
         "Limit margin": "the distance of the nearest joint from the end of its range",
         "Body distance": "the smallest distance of links that are not neighbours. Without a "
         "collision shape in the URDF, a body is not checked.",
@@ -107,7 +115,7 @@ def _of_the_figures(design: CellDesign) -> dict[str, str]:
 
 def _of_the_evidence(design: CellDesign) -> dict[str, str]:
     """Explain the word that says what is proved of the margins, by name; or that nothing is."""
-    shape = "sector" if isinstance(design.cell, Sector) else "box"
+    shape = shape_word(design)
     if design.proof:
         return {
             "Proved": "The bounds that are called proved hold at every pose of the "

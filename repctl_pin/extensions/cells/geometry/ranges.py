@@ -1,0 +1,134 @@
+"""Ranges of a cell in words: rows of a table, and a phrase for a sentence.
+
+A sector is a cell in cylindrical coordinates around an axis. Its heights are measured along the
+axis from the base. In the phrase, ends are rounded inward, so that all of it belongs to the cell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ....base.arguments import Array
+from .cell import Cell
+from .cell_arguments import VERTICAL
+from .sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
+from .symmetry import NEAR, difference
+
+_HEIGHTS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Heights at which a range of radius is given, as coordinates u."""
+
+_LARGEST_STEP = 0.01
+"""Maximum step to which the phrase rounds a length, m; about a tenth of a range if that is less."""
+
+_POINTS = (("down", (0, 0, -1)), ("up", (0, 0, 1)), ("along x of the base", (1, 0, 0)))
+"""Directions of the tool that have a name, in axes of the base."""
+
+
+def range_rows(cell: Cell) -> dict[str, str]:
+    """Return the ranges of a cell as text, by name; a sector has a row for each coordinate.
+
+    A range of radius that depends on the height is given at five heights, one per line. The angle
+    and the spin are left out if their range is ``"all"``, because the design reports them.
+    """
+    if not isinstance(cell, Sector):
+        return {"cell": cell.size()}
+    w = cell.widths
+    rows = {"radius": _radius_row(cell)}
+    if cell.task.m > 2:
+        low, high = _heights(cell, np.array([-1.0, 1.0]))
+        rows["height"] = (
+            f"{low:.3g} to {high:.3g} m above the base" if high > low else f"{low:.3g} m"
+        )
+    for i, name in enumerate(cell.coordinate_names):
+        if i not in (RADIUS, HEIGHT, *cell.free) and w[i]:
+            rows[name] = f"±{w[i]:.3g} rad"
+    if cell.task.kind.turns:
+        rows["orientation"] = f"z axis of the frame {_pointing(cell)}, turns with the angle"
+    return rows
+
+
+def range_phrase(cell: Cell, reaches: Mapping[str, float] | None = None) -> str:
+    """Write what a cell covers, such as ``height 0.05 to 0.45 m, radius 0.35 to 0.70 m``.
+
+    Parameters
+    ----------
+    cell
+        The cell or sector.
+    reaches
+        Ranges that a design found, rad, by the name of the coordinate.
+    """
+    if not isinstance(cell, Sector):
+        return _box_phrase(cell)
+    found = dict(reaches or {})
+    parts = [_radius_phrase(cell)]
+    if cell.task.m > 2 and cell.widths[HEIGHT]:
+        parts.insert(0, f"height {_inward(*_heights(cell, np.array([-1.0, 1.0])))} m")
+    near = max(difference(cell.axis, VERTICAL)) <= NEAR
+    around = "around the base" if near else "around the axis"
+    words = {"angle": f"{{}} {around}", "spin": "{} of tool spin"}
+    for i, name in enumerate(cell.coordinate_names):
+        width = 2 * cell.widths[i]
+        if i in (RADIUS, HEIGHT) or not width:
+            continue
+        turn = min(width, found.get(name, width), 2 * np.pi)
+        degrees = f"{np.floor(np.degrees(turn) + 1e-6):.0f}°"
+        parts.append(words.get(name, f"{{}} of {name}").format(degrees))
+    return ", ".join(parts)
+
+
+def _box_phrase(cell: Cell) -> str:
+    """Write the edges of a box, the place of its middle, and its range of orientations."""
+    edges = " × ".join(f"{2 * w:.3g}" for w in cell.half_width)
+    middle = np.round(cell.placement.translation, 2) + 0.0
+    text = f"{edges} m around ({', '.join(f'{v:.2f}' for v in middle)}) m".replace("-", "−")
+    if not cell.rotation.any():
+        return text + (", one orientation" if len(cell.rotation) else "")
+    turns = [f"{np.floor(np.degrees(w) + 1e-6):.0f}°" for w in cell.rotation]
+    return f"{text}, turned by up to {turns[0] if len({*turns}) == 1 else ', '.join(turns)}"
+
+
+def _radius_row(sector: Sector) -> str:
+    """Write the range of radius, m; if it depends on the height, at five heights."""
+    rho, half = sector.middle[0], sector.widths[RADIUS]
+    if not sector.profile.degree:
+        return f"{rho - half:.3g} to {rho + half:.3g} m" if half else f"{rho:.3g} m"
+    u = np.array(_HEIGHTS)
+    ranges = sector.radii(sector.middle[1] + sector.widths[HEIGHT] * u)
+    return "\n".join(
+        f"{low:.3g} to {high:.3g} m at the height {h:.3g} m"
+        for (low, high), h in zip(ranges, _heights(sector, u), strict=True)
+    )
+
+
+def _radius_phrase(sector: Sector) -> str:
+    """Write the range of radius; if it depends on the height, that in the middle."""
+    rho, half = sector.middle[0], sector.widths[RADIUS]
+    if not sector.profile.degree:
+        return f"radius {_inward(rho - half, rho + half)} m"
+    (low, high), _ = sector.radii([sector.middle[1]] * 2)
+    return f"radius {_inward(low, high)} m in the middle of it"
+
+
+def _heights(sector: Sector, u: Array) -> Array:
+    """Return the heights above the base along the sector's axis, m, at coordinates u (K,)."""
+    origin, a = sector.axis
+    return float(origin @ a) + sector.middle[1] + sector.widths[HEIGHT] * u
+
+
+def _inward(low: float, high: float) -> str:
+    """Write a range, m, with its ends rounded inward to a step of at most 1 cm."""
+    if not high > low:
+        return f"{low:.3g}"
+    digits = int(-np.floor(np.log10(min(_LARGEST_STEP, (high - low) / 10)) + 1e-9))
+    step = 10.0**-digits
+    ends = np.ceil(low / step - 1e-6) * step, np.floor(high / step + 1e-6) * step
+    return " to ".join(f"{end + 0.0:.{digits}f}".replace("-", "−") for end in ends)
+
+
+def _pointing(sector: Sector) -> str:
+    """Write where the z axis of the frame points in the middle of a sector."""
+    z = sector.placement.rotation[:, 2]
+    named = (name for name, axis in _POINTS if z @ np.array(axis) > 1 - 1e-6)
+    return next(named, f"along ({', '.join(f'{v:.2g}' for v in np.round(z, 3) + 0.0)})")
