@@ -146,13 +146,13 @@ class _CellSearch:
         """Stop the search if a box of poses cannot be proved by halving it.
 
         The corners of the boxes are low and high, (K, k) each. At the centre of such a box, F does
-        not exist, misses a margin, or differs from q_ref by more than d*, the distance within which
-        F is proved to be the only solution. Or the box is already too small.
+        not exist, misses a margin, or differs from c by more than d*, the distance within which F
+        is proved to be the only solution. Or the box is already too small.
         """
         problem, chart = self.problem, self.problem.chart
         points = chart.solve((low + high) / 2)
         limits = np.minimum(points.Q - problem.lower, problem.upper - points.Q)
-        away = np.abs(points.Q - points.q_ref) - problem.near
+        away = problem.away(points) - problem.near
         for short, name in (
             (
                 np.where(points.found, 1.0, -1.0),
@@ -162,8 +162,7 @@ class _CellSearch:
             (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
             (
                 -away.max(axis=1),
-                "F leaves the neighbourhood of q_ref in which it is proved unique, by {away:.2g} "
-                "(rad or m)",
+                "F leaves the neighbourhood in which it is proved unique, by {away:.2g} (rad or m)",
             ),
             ((high - low).max(axis=1) - 2 * _SMALLEST, "a box too small to halve is undecided"),
         ):
