@@ -52,7 +52,7 @@ distance of F from c that a search found, plus the summand.
 _NEARER = 0.75 ** np.arange(1, 17)
 """Factors of the last of these d*, for boxes on which F is nearer to c than elsewhere."""
 
-_INTERVALS = {1: 64, 2: 64, 3: 16}
+_INTERVALS = {1: 32, 2: 32, 3: 16}
 """Number of intervals of the grid of c along each of k coordinates; with more coordinates, c is
 q_ref, because the grid would have too many nodes."""
 
@@ -138,19 +138,28 @@ class CellProof:
         self.blur = self.eps * (1 + chart.monomials.size / 64) * value  # (n, 1 + r)
         self.farthest = value[:, 0] + self._correction.most + self.near
         made = [whole.seen_from(k, way) for k in range(1, len(whole.p)) for way in (0.0, 0.5, 1.0)]
-        self.see_from(max(made, key=self._tightness))
+        # the middle link with the largest bounds on boxes at corners of the cell
+        at = np.random.default_rng(0).choice([-1.0, 1.0], (_CORNERS, cell.k))
+        half = np.repeat(np.tile(_SIZES[:, None], (1, cell.k)), _CORNERS, axis=0)
+        Uc = (1 - half) * np.tile(at, (len(_SIZES), 1))
+        boxes = Uc, half, self.start(Uc, half)
+        self.see_from(max(made, key=lambda chain: self._tightness(chain, *boxes)))
 
     @property
     def near(self) -> Array:
         """Largest distance d* from c within which F may be proved to be unique: (n,)."""
         return np.asarray(self.distances[0])
 
+    def center(self, points: Points) -> Array:
+        """Return c at the poses of K configurations: (K, n)."""
+        return points.q_ref + self._correction.at(points.U)
+
     def away(self, points: Points) -> Array:
-        """Return the distance ``|q − c|`` of K configurations at poses of the cell: (K, n)."""
-        return np.asarray(np.abs(points.Q - points.q_ref - self._correction.at(points.U)))
+        """Return the distance ``|q − c|`` of K configurations: (K, n)."""
+        return np.asarray(np.abs(points.Q - self.center(points)))
 
     def _found_away(self, U: Array) -> Array:
-        """Return the distance ``|F − c|`` at coordinates U (K, k): (K, n), 0 where F is not found."""
+        """Return ``|F − c|`` at coordinates U (K, k), and 0 where F is not found: (K, n)."""
         points = self.chart.solve(U)
         return np.where(points.found[:, None], self.away(points), 0.0)
 
@@ -178,17 +187,13 @@ class CellProof:
         self._chain = chain.struct()
         self._cell = self._cell_struct()
 
-    def _tightness(self, chain: Chain) -> float:
-        """Sum the lower bounds of the leaf margin on boxes at corners of the cell, for a chain.
+    def _tightness(self, chain: Chain, Uc: Array, half: Array, start: Array) -> float:
+        """Sum the lower bounds of the leaf margin on boxes Uc ± half, (K, k) each, for a chain.
 
         The chain with the largest sum is chosen, because its proof needs the fewest boxes.
         """
         self.see_from(chain)
-        k = self.cell.k
-        at = np.random.default_rng(0).choice([-1.0, 1.0], (_CORNERS, k))
-        half = np.repeat(np.tile(_SIZES[:, None], (1, k)), _CORNERS, axis=0)
-        found = self.bounds((1 - half) * np.tile(at, (len(_SIZES), 1)), half)
-        return float(found.leaf_margin.sum())
+        return float(self.bounds_from(Uc, half, start).leaf_margin.sum())
 
     def bounds(self, Uc: Array, half: Array) -> CellBounds:
         """Bound the margins of F on boxes Uc ± half, (K, k) each, in the cell's coordinates u."""
@@ -367,8 +372,8 @@ class _Correction:
     def __str__(self) -> str:
         if not self.values.any():
             return "q_ref"
-        k = self.values.ndim - 1
-        return f"its linear interpolation on a grid of {' × '.join(k * [str(len(self.lines))])} poses"
+        size = " × ".join(map(str, self.values.shape[:-1]))
+        return f"its linear interpolation on a grid of {size} poses"
 
     @property
     def most(self) -> Array:

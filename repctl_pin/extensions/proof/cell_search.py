@@ -1,8 +1,8 @@
 """Branch and bound over a cell, to prove that its function F exists and keeps its margins.
 
 The cell is a box of poses with coordinates u from −1 to 1. F gives one configuration for each pose.
-Boxes of poses are halved until their bounds suffice. q_ref is a polynomial of u that approximates
-F.
+Boxes of poses are halved until their bounds suffice. c is a continuous function of u near F, see
+:class:`.CellProof`.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ _SMALLEST = 1e-4
 
 def bound_cell(
     problem: CellProof,
+    name: str,
     leaf: float,
     limit: float,
     seconds: float,
@@ -41,6 +42,8 @@ def bound_cell(
     ----------
     problem
         Bounds for F on boxes of poses.
+    name
+        Name of the robot, task and cell, with which the description of the proof begins.
     leaf, limit
         Leaf margin (distance from an algorithmic singularity, 0 to 1) and limit margin (distance
         from the joint limits, rad or m) to prove; −inf for none.
@@ -52,8 +55,8 @@ def bound_cell(
     Returns
     -------
     Proof
-        The proof; its description only says within which distance of q_ref F is unique. If the
-        search stopped before its goal, the bounds are 0 and −inf.
+        The proof, without a fingerprint. If the search stopped before its goal, the bounds are 0
+        and −inf.
     """
     end = thread_time() + seconds
     search = _CellSearch(problem, max(leaf, 0.0), limit)
@@ -63,7 +66,7 @@ def bound_cell(
         else:
             search.advance()
             report("proving", 1 - search.volume())
-    return search.proof()
+    return search.proof(name)
 
 
 class _CellSearch:
@@ -72,8 +75,8 @@ class _CellSearch:
     ``low`` and ``high`` (K, k) are the corners of the undecided boxes of poses, in the cell's
     coordinates u. ``margins`` (3,) are the smallest proved leaf margin, σ_min(J) and limit margin.
     ``at`` is the box with the smallest leaf margin, or the box at which the search stopped: its
-    centre and half-widths. ``level`` is the index of the smallest distance d* from q_ref within
-    which F is the only solution on a box. ``reason`` says why the search stopped; it is empty while
+    centre and half-widths. ``level`` is the index of the smallest distance d* from c within which
+    F is the only solution on a box. ``reason`` says why the search stopped; it is empty while
     the search runs.
     """
 
@@ -181,14 +184,15 @@ class _CellSearch:
         self.reason = reason
         self.at = (low[which] + high[which]) / 2, (high[which] - low[which]) / 2
 
-    def proof(self) -> Proof:
+    def proof(self, name: str) -> Proof:
         """Return the margins proved on the whole cell, or where and why the search stopped.
 
-        The rest of the description, and the fingerprint of what is proved, are added later.
+        ``name`` names the robot, the task and the cell.
         """
         leaf, sigma, limit = (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
-        proved, what = not self.reason, self.problem.within(self.level)
-        return Proof(what, proved, leaf, limit, sigma, self.boxes, *self.at, self.reason)
+        only = f"is the only solution {self.problem.within(self.level)}"
+        what = f"{name}: F exists, is smooth, and {only}"
+        return Proof(what, not self.reason, leaf, limit, sigma, self.boxes, *self.at, self.reason)
 
 
 def grid(counts: Array) -> tuple[Array, Array]:
