@@ -306,7 +306,7 @@ static void chain_models(const Cell *s, const Model *Q, Model *screws, Closure *
    variables and the bound of all else. */
 typedef struct {
   double p, e, s, trace;
-  double *q, *wide, *step, *eta;      /* n, n, N, n: q_0, its reach, |A (xi, -n_ref' eta)|, eta */
+  double *q, *wide, *step, *beside;   /* n, n, N, n: q_0, its reach, |A (xi, -n_ref' eta)|, |q_0 - c| */
   double *first, *rest;               /* k N N, N N: A J_V - 1 at q_ref(u) */
   double *Wrows, *Wfirst, *Wrest;     /* (N + r) 6, k (N + r) N, (N + r) N: rows times J, see potential_rows */
   double *J, *J_most, *K_most;        /* 6 N, 6 N, 6 N: J at q_0(u_c), |J| and |C J| at q_0(u) */
@@ -631,16 +631,16 @@ static int commutator(const Cell *s, const double *norms, const double *steps, d
   return 1;
 }
 
-/* Find the largest of the distances d* from q_ref within which F is the only solution, |F - q_0| <= Y: its index, or -1. */
+/* Find the largest of the distances d* from c within which F is the only solution, |F - q_0| <= Y: its index, or -1. */
 static int only_solution(const Cell *s, const Lane *at, const double *A, const double *B, const double *norms,
                          const double *size, const double *Y) {
   int n = s->chain->n, N = s->chain->N;
   double R[N * N], D[N * N], F[N][N], Z[N][N], near[n], mean[n], reach[n];
   for (int level = 0; level < s->levels; level++) {
     for (int i = 0; i < n; i++) {
-      double d = s->near[level * n + i], away = (Y[i] + fabs(at->eta[i])) * (1 + s->eps);
+      double d = s->near[level * n + i], away = (Y[i] + at->beside[i]) * (1 + s->eps);
       if (!(away <= d)) return -1; /* F is beyond this d*, and beyond the smaller ones */
-      near[i] = d + fabs(at->eta[i]), reach[i] = d + away;
+      near[i] = d + at->beside[i], reach[i] = d + away;
       mean[i] = s->turned < 3 ? Y[i] + 0.5 * reach[i] : near[i]; /* on the straight way to another solution */
     }
     for (int i = 0; i < N * N; i++) R[i] = at->rest[i];
@@ -651,7 +651,8 @@ static int only_solution(const Cell *s, const Lane *at, const double *A, const d
   return -1;
 }
 
-/* F on one box. q_0(u) = q_ref(u) + eta(u) is the start of the way to F, eta linear on the box. */
+/* F on one box. q_0(u) = q_ref(u) + eta(u) is the start of the way to F, eta linear on the box. c(u) is a continuous
+   approximation of F on the whole cell. */
 static void one_cell_box(const Cell *s, const Lane *at, const double *A, double C[6][6], long box,
                          const Margins *out) {
   const Chain *g = s->chain;
@@ -660,7 +661,7 @@ static void one_cell_box(const Cell *s, const Lane *at, const double *A, double 
   double F[N][N], Z[N][N], B[n * N * N], dJ[n * 6 * N], near[n], limit = INFINITY, square = 0, t = s->tool;
   slopes_at(g, at->q, dJ);
   rows_times_slopes(g, N, N, A, dJ, B);
-  for (int i = 0; i < n; i++) near[i] = s->near[i] + fabs(at->eta[i]); /* |q - q_0| where |q - q_ref| <= d* */
+  for (int i = 0; i < n; i++) near[i] = s->near[i] + at->beside[i]; /* |q - q_0| where |q - c| <= d* */
   for (int i = 0; i < N; i++) norms[2 * i] = norm(A + i * N), norms[2 * i + 1] = norm(A + i * N + 3);
   for (int i = 0; i < N * N; i++) {
     size[i] = 0;
@@ -922,7 +923,7 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
     Model *eta = w->eta + i;
     constant(sp, 0, eta);
     for (int a = 0; a <= k; a++)
-      for (int l = 0; l < LANES; l++) eta->p[a][l] = shift[((at + (l < count ? l : 0)) * n + i) * (1 + k) + a];
+      for (int l = 0; l < LANES; l++) eta->p[a][l] = shift[((at + (l < count ? l : 0)) * n + i) * (2 + k) + a];
     finish(sp, eta);
     add(sp, w->chart + i * x, 1, eta, Q + i);
   }
@@ -972,13 +973,13 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
   rows_times(s, rows, W, w->J, 6, N, N, 1, Wfirst, Wrest);
   potential_models(s, w, W + N * 6, C, W_away, rho, off, K_most);
 
-  double wide[n], eta_[n], step_[N], first_[k * N * N], rest_[N * N];
+  double wide[n], beside[n], step_[N], first_[k * N * N], rest_[N * N];
   double W_[rows * 6], Wfirst_[k * rows * N], Wrest_[rows * N], J_[6 * N], J_most[6 * N], V[r * n], dV[k * r * n];
   double V_rest[r * n], away_[r * 6], rho_[r * 6], off_[36], steep_[r * m_ * n], K_[6 * N];
   for (int l = 0; l < count; l++) {
     long box = at + l;
     const Closure *f = &w->closure;
-    Lane lane = {f->sizes[0][l], f->sizes[1][l], f->sizes[2][l], f->trace[l], q[l], wide, step_, eta_, first_, rest_, W_, Wfirst_,
+    Lane lane = {f->sizes[0][l], f->sizes[1][l], f->sizes[2][l], f->trace[l], q[l], wide, step_, beside, first_, rest_, W_, Wfirst_,
                  Wrest_, J_, J_most, K_, V, dV, V_rest, away_, rho_, off_, steep_};
     out->split[box] = 0, out->level[box] = -1, out->leaf[box] = out->sigma[box] = 0, out->limit[box] = -INFINITY;
     double best = -1;
@@ -992,7 +993,7 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
       out->Q[box * n + i] = q[l][i];
     }
     if (!regular[l]) continue;
-    for (int i = 0; i < n; i++) eta_[i] = most_of(w->eta + i)[l];
+    for (int i = 0; i < n; i++) beside[i] = shift[(box * n + i) * (2 + k) + 1 + k];
     lanes_of(l, N, step, step_), lanes_of(l, N * N, rest, rest_), lanes_of(l, k * N * N, first, first_);
     lanes_of(l, rows * 6, W, W_), lanes_of(l, k * rows * N, Wfirst, Wfirst_), lanes_of(l, rows * N, Wrest, Wrest_);
     lanes_of(l, r * 6, W_away, away_), lanes_of(l, r * 6, rho, rho_), lanes_of(l, 36, off, off_), lanes_of(l, 6 * N, K_most, K_);
@@ -1002,8 +1003,8 @@ static void some_boxes(const Cell *s, const double *U, const double *half, const
   }
 }
 
-/* F on K boxes U +- half, (K, k). On a box it is about q_ref + eta, eta linear in t: its value at the centre, then its
-   slopes, are the rows of shift, (K, n, 1 + k). */
+/* F on K boxes U +- half, (K, k). On a box it is about q_0 = q_ref + eta, eta linear in t: its value at the centre, its
+   slopes, and a bound of |q_0 - c| are the rows of shift, (K, n, 2 + k). */
 EXPORT int LEVELLED(cell_bounds)(const Cell *s, long K, const double *U, const double *half, const double *shift,
                                  const Margins *out) {
   const Chain *g = s->chain;

@@ -58,7 +58,7 @@ def check_enclosures(found: rp.CellDesign, width: float, count: int = 16) -> flo
         inside = (np.abs(points.Q - Q) / reach)[good]
         used = max(used, float(inside.max()))
         assert (inside <= 1 + 1e-9).all()
-        assert (np.abs(points.Q - points.q_ref)[good] <= problem.near).all()
+        assert (problem.away(points)[good] <= problem.near).all()
         assert (margins.leaf_margins(chart, points) >= bounds.leaf_margin - 1e-9).all()
         sigma = np.linalg.svd(task.jacobians(points.Q), compute_uv=False)[:, -1]
         assert (sigma >= bounds.sigma_min - 1e-9).all()
@@ -212,13 +212,13 @@ def test_a_hundred_thousand_poses_of_other_tasks_violate_nothing(
     )
     proof = rp.prove(found)
     assert proof, proof.reason
-    near, chart = cell_bounds.CellProof(found.function.chart).near, found.function.chart
+    problem, chart = cell_bounds.CellProof(found.function.chart), found.function.chart
     rng, r = np.random.default_rng(1), task.r
     for _ in range(10):
         U = rng.uniform(-1, 1, (10_000, found.cell.k))
         U[::2] = np.sign(U[::2]) * np.abs(U[::2]) ** 0.1
         points = chart.solve(U, np.zeros((len(U), r)))
-        assert points.found.all() and (np.abs(points.Q - points.q_ref) <= near).all()
+        assert points.found.all() and (problem.away(points) <= problem.near).all()
         s = np.linalg.svd(task.jacobians(points.Q), compute_uv=False)
         assert s[:, -1].min() >= proof.sigma_min
         assert margins.leaf_margins(chart, points).min() >= proof.leaf_margin
@@ -268,13 +268,13 @@ def test_a_third_of_a_million_poses_of_a_proved_cell_violate_nothing(
     )
     proof = rp.prove(found)
     assert proof, proof.reason
-    near = cell_bounds.CellProof(found.function.chart).near
+    problem = cell_bounds.CellProof(found.function.chart)
     rng, chart = np.random.default_rng(1), found.function.chart
     for _ in range(34):
         U = rng.uniform(-1, 1, (10_000, 6))
         U[::2] = np.sign(U[::2]) * np.abs(U[::2]) ** 0.1  # half of them near the boundary
         points = chart.solve(U, np.zeros((len(U), 1)))
-        assert points.found.all() and (np.abs(points.Q - points.q_ref) <= near).all()
+        assert points.found.all() and (problem.away(points) <= problem.near).all()
         s = np.linalg.svd(task.jacobians(points.Q), compute_uv=False)
         assert s[:, -1].min() >= proof.sigma_min
         assert margins.leaf_margins(chart, points).min() >= proof.leaf_margin

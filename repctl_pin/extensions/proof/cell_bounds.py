@@ -33,6 +33,7 @@ docs/theory.md derives this.
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,7 +42,7 @@ from scipy.special import factorial
 
 from ...base.arguments import Array, read_only
 from ...native import CELL, MARGINS, filled_struct, required_library
-from ..cells.chart.chart import Chart
+from ..cells.chart.chart import Chart, Points
 from ..cells.chart.monomials import Monomials
 from ..cells.geometry.cell import Cell
 from ..cells.geometry.profile import STRAIGHT
@@ -52,12 +53,16 @@ from .taylor import ORDER, basis, space_of
 _SLACKS = (1.25, 0.02), (1.1, 0.005), (1.02, 0.001)
 """Factors, and summands in rad or m, from which d* is made; the largest d* comes first.
 
-d* is the distance from q_ref within which F is proved to be unique: the factor times the largest
-distance of F from q_ref that a search found, plus the summand.
+d* is the distance from c within which F is proved to be unique: the factor times the largest
+distance of F from c that a search found, plus the summand.
 """
 
 _NEARER = 0.75 ** np.arange(1, 17)
-"""Factors of the last of these d*, for boxes on which F is nearer to q_ref than elsewhere."""
+"""Factors of the last of these d*, for boxes on which F is nearer to c than elsewhere."""
+
+_INTERVALS = {1: 32, 2: 32, 3: 16}
+"""Number of intervals of the grid of c along each of k coordinates; with more coordinates, c is
+q_ref, because the grid would have too many nodes."""
 
 _TURNED = {"pose": 0, "axis": 2}
 """First of the frame's axes whose direction a kind of task controls; the others control none."""
@@ -83,8 +88,8 @@ class CellBounds:
     split : (K,) array of int
         Index of the coordinate u along which to halve each box if its bounds are too weak.
     level : (K,) array of int
-        Row of :attr:`CellProof.distances`: the distance d* from q_ref within which F was proved to
-        be the only solution. It is −1 where F was not proved to exist.
+        Index of d*, the distance from c within which F was shown to be the only solution, among the
+        distances of :class:`CellProof`; −1 where F was not.
     Q, reach : (K, n) arrays
         Centres and half-widths, rad or m, of boxes of joints. On each box of poses, F(u) lies in
         the box of joints; NaN where F was not proved to exist.
@@ -103,8 +108,8 @@ class CellProof:
     """Bounds for the function F of one cell on boxes of poses, computed in C.
 
     The search over the cell requests bounds on ever smaller boxes, until F is proved to exist with
-    its margins on all of them. Each proof also says that F is the only solution q for which
-    ``|q − q_ref| ≤ d*`` holds in every joint.
+    its margins on all of them. F is proved to be the only solution within d* of c, a continuous
+    function on the cell near F: q_ref, corrected by :class:`_Correction`.
 
     Parameters
     ----------
@@ -114,9 +119,9 @@ class CellProof:
     Attributes
     ----------
     distances : (L, n) array
-        The L distances d* that are tried, rad or m per joint, the largest first. Each is above the
-        next one in every joint. At a pose that belongs to two boxes, the proofs of both are about
-        the same F: it lies within the smaller d*, so within the larger one, too.
+        Distances d* from c, rad or m, the largest first; each is above the next one in every
+        joint. On each box, F is proved to be the only solution within one of them. At a pose of two
+        boxes, both have the same F: it lies within the smaller d*, so within the larger one, too.
 
     Raises
     ------
@@ -131,30 +136,47 @@ class CellProof:
         self.polynomials, self.poses = _Polynomials.of(chart), _pose_tables(cell)
         self._space = space_of(cell.k)
         self.lower, self.upper = limits_of(cell)
-        self.distances = _nested(farthest(chart))
+        self._correction = _Correction.of(chart)
+        self.distances = _nested(farthest(cell, self._found_away))
         whole = chain_of(self.task)
         self.eps = relative_rounding(whole)
         value = self.polynomials.sizes
         self.blur = self.eps * (1 + chart.monomials.size / 64) * value  # (n, 1 + r)
-        self.farthest = value[:, 0] + self.near
+        self.farthest = value[:, 0] + self._correction.most + self.near
         made = [whole.seen_from(k, way) for k in range(1, len(whole.p)) for way in (0.0, 0.5, 1.0)]
-        self.see_from(max(made, key=self._tightness))
+        # the middle link with the largest bounds on boxes at corners of the cell
+        at = np.random.default_rng(0).choice([-1.0, 1.0], (_CORNERS, cell.k))
+        half = np.repeat(np.tile(_SIZES[:, None], (1, cell.k)), _CORNERS, axis=0)
+        Uc = (1 - half) * np.tile(at, (len(_SIZES), 1))
+        boxes = Uc, half, self.start(Uc, half)
+        self.see_from(max(made, key=lambda chain: self._tightness(chain, *boxes)))
 
     @property
     def near(self) -> Array:
-        """Largest distance d* from q_ref within which F may be proved to be unique: (n,), rad or m.
-
-        It is the first row of :attr:`distances`.
-        """
+        """Largest distance d* from c within which F may be proved to be unique: (n,)."""
         return np.asarray(self.distances[0])
 
+    def center(self, points: Points) -> Array:
+        """Return c at the poses of K configurations: (K, n)."""
+        return points.q_ref + self._correction.at(points.U)
+
+    def away(self, points: Points) -> Array:
+        """Return the distance ``|q − c|`` of K configurations: (K, n)."""
+        return np.asarray(np.abs(points.Q - self.center(points)))
+
+    def _found_away(self, U: Array) -> Array:
+        """Return ``|F − c|`` at coordinates U (K, k), and 0 where F is not found: (K, n)."""
+        points = self.chart.solve(U)
+        return np.where(points.found[:, None], self.away(points), 0.0)
+
     def within(self, level: int) -> str:
-        """Write, as a phrase of a message, within which distances d* of q_ref F is unique.
+        """Write within which distance d* of c F is the only solution.
 
         ``level`` is the row of :attr:`distances` with the smallest d* that a box needed.
         """
         first, last = (", ".join(f"{v:.2g}" for v in self.distances[index]) for index in (0, level))
-        return f"within ({first}) of q_ref" + (f", on some boxes within ({last})" if level else "")
+        more = f", on some boxes within ({last})" if level else ""
+        return f"within ({first}) of {self._correction}{more}"
 
     def use(self, native: ctypes.CDLL) -> None:
         """Use the given native library: later calls run its function ``cell_bounds``."""
@@ -171,18 +193,14 @@ class CellProof:
         self._chain = chain.struct()
         self._cell = self._cell_struct()
 
-    def _tightness(self, chain: Chain) -> float:
-        """Sum the lower bounds on the leaf margin over some boxes at corners of the cell.
+    def _tightness(self, chain: Chain, Uc: Array, half: Array, start: Array) -> float:
+        """Sum the lower bounds of the leaf margin on boxes Uc ± half, (K, k) each, for a chain.
 
         ``chain`` is the arm with its middle link, which stays set. The middle link with the largest
         sum is chosen, because its proof needs the fewest boxes.
         """
         self.see_from(chain)
-        k = self.cell.k
-        at = np.random.default_rng(0).choice([-1.0, 1.0], (_CORNERS, k))
-        half = np.repeat(np.tile(_SIZES[:, None], (1, k)), _CORNERS, axis=0)
-        found = self.bounds((1 - half) * np.tile(at, (len(_SIZES), 1)), half)
-        return float(found.leaf_margin.sum())
+        return float(self.bounds_from(Uc, half, start).leaf_margin.sum())
 
     def bounds(self, Uc: Array, half: Array) -> CellBounds:
         """Bound the margins of F on boxes Uc ± half, (K, k) each, in the cell's coordinates u."""
@@ -210,7 +228,9 @@ class CellProof:
         split, level = np.zeros((2, K), np.int32)
         arrays = (leaf, sigma, limit, Q, reach, gradients, split, level)
         out = MARGINS(*(None if x is None else x.ctypes.data for x in arrays))
-        given = [np.ascontiguousarray(x, float) for x in (Uc, half, start)]
+        beside = self._correction.beside(Uc, half, start)
+        shift = np.concatenate([start, beside[:, :, None]], axis=2)
+        given = [np.ascontiguousarray(x, float) for x in (Uc, half, shift)]
         done = self._run(
             ctypes.byref(self._cell),
             ctypes.c_long(K),
@@ -224,9 +244,9 @@ class CellProof:
     def start(self, Uc: Array, half: Array) -> Array:
         """Estimate F − q_ref to first order on boxes Uc ± half, (K, k) each: (K, n, 1 + k).
 
-        The last axis holds the value at the centre, rad or m, and the k slopes with respect to u,
-        times ``half``. The proof is valid with any estimate, but tight only with a good one. The
-        estimate is 0 where F is not found, or differs from q_ref by more than :attr:`near`.
+        The first column is the value at the centre, rad or m; the k others are the slopes with
+        respect to u, times ``half``. The proof is valid with any estimate, but tight only with a
+        good one. The estimate is 0 where F is not found, or differs from c by more than d*.
         """
         k = self.cell.k
         points = self.chart.solve(Uc)
@@ -234,7 +254,7 @@ class CellProof:
         away = points.Q - points.q_ref
         slopes = (dF[..., :k] - self.chart.slopes(Uc)[0]) * half[:, None]
         shift = np.concatenate([away[..., None], slopes], axis=2)
-        near = points.found & (np.abs(away) <= self.near).all(axis=1)
+        near = points.found & (self.away(points) <= self.near).all(axis=1)
         near &= np.isfinite(slopes).all(axis=(1, 2))
         return np.where(near[:, None, None], shift, 0.0)
 
@@ -304,19 +324,14 @@ def _tips(chain: Chain, farthest: Array) -> Array:
     return np.asarray(lengths[::-1].cumsum()[::-1] - lengths)
 
 
-def farthest(chart: Chart) -> Array:
-    """Find the largest |F − q_ref| in the cell of a chart, per joint: (n,), rad or m.
+def farthest(cell: Cell, away: Callable[[Array], Array]) -> Array:
+    """Find the largest distance of F from c in a cell, per joint: (n,), rad or m.
 
-    The result is found by sampling, not proved. It fixes d*, the distance from q_ref within which F
-    is then proved to be unique. Random poses and corners of the cell are evaluated, then poses
-    around those with the largest |F − q_ref|.
+    ``away`` evaluates it at K poses in the coordinates of the cell, (K, k) → (K, n). The result is
+    sampled, not proved: d* follows from it, the distance from c within which F is then proved to be
+    unique. Random poses and corners are evaluated, then poses around the worst.
     """
-    cell, rng = chart.cell, np.random.default_rng(1)
-
-    def away(U: Array) -> Array:
-        points = chart.solve(U)
-        return np.where(points.found[:, None], np.abs(points.Q - points.q_ref), 0.0)
-
+    rng = np.random.default_rng(1)
     Y = np.concatenate([cell.sample(2048, 1), cell.corners()])
     found = away(Y)
     most, width = found.max(axis=0), 0.4
@@ -327,6 +342,82 @@ def farthest(chart: Chart) -> Array:
         found, width = away(Y), width / 2
         most = np.maximum(most, found.max(axis=0))
     return np.asarray(most)
+
+
+@dataclass(frozen=True, eq=False)
+@read_only
+class _Correction:
+    """Correction ``Δ(u) = c(u) − q_ref(u)`` of a chart: F − q_ref at the nodes of a grid.
+
+    Between the nodes, Δ is linear along each coordinate, so c is continuous. F can differ from the
+    polynomial q_ref by 0.2 rad where J is nearly singular, and there two solutions are near each
+    other: F is then the only one within a small distance of c, but not of q_ref.
+
+    Attributes
+    ----------
+    lines : (G + 1,) array
+        Coordinates of the nodes along each coordinate, from −1 to 1.
+    values : (G + 1, …, G + 1, n) array
+        Δ at the nodes; 0 where F is not found.
+    """
+
+    lines: Array
+    values: Array
+
+    @classmethod
+    def of(cls, chart: Chart) -> _Correction:
+        """Evaluate the correction of a chart's q_ref at the nodes of a grid."""
+        k, n = chart.cell.k, chart.cell.task.n
+        lines = np.linspace(-1, 1, 1 + _INTERVALS.get(k, 1))
+        shape = (len(lines),) * k
+        if k not in _INTERVALS:
+            return cls(lines, np.zeros((*shape, n)))
+        points = chart.solve(np.stack(np.meshgrid(*[lines] * k, indexing="ij"), -1).reshape(-1, k))
+        values = np.where(points.found[:, None], points.Q - points.q_ref, 0.0)
+        return cls(lines, values.reshape(*shape, n))
+
+    def __str__(self) -> str:
+        if not self.values.any():
+            return "q_ref"
+        size = " × ".join(map(str, self.values.shape[:-1]))
+        return f"its linear interpolation on a grid of {size} poses"
+
+    @property
+    def most(self) -> Array:
+        """Largest ``|Δ|`` on the cell, per joint: (n,)."""
+        return np.abs(self.values).reshape(-1, self.values.shape[-1]).max(axis=0)
+
+    def at(self, U: Array) -> Array:
+        """Evaluate Δ at coordinates U (K, k): (K, n)."""
+        G = len(self.lines) - 1
+        place = (np.clip(U, -1, 1) + 1) / 2 * G
+        low = np.minimum(place.astype(int), G - 1)
+        share = place - low
+        value = np.zeros((len(U), self.values.shape[-1]))
+        for corner in np.ndindex(*(2,) * U.shape[1]):
+            weight = np.where(corner, share, 1 - share).prod(axis=1)
+            value += weight[:, None] * self.values[tuple((low + corner).T)]
+        return value
+
+    def beside(self, Uc: Array, half: Array, start: Array) -> Array:
+        """Bound ``|q_0 − c| = |η − Δ|`` on boxes Uc ± half, (K, k) each: (K, n).
+
+        ``start`` (K, n, 1 + k) is η, see :meth:`CellProof.start`. Where a box is cut by the lines
+        of the grid, η − Δ is linear along each coordinate on each part: it is largest at a corner.
+        """
+        if not self.values.any():
+            return np.asarray(np.abs(start).sum(axis=2) * (1 + 1e-12))
+        k, low, high = Uc.shape[1], np.maximum(Uc - half, -1.0), np.minimum(Uc + half, 1.0)
+        first = np.searchsorted(self.lines, low, side="right")
+        most = int((np.searchsorted(self.lines, high, side="left") - first).max(initial=0))
+        cuts = [self.lines[np.minimum(first + i, len(self.lines) - 1)] for i in range(most)]
+        ends = np.stack([low, *(np.clip(cut, low, high) for cut in cuts), high])
+        # all corners of all parts of each box: (number, K, k)
+        which = np.stack(np.meshgrid(*[np.arange(len(ends))] * k, indexing="ij"), -1).reshape(-1, k)
+        U = np.stack([ends[which[:, a], :, a] for a in range(k)], axis=2)
+        eta = start[..., 0] + np.einsum("Kna,PKa->PKn", start[..., 1:], (U - Uc) / half)
+        found = np.abs(eta - self.at(U.reshape(-1, k)).reshape(eta.shape)).max(axis=0)
+        return np.asarray(found * (1 + 1e-12) + 1e-13)
 
 
 def _nested(found: Array) -> Array:

@@ -1,10 +1,8 @@
 """Branch and bound over a cell, to prove that its function F exists and keeps its margins.
 
-The cell is a box of poses with k coordinates u from −1 to 1. F gives one configuration for each
-pose. Boxes of poses are halved until their bounds suffice. q_ref is a polynomial of u that
-approximates F, and d* is the distance from q_ref within which F is proved to be the only solution.
-The leaf margin is the distance from an algorithmic singularity, from 0 to 1; the limit margin is
-the distance from the joint limits, rad or m.
+The cell is a box of poses with coordinates u from −1 to 1. F gives one configuration for each pose.
+Boxes of poses are halved until their bounds suffice. c is a continuous function of u near F, see
+:class:`.CellProof`.
 """
 
 from __future__ import annotations
@@ -32,6 +30,7 @@ _SMALLEST = 1e-4
 
 def bound_cell(
     problem: CellProof,
+    name: str,
     leaf: float,
     limit: float,
     seconds: float,
@@ -43,6 +42,8 @@ def bound_cell(
     ----------
     problem
         Bounds for F on boxes of poses.
+    name
+        Name of the robot, task and cell, with which the description of the proof begins.
     leaf, limit
         Leaf margin and limit margin to prove. The leaf margin to prove is at least 0; −inf as
         ``limit`` stands for no limit margin.
@@ -54,8 +55,8 @@ def bound_cell(
     Returns
     -------
     Proof
-        The proof; its description only says within which d* F is unique. If the search stopped
-        before its goal, the bounds are 0 for the leaf margin, and −inf for the limit margin.
+        The proof, without a fingerprint. If the search stopped before its goal, the bounds are 0
+        and −inf.
     """
     end = thread_time() + seconds
     search = _CellSearch(problem, max(leaf, 0.0), limit)
@@ -65,7 +66,7 @@ def bound_cell(
         else:
             search.advance()
             report("proving", 1 - search.volume())
-    return search.proof()
+    return search.proof(name)
 
 
 class _CellSearch:
@@ -74,9 +75,9 @@ class _CellSearch:
     ``low`` and ``high`` (K, k) are the corners of the undecided boxes of poses, in the cell's
     coordinates u. ``margins`` (3,) are the smallest proved leaf margin, σ_min(J) and limit margin.
     ``at`` is the box with the smallest leaf margin, or the box at which the search stopped: its
-    centre and half-widths. ``level`` is the index of the smallest d* that a box needed, in
-    :attr:`.CellProof.distances`. ``reason`` says why the search stopped; it is empty while the
-    search runs.
+    centre and half-widths. ``level`` is the index of the smallest distance d* from c within which
+    F is the only solution on a box. ``reason`` says why the search stopped; it is empty while
+    the search runs.
     """
 
     def __init__(self, problem: CellProof, leaf: float, limit: float) -> None:
@@ -148,13 +149,13 @@ class _CellSearch:
         """Stop the search if a box of poses cannot be proved by halving it.
 
         The corners of the boxes are low and high, (K, k) each. At the centre of such a box, F does
-        not exist, misses a margin, or differs from q_ref by more than the largest d*. Or the box is
-        already too small.
+        not exist, misses a margin, or differs from c by more than d*, the distance within which F
+        is proved to be the only solution. Or the box is already too small.
         """
         problem, chart = self.problem, self.problem.chart
         points = chart.solve((low + high) / 2)
         limits = np.minimum(points.Q - problem.lower, problem.upper - points.Q)
-        away = np.abs(points.Q - points.q_ref) - problem.near
+        away = problem.away(points) - problem.near
         for short, name in (
             (
                 np.where(points.found, 1.0, -1.0),
@@ -164,8 +165,7 @@ class _CellSearch:
             (limits.min(axis=1) - self.limit, "the limit margin there is {limit:.4g}"),
             (
                 -away.max(axis=1),
-                "F leaves the neighbourhood of q_ref in which it is proved unique, by {away:.2g} "
-                "(rad or m)",
+                "F leaves the neighbourhood in which it is proved unique, by {away:.2g} (rad or m)",
             ),
             ((high - low).max(axis=1) - 2 * _SMALLEST, "a box too small to halve is undecided"),
         ):
@@ -184,14 +184,15 @@ class _CellSearch:
         self.reason = reason
         self.at = (low[which] + high[which]) / 2, (high[which] - low[which]) / 2
 
-    def proof(self) -> Proof:
+    def proof(self, name: str) -> Proof:
         """Return the margins proved on the whole cell, or where and why the search stopped.
 
-        Callers add the rest of the description, and the fingerprint of what is proved.
+        ``name`` names the robot, the task and the cell.
         """
         leaf, sigma, limit = (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
-        proved, what = not self.reason, self.problem.within(self.level)
-        return Proof(what, proved, leaf, limit, sigma, self.boxes, *self.at, self.reason)
+        only = f"is the only solution {self.problem.within(self.level)}"
+        what = f"{name}: F exists, is smooth, and {only}"
+        return Proof(what, not self.reason, leaf, limit, sigma, self.boxes, *self.at, self.reason)
 
 
 def grid(counts: Array) -> tuple[Array, Array]:

@@ -73,7 +73,7 @@ def prove(
         A design over a region, or the design of a function over a cell of poses. A region is a box
         or a tube in joint space, or a workspace box; the proof for the latter covers the whole box
         of joints from which it selects. For a function, it is also proved that the function exists,
-        is smooth, and is the only solution near its chart.
+        is smooth, and is the only solution near its interpolation on a grid.
     margin
         Leaf margin to prove, from 0 to 1. By default: for a region, the largest bound that can be
         proved in the time; for a cell, 90 % of the smallest leaf margin of its evaluation.
@@ -397,13 +397,10 @@ def _of_cell(
         limit = found.limit_margin_worst - 0.1 * abs(found.limit_margin_worst) - 0.01
     else:
         limit = -np.inf
-    proof = bound_cell(CellProof(design.function.chart), leaf, limit, seconds, report)
+    name = f"{design.task.robot.name} {design.task}, {design.cell!r}"
+    proof = bound_cell(CellProof(design.function.chart), name, leaf, limit, seconds, report)
     proof = replace(
         proof,
-        what=(
-            f"{design.task.robot.name} {design.task}, {design.cell!r}: "
-            f"F exists, is smooth, and is the only solution {proof.what}"
-        ),
         asked_leaf_margin=goal,
         asked_limit_margin=least,
         theorem=CELL_THEOREM,
