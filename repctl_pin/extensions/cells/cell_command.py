@@ -416,7 +416,7 @@ def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.Cel
     range is returned, without a certificate yet.
     """
     notes = []
-    if prove and table.straight is not table.design:
+    if prove and table.by_height:
         proof = rp.prove(table.design, progress=report)
         if proof:
             table = table._replace(design=replace(table.design, proof=proof))

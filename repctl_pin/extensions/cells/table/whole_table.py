@@ -21,7 +21,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -89,7 +89,7 @@ _BETTER = 0.2
 
 _KEPT, _AS_GOOD = 3, 0.95
 """Number of windows of the angle per flood for which rectangles are searched for; and share of what
-a flood would be worth without bodies from which on others are as good."""
+a flood would be worth without bodies, or of the best rating, from which on others are as good."""
 
 _LOOKED = 96
 """Number of configurations at which colliding links are looked for, to name them."""
@@ -151,9 +151,8 @@ class WholeTable(NamedTuple):
     ----------
     design : CellDesign
         The function over the sector, whose range of radius may depend on the height.
-    straight : CellDesign
-        The function over the largest sector with one range of radius; ``design`` itself if that is
-        the larger one.
+    rectangles : Straight
+        The sectors with one range of radius, and the function over the largest of them.
     locked : LockedJoints or None
         Arm with locked joints that covers the largest share of the sector. Arms within the limits
         of joint speed come first; among equals, the arm with the lowest joint speed is chosen.
@@ -174,7 +173,7 @@ class WholeTable(NamedTuple):
     """
 
     design: CellDesign
-    straight: CellDesign
+    rectangles: Straight
     locked: LockedJoints | None
     larger: LockedJoints | None
     reach: float
@@ -188,19 +187,35 @@ class WholeTable(NamedTuple):
         """Area of the sector's range of radius and height, m²."""
         return area_of(self.design.cell)
 
+    @property
+    def straight(self) -> CellDesign:
+        """Function over the largest sector with one range of radius.
+
+        It is ``design`` itself if that is the larger one. Otherwise it may be designed only when
+        this attribute is first read, which takes seconds.
+        """
+        return self.rectangles.design
+
+    @property
+    def by_height(self) -> bool:
+        """True if the sector's range of radius depends on the height."""
+        cell = self.design.cell
+        return isinstance(cell, Sector) and cell.profile.degree > 0
+
     def __str__(self) -> str:
         design, share = self.design, self.area / self.rectangle
-        kind = " (one range of radius)" if design is self.straight else ""
+        kind = "" if self.by_height else " (one range of radius)"
         text = (
             f"the largest sector that was found{kind}: {self.area:.2g} m² of radius and height, "
             f"{100 * share:.0f} % of the largest rectangle found in its reach; "
             f"+{100 * max(design.extra_speed, 0.0):.1f} % joint speed on average, "
             f"+{100 * max(design.extra_speed_worst, 0.0):.0f} % at the worst pose"
         )
-        if design is not self.straight:
+        if self.by_height:
+            most = min(self.rectangle, self.affordable)
             text += (
                 f"; its range of radius depends on the height, and one range for all heights would "
-                f"cover {area_of(self.straight.cell):.2g} m²"
+                f"cover at most {most:.2g} m²"
             )
         if share < _MUCH:
             text += f"; it is not larger because {self._obstruction()}"
@@ -225,6 +240,54 @@ class WholeTable(NamedTuple):
 def _at_bodies(design: CellDesign) -> bool:
     """Test whether the sector of a design ends where bodies come near each other."""
     return bool(design.body_distance < 2 * design.requested_body_distance)
+
+
+class Straight:
+    """Sectors with one range of radius, and the function over the largest that one covers.
+
+    Parameters
+    ----------
+    fit
+        Arguments of the design.
+    ranked
+        The sectors, the best first, with quick designs.
+    limits
+        Limits of the function.
+    rectangle
+        Area of the largest rectangle in a flood without collision, m².
+    """
+
+    def __init__(
+        self, fit: CellFit, ranked: list[_Place], limits: Required, rectangle: float
+    ) -> None:
+        self._fit, self._ranked, self._limits = fit, ranked, limits
+        self._rectangle = rectangle
+
+    @property
+    def most(self) -> float:
+        """Upper bound of the worth of the function, see :func:`_worth`, m²."""
+        return max((place.most for place in self._ranked), default=0.0)
+
+    @property
+    def largest(self) -> float:
+        """Upper bound of the area of its sector, m²."""
+        return max((area_of(place.cell) for place in self._ranked), default=0.0)
+
+    @property
+    def likely(self) -> float:
+        """Estimate of the worth of the function, by quick designs, m²; 0 if they all failed."""
+        return self._ranked[0].rating if self._ranked else 0.0
+
+    @cached_property
+    def design(self) -> CellDesign:
+        """The function, designed when it is first read.
+
+        InputError is raised if no function covers any of the sectors.
+        """
+        found = _designed(self._fit, self._ranked, self._limits)
+        if area_of(found.cell) < _MUCH * self._rectangle and _at_bodies(found):
+            found = _farther_from_bodies(self._fit, self._ranked[0], self._limits, found)
+        return found
 
 
 def area_of(cell: Cell) -> float:
@@ -336,14 +399,13 @@ def whole_table(
         others = _ranked(fit, ranked, closer, report)
         if ranked[0].rating < _MUCH * others[0].rating:
             ranked, limits = others, closer
-    straight = _designed(fit, ranked, limits, report)
-    if area_of(straight.cell) < _MUCH * rectangle * SPACING**2 and _at_bodies(straight):
-        straight = _farther_from_bodies(fit, ranked[0], limits, report, straight)
-    report("a range of radius for each height", 0.85)
+    report("a range of radius for each height", 0.6)
+    straight = Straight(fit, ranked, limits, float(rectangle * SPACING**2))
     shaped = _shaped_places(
-        table, tested, openings, speeds, limits, line, symmetries, _worth(straight)
+        table, tested, openings, speeds, limits, line, symmetries, straight.likely
     )
-    design = _larger_design(fit, shaped, limits, straight)
+    report("the function", 0.65)
+    design = _best_shape(fit, shaped, limits, straight)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
     design, larger = _at_least_locked(fit, table, locked, design, limits, line, symmetries)
@@ -545,23 +607,24 @@ def _shaped_places(
 ) -> list[_Place]:
     """Choose the best sectors whose range of radius depends on the height, the best first.
 
-    They contain only nodes at which joint speed can meet its limits, as in :func:`_affordable`, and
-    are larger in area than ``worth``, m².
+    They contain only nodes at which joint speed can meet its limits, as in :func:`_affordable`.
+    Those whose rating is below ``worth``, m², or far below the best one, may be missed.
     """
     own, usual = speeds[:, openings.flood]
-    least = worth / SPACING**2
-    every = [
-        _affordable_between(*one, limits, least)
-        for one in zip(openings.mask, own, usual, strict=True)
-    ]
+    every = [Between.none()] * len(openings.mask)
     rating = np.zeros(len(every))
     postures = np.zeros((len(every), table.task.n))
-    for k, found in enumerate(every):
+    # worth of one unit of area, and of all nodes
+    unit = SPACING**2 * (0.5 + 0.5 * openings.half / np.pi)
+    most = unit * [_most_between(mask) for mask in openings.mask]
+    for k in map(int, np.argsort(-most, kind="stable")):
+        least = max(worth, _AS_GOOD * rating.max()) / unit[k]
+        found = _affordable_between(openings.mask[k], own[k], usual[k], limits, least)
         if found.area:
             Q, inside = floods.Q[openings.flood[k]], found.inside(table.shape)
             share = _turn_share(table.task, symmetries, Q[inside], openings.half[k] / np.pi)
             rating[k] = found.area * SPACING**2 * (0.5 + 0.5 * share)
-            postures[k] = Q[found.middle]
+            every[k], postures[k] = found, Q[found.middle]
 
     def sector(k: int, turns: tuple[float, float]) -> Cell:
         return _shaped_sector(table, line, symmetries, every[k], turns)
@@ -583,6 +646,8 @@ def _affordable_between(
         extra = np.where(mask, np.sqrt(own / usual) - 1, np.nan)
         for most in [np.inf, *limits.mean * np.geomspace(_DEAREST, 1, _SHARES)]:
             good = extra < min(most, _SPARE * limits.worst)
+            if _most_between(good) <= least:
+                break
             (first,), (last,) = rectangles(good[None])[1:]
             found = largest_between(runs(good, first, last), least)
             inside = found.inside(mask.shape)
@@ -592,14 +657,55 @@ def _affordable_between(
     return best
 
 
+def _most_between(mask: NDArray[np.bool_]) -> float:
+    """Bound from above the area of any range of radius by height in a mask (I, J), in spacings²."""
+    return float(np.maximum(mask.sum(axis=0) - 1, 0).sum())
+
+
+def _best_shape(
+    fit: CellFit, shaped: list[_Place], limits: Required, straight: Straight
+) -> CellDesign:
+    """Design the sector of the best shape, whose range of radius may depend on the height.
+
+    The largest sector with one range is designed only where it may be as good.
+    """
+    clearly = bool(shaped) and shaped[0].most > (1 + _BETTER) * straight.most
+    if clearly:
+        found = _first_design(fit, shaped, limits, straight.likely)
+        if (
+            found is not None
+            and _worth(found) > straight.most
+            and area_of(found.cell) > straight.largest
+        ):
+            return found
+        return straight.design if found is None else _larger_of(found, straight.design)
+    return _larger_design(fit, shaped, limits, straight.design)
+
+
 def _larger_design(
     fit: CellFit, places: list[_Place], limits: Required, design: CellDesign
 ) -> CellDesign:
     """Design the places in turn; return the first design if it is larger than the given one.
 
-    It must be larger in area, and also in :func:`_worth`. Otherwise return the given design.
+    Otherwise return the given design.
     """
-    worth = _worth(design)
+    found = _first_design(fit, places, limits, _worth(design))
+    return design if found is None else _larger_of(found, design)
+
+
+def _larger_of(found: CellDesign, design: CellDesign) -> CellDesign:
+    """Return the design ``found`` if it is larger in area, and in :func:`_worth`, or ``design``."""
+    larger = _worth(found) > _worth(design) and area_of(found.cell) > area_of(design.cell)
+    return found if larger else design
+
+
+def _first_design(
+    fit: CellFit, places: list[_Place], limits: Required, worth: float
+) -> CellDesign | None:
+    """Design the places in turn; return the first design, or None.
+
+    Places that cannot be worth more than ``worth``, m², are left out; see :func:`_worth`.
+    """
     for place in places:
         if place.most <= worth:
             break
@@ -607,10 +713,8 @@ def _larger_design(
             q = given(place.cell, place.posture)
             found = trimmed(fit, place.cell, q, limits._replace(window=place.window))
             if found is not None:
-                better = _worth(found) > worth
-                larger = area_of(found.cell) > area_of(design.cell)
-                return found if better and larger else design
-    return design
+                return found
+    return None
 
 
 def _central(
@@ -697,13 +801,12 @@ def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report
     return sorted(ranked, key=lambda place: -place.rating)
 
 
-def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Report) -> CellDesign:
+def _designed(fit: CellFit, ranked: list[_Place], limits: Required) -> CellDesign:
     """Design a function for the first place that one function covers without a collision.
 
     InputError is raised if there is no such place.
     """
-    for k, place in enumerate(ranked):
-        report("the function", 0.75 + 0.08 * k)
+    for place in ranked:
         with suppress(InputError):
             q = given(place.cell, place.posture)
             there = limits._replace(window=place.window)
@@ -718,7 +821,7 @@ def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Repo
 
 
 def _farther_from_bodies(
-    fit: CellFit, place: _Place, limits: Required, report: Report, design: CellDesign
+    fit: CellFit, place: _Place, limits: Required, design: CellDesign
 ) -> CellDesign:
     """Design a function that keeps away from bodies; return it if it is better, else ``design``.
 
@@ -726,7 +829,7 @@ def _farther_from_bodies(
     """
     away = replace(fit, body_distance=_AWAY * limits.distance)
     with suppress(InputError):
-        other = _designed(away, [place._replace(design=None)], limits, report)
+        other = _designed(away, [place._replace(design=None)], limits)
         return max(design, other, key=_worth)
     return design
 
@@ -1002,13 +1105,14 @@ def _opened(
     clear: list[NDArray[np.bool_]] = []
     values: list[float] = []
     most = rectangles(floods.reached).area
+    largest = -1.0
     for k, flood in enumerate(floods.Q):
-        largest = rectangles(np.array(clear)).area.max() if clear else -1.0
         better = sum(value > _AS_GOOD * bound[k] for value in values)
         if better >= _DESIGNED and most[k] <= largest:
             continue
         there = shut(table, np.asarray(flood), distance)
         clear.append(np.isfinite(flood[..., 0]) & ~np.all(there.near | there.out, axis=0))
+        largest = max(largest, rectangles(clear[-1][None]).area[0])
         middle, half, mask = windows(there)
         some = _Openings(np.full(len(half), k), middle, half, mask, clear[-1][None])
         rating = _values(table, floods, some, symmetries)
@@ -1222,6 +1326,8 @@ def _larger(table: Table, locked: _Floods, design: CellDesign, limits: Required)
     order = order[unlike_rows(locked.middles(found)[1][order], _ALIKE, _SETS)]
     best = None
     for k in map(int, order):
+        if _most_between(locked.reached[k]) <= least:
+            continue
         own, usual = _locked_speeds(table, locked, k, cell)
         # without bodies first, because they are slow to test
         if _affordable_between(locked.reached[k], own, usual, exact, least).area > least:
