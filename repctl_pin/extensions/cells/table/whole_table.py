@@ -49,7 +49,7 @@ from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_a
 from ..place.posture_search import given
 from .flood import SPACING, Rectangles, Table, flooded, rectangles
 from .profiles import Between, largest_between, runs
-from .windows import shut, windows
+from .windows import Shut, shut, windows
 
 _DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
 """Numbers of random configurations, of floods from them, and of floods with locked joints."""
@@ -1084,22 +1084,29 @@ def _best_clear(
 
     ``bound`` (S,) is the rating of each flood without regard to bodies, see :func:`_values`.
     """
-    wide = _opened(table, floods, bound, _CLEAR, symmetries)
+    known: dict[int, Shut] = {}
+    wide = _opened(table, floods, bound, _CLEAR, symmetries, known)
     rating = _values(table, floods, wide, symmetries).max()
     if rating < _MUCH * bound.max():
-        tight = _opened(table, floods, bound, _TIGHT, symmetries)
+        tight = _opened(table, floods, bound, _TIGHT, symmetries, known)
         if rating < _MUCH * _values(table, floods, tight, symmetries).max():
             return _TIGHT, tight
     return _CLEAR, wide
 
 
 def _opened(
-    table: Table, floods: _Floods, bound: Array, distance: float, symmetries: tuple[Symmetry, ...]
+    table: Table,
+    floods: _Floods,
+    bound: Array,
+    distance: float,
+    symmetries: tuple[Symmetry, ...],
+    known: dict[int, Shut],
 ) -> _Openings:
     """Find the best openings of floods in which bodies keep a distance, m.
 
     The test of bodies is slow, so floods are left out that can have neither a better rating than
     others nor a larger rectangle. ``bound`` (S,) is the rating of each flood without bodies.
+    ``known`` has results for a larger distance by number of the flood; those of this call are set.
     """
     parts: list[list[Any]] = []
     clear: list[NDArray[np.bool_]] = []
@@ -1110,7 +1117,7 @@ def _opened(
         better = sum(value > _AS_GOOD * bound[k] for value in values)
         if better >= _DESIGNED and most[k] <= largest:
             continue
-        there = shut(table, np.asarray(flood), distance)
+        there = known[k] = shut(table, np.asarray(flood), distance, known.get(k))
         clear.append(np.isfinite(flood[..., 0]) & ~np.all(there.near | there.out, axis=0))
         largest = max(largest, rectangles(clear[-1][None]).area[0])
         middle, half, mask = windows(there)

@@ -84,26 +84,35 @@ class Windows(NamedTuple):
     mask: NDArray[np.bool_]
 
 
-def shut(table: Table, flood: Array, distance: float) -> Shut:
+def shut(table: Table, flood: Array, distance: float, farther: Shut | None = None) -> Shut:
     """Find where bodies are nearer than a distance, m, at the nodes of a flood (I, J, n).
 
     Pairs of bodies that do not move relative to each other when the arm turns are tested once per
-    node. The other pairs are tested at each angle, at one node per block of nodes.
+    node. The other pairs are tested at each angle, at one node per block of nodes. ``farther`` is
+    the result for a larger distance, if there is one: nodes at which bodies keep that distance are
+    not tested again.
     """
     task, bodies, joint = table.task, bodies_of(table.task), table.around.joint
     on = np.argwhere(np.isfinite(flood[..., 0]))
     found = Shut(*np.ones((2, _ANGLES, *table.shape), bool))
     Q = flood[on[:, 0], on[:, 1]]
     moved = bodies._moved_by(joint)
-    always = bodies._nearer(Q, distance, ~moved)
+    known = np.ones((_ANGLES, len(on)), bool)
+    if farther is not None:
+        known = farther.near[:, on[:, 0], on[:, 1]]
+    always = known.all(axis=0)
+    always[always] = bodies._nearer(Q[always], distance, ~moved)
     size = int(np.ceil(np.sqrt(len(on) / _BLOCKS)))
     _, first, block = np.unique(on[~always] // size, axis=0, return_index=True, return_inverse=True)
     some = np.flatnonzero(~always)[first]
     for k, angle in enumerate(STEP * np.arange(_ANGLES)):
         out = turned(task, Q, table.around, angle)[:, joint] > task.upper[joint]
         near = always.copy()
-        Q_there = turned(task, Q[some], table.around, angle)
-        near[~always] = bodies._nearer(Q_there, distance, moved)[block.ravel()]
+        closed = np.zeros(len(some), bool)
+        closed[block.ravel()[known[k, ~always]]] = True  # blocks that are not known to be free
+        Q_there = turned(task, Q[some[closed]], table.around, angle)
+        closed[closed] = bodies._nearer(Q_there, distance, moved)
+        near[~always] = closed[block.ravel()]
         found.near[k, on[:, 0], on[:, 1]], found.out[k, on[:, 0], on[:, 1]] = near, out
     return found
 
