@@ -49,7 +49,7 @@ from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_a
 from ..place.posture_search import given
 from .flood import SPACING, Rectangles, Table, flooded, rectangles
 from .profiles import Between, largest_between, runs
-from .windows import Shut, shut, windows
+from .windows import Shut, free_nodes, shut, windows
 
 _DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
 """Numbers of random configurations, of floods from them, and of floods with locked joints."""
@@ -249,8 +249,8 @@ class Straight:
     ----------
     fit
         Arguments of the design.
-    ranked
-        The sectors, the best first, with quick designs.
+    places
+        The sectors.
     limits
         Limits of the function.
     rectangle
@@ -258,25 +258,37 @@ class Straight:
     """
 
     def __init__(
-        self, fit: CellFit, ranked: list[_Place], limits: Required, rectangle: float
+        self, fit: CellFit, places: list[_Place], limits: Required, rectangle: float
     ) -> None:
-        self._fit, self._ranked, self._limits = fit, ranked, limits
+        self._fit, self._places, self._given = fit, places, limits
         self._rectangle = rectangle
 
     @property
     def most(self) -> float:
         """Upper bound of the worth of the function, see :func:`_worth`, m²."""
-        return max((place.most for place in self._ranked), default=0.0)
+        return max((place.most for place in self._places), default=0.0)
 
     @property
     def largest(self) -> float:
         """Upper bound of the area of its sector, m²."""
-        return max((area_of(place.cell) for place in self._ranked), default=0.0)
+        return max((area_of(place.cell) for place in self._places), default=0.0)
 
     @property
-    def likely(self) -> float:
-        """Estimate of the worth of the function, by quick designs, m²; 0 if they all failed."""
-        return self._ranked[0].rating if self._ranked else 0.0
+    def limits(self) -> Required:
+        """Limits of the function; where bodies end the sectors, with the smaller body distance."""
+        return self._ranking[1]
+
+    @cached_property
+    def _ranking(self) -> tuple[list[_Place], Required]:
+        """Sectors, the best first, with quick designs; and the limits for them."""
+        limits, ranked = self._given, _ranked(self._fit, self._places, self._given)
+        if limits.distance == _CLEAR and ranked and ranked[0].rating < _MUCH * ranked[0].most:
+            # where bodies end the sector, a smaller distance may leave more of it
+            closer = limits._replace(distance=_TIGHT)
+            others = _ranked(self._fit, ranked, closer)
+            if ranked[0].rating < _MUCH * others[0].rating:
+                return others, closer
+        return ranked, limits
 
     @cached_property
     def design(self) -> CellDesign:
@@ -284,9 +296,10 @@ class Straight:
 
         InputError is raised if no function covers any of the sectors.
         """
-        found = _designed(self._fit, self._ranked, self._limits)
+        ranked, limits = self._ranking
+        found = _designed(self._fit, ranked, limits)
         if area_of(found.cell) < _MUCH * self._rectangle and _at_bodies(found):
-            found = _farther_from_bodies(self._fit, self._ranked[0], self._limits, found)
+            found = _farther_from_bodies(self._fit, ranked[0], limits, found)
         return found
 
 
@@ -392,20 +405,11 @@ def whole_table(
     limits = Required(*most_extra, distance)
     within = _affordable(openings, speeds, limits)
     sectors = _sectors(table, tested, openings, within, line, symmetries)
-    ranked = _ranked(fit, sectors, limits, report)
-    if distance == _CLEAR and ranked and ranked[0].rating < _MUCH * ranked[0].most:
-        # where bodies end the sector, a smaller distance may leave more of it
-        closer = limits._replace(distance=_TIGHT)
-        others = _ranked(fit, ranked, closer, report)
-        if ranked[0].rating < _MUCH * others[0].rating:
-            ranked, limits = others, closer
-    report("a range of radius for each height", 0.6)
-    straight = Straight(fit, ranked, limits, float(rectangle * SPACING**2))
-    shaped = _shaped_places(
-        table, tested, openings, speeds, limits, line, symmetries, straight.likely
-    )
-    report("the function", 0.65)
-    design = _best_shape(fit, shaped, limits, straight)
+    straight = Straight(fit, sectors, limits, float(rectangle * SPACING**2))
+    report("a range of radius for each height", 0.4)
+    shaped = _shaped_places(table, tested, openings, speeds, limits, line, symmetries)
+    report("the function", 0.5)
+    design, limits = _best_shape(fit, shaped, limits, straight)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
     design, larger = _at_least_locked(fit, table, locked, design, limits, line, symmetries)
@@ -603,12 +607,11 @@ def _shaped_places(
     limits: Required,
     line: Array,
     symmetries: tuple[Symmetry, ...],
-    worth: float,
 ) -> list[_Place]:
     """Choose the best sectors whose range of radius depends on the height, the best first.
 
     They contain only nodes at which joint speed can meet its limits, as in :func:`_affordable`.
-    Those whose rating is below ``worth``, m², or far below the best one, may be missed.
+    Those whose rating is below that of the best one by more than 5 % may be missed.
     """
     own, usual = speeds[:, openings.flood]
     every = [Between.none()] * len(openings.mask)
@@ -618,7 +621,7 @@ def _shaped_places(
     unit = SPACING**2 * (0.5 + 0.5 * openings.half / np.pi)
     most = unit * [_most_between(mask) for mask in openings.mask]
     for k in map(int, np.argsort(-most, kind="stable")):
-        least = max(worth, _AS_GOOD * rating.max()) / unit[k]
+        least = _AS_GOOD * rating.max() / unit[k]
         found = _affordable_between(openings.mask[k], own[k], usual[k], limits, least)
         if found.area:
             Q, inside = floods.Q[openings.flood[k]], found.inside(table.shape)
@@ -664,22 +667,34 @@ def _most_between(mask: NDArray[np.bool_]) -> float:
 
 def _best_shape(
     fit: CellFit, shaped: list[_Place], limits: Required, straight: Straight
-) -> CellDesign:
+) -> tuple[CellDesign, Required]:
     """Design the sector of the best shape, whose range of radius may depend on the height.
 
-    The largest sector with one range is designed only where it may be as good.
+    The largest sector with one range is designed only where it may be as good. Return also the
+    limits of the design, of which the body distance may be reduced.
     """
-    clearly = bool(shaped) and shaped[0].most > (1 + _BETTER) * straight.most
-    if clearly:
-        found = _first_design(fit, shaped, limits, straight.likely)
-        if (
-            found is not None
-            and _worth(found) > straight.most
-            and area_of(found.cell) > straight.largest
-        ):
-            return found
-        return straight.design if found is None else _larger_of(found, straight.design)
-    return _larger_design(fit, shaped, limits, straight.design)
+    if shaped and shaped[0].most > (1 + _BETTER) * straight.most:
+        found = _first_design(fit, shaped, limits, 0.0)
+        if found is not None and _settled(found, shaped[0].most, limits, straight):
+            return found, limits
+        if found is not None and straight.limits == limits:
+            return _larger_of(found, straight.design), limits
+    return _larger_design(fit, shaped, straight.limits, straight.design), straight.limits
+
+
+def _settled(found: CellDesign, most: float, limits: Required, straight: Straight) -> bool:
+    """Test whether neither a sector with one range nor a smaller body distance gives much more.
+
+    ``most`` is an upper bound of the worth of the design ``found``, m².
+    """
+    larger = _worth(found) > straight.most and area_of(found.cell) > straight.largest
+    free = limits.distance < _CLEAR or not _at_bodies(found) or _worth(found) > _MUCH * most
+    return larger and free
+
+
+def _more_between(mask: NDArray[np.bool_], least: float) -> bool:
+    """Test whether a range of radius by height in a mask may exceed an area, in spacings²."""
+    return _most_between(mask) > least
 
 
 def _larger_design(
@@ -711,7 +726,14 @@ def _first_design(
             break
         with suppress(InputError):
             q = given(place.cell, place.posture)
-            found = trimmed(fit, place.cell, q, limits._replace(window=place.window))
+            turns = place.most / area_of(place.cell)
+            found = trimmed(
+                fit,
+                place.cell,
+                q,
+                limits._replace(window=place.window),
+                useful=lambda part, turns=turns: turns * area_of(part) > worth,
+            )
             if found is not None:
                 return found
     return None
@@ -780,14 +802,13 @@ def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
     return extra
 
 
-def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report) -> list[_Place]:
+def _ranked(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]:
     """Rate places by a quick design of each; return them, the best first.
 
     A place that cannot be more than 20 % better than the best so far is not designed.
     """
     ranked: list[_Place] = []
-    for k, place in enumerate(places):
-        report(f"posture {k + 1} of {len(places)}", 0.3 + 0.15 * k)
+    for place in places:
         best = max((one.rating for one in ranked), default=0.0)
         if place.design is None and place.most < (1 + _BETTER) * best:
             ranked.append(place)
@@ -1338,7 +1359,9 @@ def _larger(table: Table, locked: _Floods, design: CellDesign, limits: Required)
         own, usual = _locked_speeds(table, locked, k, cell)
         # without bodies first, because they are slow to test
         if _affordable_between(locked.reached[k], own, usual, exact, least).area > least:
-            clear = shut(table, locked.Q[k], limits.distance).free(_angles(table, cell))
+            enough = partial(_more_between, least=least)
+            angles = _angles(table, cell)
+            clear = free_nodes(table, locked.Q[k], limits.distance, angles, enough)
             between = _affordable_between(clear, own, usual, exact, least)
             if between.area > least:
                 one = _locked_arm(table, locked, k, cell, between.inside(table.shape))
