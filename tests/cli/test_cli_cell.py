@@ -432,6 +432,7 @@ class Table(NamedTuple):
     locked: None = None
     larger: None = None
     area: float = 0.37
+    by_height: bool = True
 
 
 @NEEDS_C

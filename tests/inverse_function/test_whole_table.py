@@ -278,7 +278,7 @@ def test_a_table_says_what_ends_it(panda_pose: rp.Task) -> None:
     def note(share: float, affordable: float, distance: float) -> str:
         asked = replace(design, requested_body_distance=distance)
         made = whole_table.WholeTable(
-            asked, asked, None, None, 1.0, area / share, area / affordable, [], None
+            asked, None, None, None, 1.0, area / share, area / affordable, [], None
         )
         return str(made)
 

@@ -427,7 +427,7 @@ def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.Cel
     callback of the proof.
     """
     notes = []
-    if prove and table.straight is not table.design:
+    if prove and table.by_height:
         proof = rp.prove(table.design, progress=report)
         if proof:
             table = table._replace(design=replace(table.design, proof=proof))

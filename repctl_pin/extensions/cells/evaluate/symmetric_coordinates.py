@@ -120,13 +120,15 @@ _INSIDE = 1e-9
 """Distance, rad, at which a range ends inside the joint limit, so that rounding keeps it there."""
 
 
-def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
+def _ends(chart: Chart, joint: int, *, quick: bool) -> tuple[float, float, float, Array]:
     """Compute the smallest and the largest value of a joint, rad, over the covered poses of a cell.
 
     ``joint`` is the index of the joint that moves the frame along a symmetric coordinate. Return
     (smallest, largest, fraction, widths): the fraction of sampled poses that are covered, and the
     widths (3,), rad, of intervals around the mean of smallest and largest value that contain
     99.9 %, 99 % and this fraction of the values. All results are NaN if no pose is covered.
+    With ``quick``, the values are those of the sampled poses; otherwise, poses with more extreme
+    ones are searched for.
     """
     candidate, cell = CandidateFunction.zero(chart), chart.cell
     U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
@@ -136,8 +138,8 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
         return np.nan, np.nan, np.nan, np.full(len(_SHARES) + 1, np.nan)
     share = float(good[:_POSES].mean())
     U, q = U[good], points.Q[good, joint]
-    ends = []
-    for way in (1.0, -1.0):
+    ends = [float(q.min()), float(q.max())]
+    for i, way in enumerate(() if quick else (1.0, -1.0)):
 
         def value(Q: Array, way: float = way) -> Array:
             return np.asarray(way * Q[:, joint : joint + 1], float)
@@ -145,7 +147,7 @@ def _ends(chart: Chart, joint: int) -> tuple[float, float, float, Array]:
         margin = Margin("joint", value, 0.0, 0.0, 0, _STARTS, 0)
         found = candidate.at(searched(candidate, (margin, U[np.argsort(way * q)[:_STARTS]])))
         inside = found.Q[_inside(cell, found), joint]
-        ends.append(way * min((way * q).min(), (way * inside).min(initial=np.inf)))
+        ends[i] = way * min(way * ends[i], (way * inside).min(initial=np.inf))
     widths = 2 * np.quantile(np.abs(q - sum(ends) / 2), [*_SHARES, share])
     return ends[0], ends[1], share, widths
 
@@ -161,12 +163,13 @@ def _limits(task: Task, joint: int) -> tuple[float, float]:
     return float(task.lower[joint]), float(task.upper[joint])
 
 
-def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
+def centred(chart: Chart, *, quick: bool = False) -> tuple[Chart, tuple[Turn, ...]]:
     """Compute the range of a chart's function along each symmetric coordinate of its sector.
 
     A coordinate with the range ``"all"`` gets the computed range: the middle of the sector is moved
     along it, and its half-width is set. Return the chart over the changed sector, and one range per
     symmetric coordinate. A chart without removed coordinates is returned unchanged, with no ranges.
+    With ``quick``, ranges are those of sampled poses, without a search for poses that reduce them.
     """
     sector = chart.cell
     if not sector.removed:
@@ -175,7 +178,7 @@ def centred(chart: Chart) -> tuple[Chart, tuple[Turn, ...]]:
     turns, middles, halves = [], {}, {}
     coefficients = chart.coefficients.copy()
     for one in sector.removed:
-        low, high, covered, widths = _ends(chart, one.joint)
+        low, high, covered, widths = _ends(chart, one.joint, quick=quick)
         lower, upper = _limits(sector.task, one.joint)
         reach = min(upper - lower - (high - low) - 2 * _INSIDE, 2 * np.pi)
         name = sector.whole.coordinate_names[one.coordinate]

@@ -193,7 +193,7 @@ class CellFit:
             return _why(cell, ends, count)
         self.report("the last chart", 0.7)
         quick = quick or hopeless
-        chart, turns = centred(_recharted(cell, chart, descent, terms, quick))
+        chart, turns = centred(_recharted(cell, chart, descent, terms, quick), quick=quick)
         if any(turn.reach <= 0 for turn in turns):
             return tuple(_no_turn(cell, turn) for turn in turns if turn.reach <= 0)
         return self._evaluated(chart, turns, descent, degrees, samples=len(U), quick=quick or rough)

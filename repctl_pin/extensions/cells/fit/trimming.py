@@ -14,7 +14,7 @@ are the rows of U (K, k). A corner, low or high (k,), has the ends of all ranges
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -98,14 +98,21 @@ class Required(NamedTuple):
 
 
 def trimmed(
-    fit: CellFit, cell: Cell, q: Array, limits: Required, guess: CellDesign | None = None
+    fit: CellFit,
+    cell: Cell,
+    q: Array,
+    limits: Required,
+    guess: CellDesign | None = None,
+    *,
+    useful: Callable[[Cell], bool] = lambda _: True,
 ) -> CellDesign | None:
     """Move sides of a cell inward until one function meets the limits on the rest; design it.
 
-    Quick designs show how far to move most sides. ``q`` (n,) is the configuration in the middle,
-    ``guess`` a quick design from there, if there is one. The function of full accuracy is designed
-    only once; where it fails, sides are moved until the same function meets the limits on the rest.
-    Return None if less than 5 % of the cell would be left, or no part is found in six rounds.
+    ``fit`` has the arguments of the design. Quick designs show how far to move most sides. ``q``
+    (n,) is the configuration in the middle, ``guess`` a quick design from there, if there is one.
+    The function of full accuracy is designed only once; where it fails, sides are moved until the
+    same function covers the rest. Return None if less than 5 % of the cell would be left, or a part
+    that is not ``useful``.
     """
     volume = 1.0
     for _ in range(_ROUNDS):
@@ -121,6 +128,8 @@ def trimmed(
             if inner is None:
                 return None
             cell, q = inner
+        if not useful(cell):
+            return None
         if left > _NEARLY and isinstance(quick, CellDesign):
             found = fit.design(cell, q, guess=quick, rough=True)
             return kept_where_good(fit, found, limits) if isinstance(found, CellDesign) else None

@@ -171,8 +171,10 @@ def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
 
 def exp3(omega: Array) -> Array:
     """Convert rotation vectors ω (K, 3), rad, to rotation matrices exp(ω̂) (K, 3, 3)."""
-    # SciPy 1.15 refuses K = 0
-    return Rotation.from_rotvec(omega).as_matrix() if len(omega) else np.empty((0, 3, 3))
+    # coordinates of a symmetry are 0; and SciPy 1.15 refuses K = 0
+    if not omega.any():
+        return np.tile(np.eye(3), (len(omega), 1, 1))
+    return np.asarray(Rotation.from_rotvec(omega).as_matrix())
 
 
 def left_jacobian(omega: Array) -> Array:

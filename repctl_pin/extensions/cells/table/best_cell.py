@@ -551,7 +551,11 @@ def _best_of(
     if search:
         with suppress(InputError):  # it draws other configurations, which may all fail
             others = searched(desired, cells[0])[:_JUDGED]
-            tried += [(cells[0], one) for one in others if _fits(one)]
+            kept = [tried[0][1]]
+            for one in others:
+                if _fits(one) and not _repeats(box.task, one, kept):
+                    kept.append(one)
+            tried += [(cells[0], one) for one in kept[1:]]
     quick = [(fit.design(cell, own.q, quick=True), cell, own) for cell, own in tried]
     quick.sort(key=lambda part: -_worth(part[0]))
     good = sum(_worth(guess) > 0 for guess, *_ in quick)
@@ -561,6 +565,19 @@ def _best_of(
             return (cell, own), reason
         reason = reason or _main_failure(design)
     return None, reason
+
+
+def _repeats(task: Task, one: Candidate, others: list[Candidate]) -> bool:
+    """Test whether a candidate is alike to another with at least its limit margin.
+
+    Both are in the middle of the same box. Full turns of revolute joints make no difference to the
+    function, only to the margin.
+    """
+    away = one.q - np.array([other.q for other in others])
+    away -= 2 * np.pi * np.round(away / (2 * np.pi)) * task.revolute
+    alike = np.abs(away).max(axis=1) < _ALIKE
+    inside = np.array([min(other.margin, _ENOUGH) for other in others])
+    return bool((alike & (inside >= min(one.margin, _ENOUGH) - _APART)).any())
 
 
 def _largest_steps(desired: Inverse, box: Cell, found: Grown, k: int) -> int:

@@ -241,20 +241,21 @@ def rectangles(mask: NDArray[np.bool_]) -> Rectangles:
     S, rows, columns = mask.shape
     area = np.zeros(S)
     first, last = np.zeros((S, 2), int), np.zeros((S, 2), int)
+    every, at = np.arange(S), np.arange(columns)
     for low in range(rows):
-        open_ = np.ones((S, columns), bool)
-        for high in range(low, rows):
-            open_ &= mask[:, high]
-            if not open_.any():
-                break
-            # length of the run of open columns that ends at each column
-            at = np.arange(columns)
-            shut = np.maximum.accumulate(np.where(open_, -1, at), axis=1)
-            run = np.where(open_, at - shut, 0)
-            end = run.argmax(axis=1)
-            width = run[np.arange(S), end] - 1
-            larger = width * (high - low) > area
-            area[larger] = (width * (high - low))[larger]
-            first[larger] = np.column_stack([np.full(S, low), end - width])[larger]
-            last[larger] = np.column_stack([np.full(S, high), end])[larger]
+        # all ranges of rows that begin here, with the columns that are open in each
+        open_ = np.logical_and.accumulate(mask[:, low:], axis=1)
+        open_ = open_[:, : max(1, int(open_.any(axis=(0, 2)).sum()))]
+        # length of the run of open columns that ends at each column
+        run = at - np.maximum.accumulate(np.where(open_, -1, at), axis=2)
+        end = run.argmax(axis=2)
+        height = np.arange(open_.shape[1])
+        width = np.take_along_axis(run, end[..., None], axis=2)[..., 0] - 1
+        found = np.where(width > 0, width * height, 0)
+        best = found.argmax(axis=1)
+        larger = found[every, best] > area
+        right, left = end[every, best], (end - width)[every, best]
+        area[larger] = found[every, best][larger]
+        first[larger] = np.column_stack([np.full(S, low), left])[larger]
+        last[larger] = np.column_stack([low + best, right])[larger]
     return Rectangles(area, first, last)

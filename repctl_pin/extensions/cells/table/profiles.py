@@ -95,12 +95,13 @@ def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp
     """
     middle = int(first[1] + last[1]) // 2
     rectangle = int(first[0]), int(last[0])
+    edges = np.diff(np.pad(mask, ((1, 1), (0, 0))).astype(int), axis=0).T
     found = np.full((mask.shape[1], 2), -1)
     for way in (1, -1):
         run, j = rectangle, middle
         while 0 <= j < mask.shape[1]:
             within = first[1] <= j <= last[1]
-            there = _overlapping(mask[:, j], *(rectangle if within else run))
+            there = _overlapping(np.flatnonzero(edges[j]), *(rectangle if within else run))
             if there is None:
                 break
             run = found[j] = there
@@ -108,13 +109,12 @@ def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp
     return found
 
 
-def _overlapping(column: NDArray[np.bool_], low: int, high: int) -> tuple[int, int] | None:
-    """Find the run of True entries of a column (I,) that overlaps most with ``low`` to ``high``.
+def _overlapping(edges: NDArray[np.intp], low: int, high: int) -> tuple[int, int] | None:
+    """Find the run that overlaps most with indices ``low`` to ``high``.
 
-    These are indices, both included. Return the first and the last index of the run; None without
-    overlap.
+    ``edges`` has the first index of each run of a column, and the index after its last, in order.
+    Return the first and the last index of the run; None without overlap.
     """
-    edges = np.flatnonzero(np.diff(np.pad(column, 1).astype(int)))
     starts, ends = edges[::2], edges[1::2] - 1
     overlap = np.minimum(ends, high) - np.maximum(starts, low)
     if not len(overlap) or overlap.max() < 0:

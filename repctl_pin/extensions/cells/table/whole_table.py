@@ -23,7 +23,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations
 from typing import Any, NamedTuple
 
@@ -51,7 +51,7 @@ from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_a
 from ..place.posture_search import given
 from .flood import SPACING, Rectangles, Table, flooded, rectangles
 from .profiles import Between, largest_between, runs
-from .windows import shut, windows
+from .windows import Shut, free_nodes, shut, windows
 
 _DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
 """Numbers of random configurations, of floods from them, and of floods with locked joints."""
@@ -91,7 +91,7 @@ _BETTER = 0.2
 
 _KEPT, _AS_GOOD = 3, 0.95
 """Number of windows of the angle per flood for which rectangles are searched for; and share of what
-a flood would be worth without bodies from which on others are as good."""
+a flood would be worth without bodies, or of the best rating, from which on others are as good."""
 
 _LOOKED = 96
 """Number of configurations at which colliding links are looked for, to name them."""
@@ -153,9 +153,8 @@ class WholeTable(NamedTuple):
     ----------
     design : CellDesign
         The function over the sector, whose range of radius may depend on the height.
-    straight : CellDesign
-        The function over the largest sector with the same range of radius at all heights. It is
-        ``design`` itself if no sector with another range is larger.
+    rectangles : Straight
+        The sectors with one range of radius, and the function over the largest of them.
     locked : LockedJoints or None
         Arm with locked joints that covers the largest share of the sector. Arms within the limits
         of joint speed come first; among equals, the arm with the lowest joint speed is chosen.
@@ -176,7 +175,7 @@ class WholeTable(NamedTuple):
     """
 
     design: CellDesign
-    straight: CellDesign
+    rectangles: Straight
     locked: LockedJoints | None
     larger: LockedJoints | None
     reach: float
@@ -190,19 +189,35 @@ class WholeTable(NamedTuple):
         """Area of the sector's range of radius and height, m²."""
         return area_of(self.design.cell)
 
+    @property
+    def straight(self) -> CellDesign:
+        """Function over the largest sector with one range of radius.
+
+        It is ``design`` itself if that is the larger one. Otherwise it may be designed only when
+        this attribute is first read, which takes seconds.
+        """
+        return self.rectangles.design
+
+    @property
+    def by_height(self) -> bool:
+        """True if the sector's range of radius depends on the height."""
+        cell = self.design.cell
+        return isinstance(cell, Sector) and cell.profile.degree > 0
+
     def __str__(self) -> str:
         design, share = self.design, self.area / self.rectangle
-        kind = " (one range of radius)" if design is self.straight else ""
+        kind = "" if self.by_height else " (one range of radius)"
         text = (
             f"the largest sector that was found{kind}: {self.area:.2g} m² of radius and height, "
             f"{100 * share:.0f} % of the largest rectangle found in its reach; "
             f"+{100 * max(design.extra_speed, 0.0):.1f} % joint speed on average, "
             f"+{100 * max(design.extra_speed_worst, 0.0):.0f} % at the worst pose"
         )
-        if design is not self.straight:
+        if self.by_height:
+            most = min(self.rectangle, self.affordable)
             text += (
                 f"; its range of radius depends on the height, and one range for all heights would "
-                f"cover {area_of(self.straight.cell):.2g} m²"
+                f"cover at most {most:.2g} m²"
             )
         if share < _MUCH:
             text += f"; it is not larger because {self._obstruction()}"
@@ -227,6 +242,67 @@ class WholeTable(NamedTuple):
 def _at_bodies(design: CellDesign) -> bool:
     """Test whether bodies come so near in a design's sector that they may have ended it."""
     return bool(design.body_distance < 2 * design.requested_body_distance)
+
+
+class Straight:
+    """Sectors with one range of radius, and the function over the largest that one covers.
+
+    Parameters
+    ----------
+    fit
+        Arguments of the design.
+    places
+        The sectors.
+    limits
+        Limits of the function.
+    rectangle
+        Area of the largest rectangle in a flood without collision, m².
+    """
+
+    def __init__(
+        self, fit: CellFit, places: list[_Place], limits: Required, rectangle: float
+    ) -> None:
+        self._fit, self._places, self._given = fit, places, limits
+        self._rectangle = rectangle
+
+    @property
+    def most(self) -> float:
+        """Upper bound of the worth of the function, see :func:`_worth`, m²."""
+        return max((place.most for place in self._places), default=0.0)
+
+    @property
+    def largest(self) -> float:
+        """Upper bound of the area of its sector, m²."""
+        return max((area_of(place.cell) for place in self._places), default=0.0)
+
+    @property
+    def limits(self) -> Required:
+        """Limits of the function; where bodies end the sectors, with the smaller body distance."""
+        return self._ranking[1]
+
+    @cached_property
+    def _ranking(self) -> tuple[list[_Place], Required]:
+        """Sectors, the best first, with quick designs; and the limits for them."""
+        limits, ranked = self._given, _ranked(self._fit, self._places, self._given)
+        if limits.distance == _CLEAR and ranked and ranked[0].rating < _MUCH * ranked[0].most:
+            # where bodies end the sector, a smaller distance may leave more of it
+            closer = limits._replace(distance=_TIGHT)
+            others = _ranked(self._fit, ranked, closer)
+            if ranked[0].rating < _MUCH * others[0].rating:
+                return others, closer
+        return ranked, limits
+
+    @cached_property
+    def design(self) -> CellDesign:
+        """The function, designed when it is first read.
+
+        InputError is raised if no function covers any of the sectors.
+        """
+        ranked, limits = self._ranking
+        found = _designed(self._fit, ranked, limits)
+        if area_of(found.cell) < _MUCH * self._rectangle and _at_bodies(found):
+            found = _farther_from_bodies(self._fit, ranked[0], limits, found)
+        return found
 
 
 def area_of(cell: Cell) -> float:
@@ -331,21 +407,11 @@ def whole_table(
     limits = Required(*most_extra, distance)
     within = _affordable(openings, speeds, limits)
     sectors = _sectors(table, tested, openings, within, line, symmetries)
-    ranked = _ranked(fit, sectors, limits, report)
-    if distance == _CLEAR and ranked and ranked[0].rating < _MUCH * ranked[0].most:
-        # where bodies end the sector, a smaller distance may leave more of it
-        closer = limits._replace(distance=_TIGHT)
-        others = _ranked(fit, ranked, closer, report)
-        if ranked[0].rating < _MUCH * others[0].rating:
-            ranked, limits = others, closer
-    straight = _designed(fit, ranked, limits, report)
-    if area_of(straight.cell) < _MUCH * rectangle * SPACING**2 and _at_bodies(straight):
-        straight = _farther_from_bodies(fit, ranked[0], limits, report, straight)
-    report("a range of radius for each height", 0.85)
-    shaped = _shaped_places(
-        table, tested, openings, speeds, limits, line, symmetries, _worth(straight)
-    )
-    design = _larger_design(fit, shaped, limits, straight)
+    straight = Straight(fit, sectors, limits, float(rectangle * SPACING**2))
+    report("a range of radius for each height", 0.4)
+    shaped = _shaped_places(table, tested, openings, speeds, limits, line, symmetries)
+    report("the function", 0.5)
+    design, limits = _best_shape(fit, shaped, limits, straight)
     report("locked joints", 0.95)
     locked = _with_middles(table, locked, design)
     design, larger = _at_least_locked(fit, table, locked, design, limits, line, symmetries)
@@ -544,27 +610,27 @@ def _shaped_places(
     limits: Required,
     line: Array,
     symmetries: tuple[Symmetry, ...],
-    worth: float,
 ) -> list[_Place]:
     """Choose the best sectors whose range of radius depends on the height, the best first.
 
-    They contain only nodes at which joint speed can meet its limits, as in :func:`_affordable`, and
-    are larger in area than ``worth``, m². ``speeds`` (2, S, I, J) is the result of :func:`_speeds`.
+    They contain only nodes at which joint speed can meet its limits, as in :func:`_affordable`.
+    Those whose rating is below that of the best one by more than 5 % may be missed.
     """
     own, usual = speeds[:, openings.flood]
-    least = worth / SPACING**2
-    every = [
-        _affordable_between(*one, limits, least)
-        for one in zip(openings.mask, own, usual, strict=True)
-    ]
+    every = [Between.none()] * len(openings.mask)
     rating = np.zeros(len(every))
     postures = np.zeros((len(every), table.task.n))
-    for k, found in enumerate(every):
+    # worth of one unit of area, and of all nodes
+    unit = SPACING**2 * (0.5 + 0.5 * openings.half / np.pi)
+    most = unit * [_most_between(mask) for mask in openings.mask]
+    for k in map(int, np.argsort(-most, kind="stable")):
+        least = _AS_GOOD * rating.max() / unit[k]
+        found = _affordable_between(openings.mask[k], own[k], usual[k], limits, least)
         if found.area:
             Q, inside = floods.Q[openings.flood[k]], found.inside(table.shape)
             share = _turn_share(table.task, symmetries, Q[inside], openings.half[k] / np.pi)
             rating[k] = found.area * SPACING**2 * (0.5 + 0.5 * share)
-            postures[k] = Q[found.middle]
+            every[k], postures[k] = found, Q[found.middle]
 
     def sector(k: int, turns: tuple[float, float]) -> Cell:
         return _shaped_sector(table, line, symmetries, every[k], turns)
@@ -587,6 +653,8 @@ def _affordable_between(
         extra = np.where(mask, np.sqrt(own / usual) - 1, np.nan)
         for most in [np.inf, *limits.mean * np.geomspace(_DEAREST, 1, _SHARES)]:
             good = extra < min(most, _SPARE * limits.worst)
+            if _most_between(good) <= least:
+                break
             (first,), (last,) = rectangles(good[None])[1:]
             found = largest_between(runs(good, first, last), least)
             inside = found.inside(mask.shape)
@@ -596,26 +664,83 @@ def _affordable_between(
     return best
 
 
+def _most_between(mask: NDArray[np.bool_]) -> float:
+    """Bound from above the area of any range of radius by height in a mask (I, J), in spacings²."""
+    return float(np.maximum(mask.sum(axis=0) - 1, 0).sum())
+
+
+def _best_shape(
+    fit: CellFit, shaped: list[_Place], limits: Required, straight: Straight
+) -> tuple[CellDesign, Required]:
+    """Design the sector of the best shape, whose range of radius may depend on the height.
+
+    The largest sector with one range is designed only where it may be as good. Return also the
+    limits of the design, of which the body distance may be reduced.
+    """
+    if shaped and shaped[0].most > (1 + _BETTER) * straight.most:
+        found = _first_design(fit, shaped, limits, 0.0)
+        if found is not None and _settled(found, shaped[0].most, limits, straight):
+            return found, limits
+        if found is not None and straight.limits == limits:
+            return _larger_of(found, straight.design), limits
+    return _larger_design(fit, shaped, straight.limits, straight.design), straight.limits
+
+
+def _settled(found: CellDesign, most: float, limits: Required, straight: Straight) -> bool:
+    """Test whether neither a sector with one range nor a smaller body distance gives much more.
+
+    ``most`` is an upper bound of the worth of the design ``found``, m².
+    """
+    larger = _worth(found) > straight.most and area_of(found.cell) > straight.largest
+    free = limits.distance < _CLEAR or not _at_bodies(found) or _worth(found) > _MUCH * most
+    return larger and free
+
+
+def _more_between(mask: NDArray[np.bool_], least: float) -> bool:
+    """Test whether a range of radius by height in a mask may exceed an area, in spacings²."""
+    return _most_between(mask) > least
+
+
 def _larger_design(
     fit: CellFit, places: list[_Place], limits: Required, design: CellDesign
 ) -> CellDesign:
     """Design the places in turn until one succeeds; return its design if that is larger.
 
-    It must be larger than the given design in area, and also in :func:`_worth`. Otherwise return
-    the given design.
+    Otherwise return the given design.
     """
-    worth = _worth(design)
+    found = _first_design(fit, places, limits, _worth(design))
+    return design if found is None else _larger_of(found, design)
+
+
+def _larger_of(found: CellDesign, design: CellDesign) -> CellDesign:
+    """Return the design ``found`` if it is larger in area, and in :func:`_worth`, or ``design``."""
+    larger = _worth(found) > _worth(design) and area_of(found.cell) > area_of(design.cell)
+    return found if larger else design
+
+
+def _first_design(
+    fit: CellFit, places: list[_Place], limits: Required, worth: float
+) -> CellDesign | None:
+    """Design the places in turn; return the first design, or None.
+
+    Places that cannot be worth more than ``worth``, m², are left out; see :func:`_worth`.
+    """
     for place in places:
         if place.most <= worth:
             break
         with suppress(InputError):
             q = given(place.cell, place.posture)
-            found = trimmed(fit, place.cell, q, limits._replace(window=place.window))
+            turns = place.most / area_of(place.cell)
+            found = trimmed(
+                fit,
+                place.cell,
+                q,
+                limits._replace(window=place.window),
+                useful=lambda part, turns=turns: turns * area_of(part) > worth,
+            )
             if found is not None:
-                better = _worth(found) > worth
-                larger = area_of(found.cell) > area_of(design.cell)
-                return found if better and larger else design
-    return design
+                return found
+    return None
 
 
 def _central(
@@ -683,15 +808,14 @@ def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
     return extra
 
 
-def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report) -> list[_Place]:
-    """Rate places by a quick design of each; return them with it, the best first.
+def _ranked(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]:
+    """Rate places by a quick design of each; return them, the best first.
 
     A place that cannot be more than 20 % better than the best so far keeps the rating 0, without a
     design. A place whose configuration does not lead to its middle is left out.
     """
     ranked: list[_Place] = []
-    for k, place in enumerate(places):
-        report(f"posture {k + 1} of {len(places)}", 0.3 + 0.15 * k)
+    for place in places:
         best = max((one.rating for one in ranked), default=0.0)
         if place.design is None and place.most < (1 + _BETTER) * best:
             ranked.append(place)
@@ -705,13 +829,12 @@ def _ranked(fit: CellFit, places: list[_Place], limits: Required, report: Report
     return sorted(ranked, key=lambda place: -place.rating)
 
 
-def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Report) -> CellDesign:
+def _designed(fit: CellFit, ranked: list[_Place], limits: Required) -> CellDesign:
     """Design a function for the first place that one function covers without a collision.
 
     InputError is raised if there is no such place.
     """
-    for k, place in enumerate(ranked):
-        report("the function", 0.75 + 0.08 * k)
+    for place in ranked:
         with suppress(InputError):
             q = given(place.cell, place.posture)
             there = limits._replace(window=place.window)
@@ -726,7 +849,7 @@ def _designed(fit: CellFit, ranked: list[_Place], limits: Required, report: Repo
 
 
 def _farther_from_bodies(
-    fit: CellFit, place: _Place, limits: Required, report: Report, design: CellDesign
+    fit: CellFit, place: _Place, limits: Required, design: CellDesign
 ) -> CellDesign:
     """Design a function that keeps away from bodies; return it if it is better, else ``design``.
 
@@ -735,7 +858,7 @@ def _farther_from_bodies(
     """
     away = replace(fit, body_distance=_AWAY * limits.distance)
     with suppress(InputError):
-        other = _designed(away, [place._replace(design=None)], limits, report)
+        other = _designed(away, [place._replace(design=None)], limits)
         return max(design, other, key=_worth)
     return design
 
@@ -994,34 +1117,42 @@ def _best_clear(
     1 mm is chosen if 5 mm leaves less than 85 % of its rating. ``bound`` (S,) is the rating of each
     flood without regard to bodies, see :func:`_values`.
     """
-    wide = _opened(table, floods, bound, _CLEAR, symmetries)
+    known: dict[int, Shut] = {}
+    wide = _opened(table, floods, bound, _CLEAR, symmetries, known)
     rating = _values(table, floods, wide, symmetries).max()
     if rating < _MUCH * bound.max():
-        tight = _opened(table, floods, bound, _TIGHT, symmetries)
+        tight = _opened(table, floods, bound, _TIGHT, symmetries, known)
         if rating < _MUCH * _values(table, floods, tight, symmetries).max():
             return _TIGHT, tight
     return _CLEAR, wide
 
 
 def _opened(
-    table: Table, floods: _Floods, bound: Array, distance: float, symmetries: tuple[Symmetry, ...]
+    table: Table,
+    floods: _Floods,
+    bound: Array,
+    distance: float,
+    symmetries: tuple[Symmetry, ...],
+    known: dict[int, Shut],
 ) -> _Openings:
     """Find the best openings of floods in which bodies keep a distance, m.
 
     The test of bodies is slow, so floods are left out that can have neither a better rating than
     others nor a larger rectangle. ``bound`` (S,) is the rating of each flood without bodies.
+    ``known`` has results for a larger distance by number of the flood; those of this call are set.
     """
     parts: list[list[Any]] = []
     clear: list[NDArray[np.bool_]] = []
     values: list[float] = []
     most = rectangles(floods.reached).area
+    largest = -1.0
     for k, flood in enumerate(floods.Q):
-        largest = rectangles(np.array(clear)).area.max() if clear else -1.0
         better = sum(value > _AS_GOOD * bound[k] for value in values)
         if better >= _DESIGNED and most[k] <= largest:
             continue
-        there = shut(table, np.asarray(flood), distance)
+        there = known[k] = shut(table, np.asarray(flood), distance, known.get(k))
         clear.append(np.isfinite(flood[..., 0]) & ~np.all(there.near | there.out, axis=0))
+        largest = max(largest, rectangles(clear[-1][None]).area[0])
         middle, half, mask = windows(there)
         some = _Openings(np.full(len(half), k), middle, half, mask, clear[-1][None])
         rating = _values(table, floods, some, symmetries)
@@ -1239,10 +1370,14 @@ def _larger(table: Table, locked: _Floods, design: CellDesign, limits: Required)
     order = order[unlike_rows(locked.middles(found)[1][order], _ALIKE, _SETS)]
     best = None
     for k in map(int, order):
+        if _most_between(locked.reached[k]) <= least:
+            continue
         own, usual = _locked_speeds(table, locked, k, cell)
         # without bodies first, because they are slow to test
         if _affordable_between(locked.reached[k], own, usual, exact, least).area > least:
-            clear = shut(table, locked.Q[k], limits.distance).free(_angles(table, cell))
+            enough = partial(_more_between, least=least)
+            angles = _angles(table, cell)
+            clear = free_nodes(table, locked.Q[k], limits.distance, angles, enough)
             between = _affordable_between(clear, own, usual, exact, least)
             if between.area > least:
                 one = _locked_arm(table, locked, k, cell, between.inside(table.shape))
