@@ -1,7 +1,7 @@
 """Continuation in the degree of the potentials, to an optimum without algorithmic singularities.
 
-At an algorithmic singularity the repeatable inverse fails though J has full rank: det(Nᵀ V) = 0,
-where N spans the null space of J, and V are the gradients of the r potentials h. A basis of
+At an algorithmic singularity the repeatable inverse fails though J has full rank: det(Nᵀ V) = 0. N
+spans the null space of J, and V are the gradients of the r potentials h. A basis of
 potentials has gradients D, one column per potential; a candidate design has coefficients A, and V =
 D A. Its cost is the mean squared distance from the desired inverse G_d over the nodes, which are
 configurations in the region Ω. A candidate is regular if a search finds no algorithmic singularity

@@ -297,11 +297,11 @@ class Differential:
 def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differential, float]:
     """Estimate the Gauss–Newton matrix from ``count`` randomly drawn nodes, without bias.
 
-    ``model`` are the differentials of all batches, and ``basis`` is B (N, N). The probability of
-    drawing a node is half constant, half in proportion to the trace of its part of the matrix for
-    the coordinates ``B⁻¹ A``; so nodes near a singularity are seldom missed. Each drawn part is
-    divided by its probability. Return the :class:`Differential` of the drawn nodes, and the trace
-    of the matrix of all nodes for the coordinates ``B⁻¹ A``.
+    ``model`` are the differentials of all batches, and ``basis`` is B (N, N). Traces are those of
+    the matrix for the coordinates ``B⁻¹ A``. The probability of drawing a node is half constant,
+    half in proportion to the trace of its part, so that nodes near a singularity are seldom missed.
+    Each drawn part is divided by its probability. Return the :class:`Differential` of the drawn
+    nodes, and the trace of the matrix of all nodes.
     """
     traces = [one.traces(basis) for one in model]
     every = np.concatenate(traces)

@@ -147,11 +147,12 @@ def descend(
     """Minimise the penalised cost by Levenberg–Marquardt steps that keep the sign of det(Nᵀ V).
 
     The objective is ``C(A) + τ mean ‖E A − Nᵀ N(center)‖²`` with τ = ``penalty`` · C(start) / r. C
-    alone is invariant under A → A T with any invertible T. C is also nearly invariant if h is
-    replaced by a function φ(h), which has the same leaves h(q) = c, or if a function of a joint
-    that does not affect the task is added to h. Along these directions, a fit to finitely many
-    nodes can end in a singularity between the nodes. Among all V of nearly equal cost, the penalty
-    selects the one closest to N Nᵀ N(center), the projection of N(center) onto the null space.
+    alone is invariant under A → A T with any invertible T. C is nearly invariant if h is replaced
+    by a function φ(h), which has the same leaves h(q) = c. It is also nearly invariant if a
+    function of a joint that does not affect the task is added to h. Along these directions, a fit
+    to finitely many nodes can end in a singularity between the nodes. Among all V of nearly equal
+    cost, the penalty selects the one closest to N Nᵀ N(center), the projection of N(center) onto
+    the null space.
 
     Parameters
     ----------

@@ -2,9 +2,9 @@
 
 At a singularity of the arm J loses rank. At an algorithmic one the repeatable inverse fails though
 J has full rank, because J_V = [J; Vᵀ] loses rank, with V the gradients of the potentials. A design
-is valid only in a region without either. A measure is a function of configurations (K, n) → (K,)
-that is 0 at a singularity, positive around the centre of Ω, and negative only beyond an algorithmic
-singularity; the search minimises it.
+is valid only in a region without either. A measure is a function of configurations (K, n) → (K,).
+It is 0 at a singularity, positive around the centre of Ω, and negative only beyond an algorithmic
+singularity. The search minimises a measure.
 """
 
 from __future__ import annotations
@@ -259,9 +259,9 @@ def _corners(region: Region, Q: Array) -> Array:
     """Move configurations Q (K, n) along diagonals of joint space, clipped to Ω.
 
     Half of the moves have twice the half-widths of Ω as lengths, which leads to the corners of a
-    box: to all of them for n ≤ 7, else to every combination of the first seven joints. The other
-    half have a tenth of the half-widths, along random diagonals, because a tube is narrow. Return
-    the results that lie in Ω, at most 256 rows.
+    box. For n ≤ 7 all corners are reached, else every combination of the first seven joints. The
+    other half have a tenth of the half-widths, along random diagonals, because a tube is narrow.
+    Return the results that lie in Ω, at most 256 rows.
     """
     rng = np.random.default_rng(0)
     start = np.resize(Q, (_CORNERS, Q.shape[1]))

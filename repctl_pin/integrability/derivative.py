@@ -134,9 +134,9 @@ def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
 def inside_limits(task: Task, Q: Array) -> Array:
     """Compute the argument ``scale`` of :func:`differentiate` at Q (K, n): (K, n), rad or m.
 
-    It is 1 rad, or the arm length for a prismatic joint, and smaller near joint limits, because the
-    inverse may not be defined beyond a limit: no step exceeds half the distance to a limit. Outside
-    the limits the scale is not reduced.
+    It is 1 rad, or the arm length for a prismatic joint. Near joint limits it is smaller, because
+    the inverse may not be defined beyond a limit: no step exceeds half the distance to a limit.
+    Outside the limits the scale is not reduced.
     """
     distance = task.limit_margin(Q)  # (K, n)
     most = np.where(distance > 0, 8 * distance, np.inf)
@@ -172,7 +172,7 @@ def differentiate(
     """Differentiate a batched function along every joint by extrapolated central differences.
 
     Central differences with steps h, h/2, …, h/32 are extrapolated to h → 0 (Romberg's table,
-    orders 2 to 12). The result is the table entry that differs least from its two parents, so step
+    orders 2 to 12). The result is the table entry that differs least from its two parents. So step
     and order adapt to the function: short steps and high order if it is smooth, long steps and low
     order if it is noisy. The difference from these parents is the error estimate (Ridders' method),
     unless the noise at the shortest steps is larger. If the error exceeds 1e-6 of the derivative,
@@ -260,8 +260,8 @@ def _romberg(rows: Sequence[Array]) -> tuple[Array, Array, NDArray[np.intp], tup
     ``rows`` has one array of differences (K, n, size) per step, the longest step first; size is the
     number of values of the function. Return four results: the table entries with the smallest
     estimated errors (K, n, size), these errors (K, n), the numbers of halvings (K, n) of the step
-    that led to the entries, and two more entries by which noise is measured. The latter have order
-    8, for the shortest step and for twice that step.
+    that led to the entries, and a pair of other entries. Noise is measured by this pair: they have
+    order 8, for the shortest step and for twice that step.
     """
     best = rows[-1]
     error = np.full(best.shape[:2], np.inf)

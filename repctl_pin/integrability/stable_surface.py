@@ -315,9 +315,9 @@ def _rates(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Arra
 def _departure(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array]:
     """Follow G from points Q (K, n) with s = 0 in every task direction, and evaluate ‖s‖ there.
 
-    Return, for each row, the maximum ‖s‖ at the ends of these motions, which is 0 on a stable
-    surface, and the minimum fraction of a motion that was completed before a singularity: (K,)
-    each. A motion is 0.2 rad long, or less where G changes direction within less than 1 rad.
+    Return two numbers per row of Q, (K,) each: the maximum ‖s‖ at the ends of these motions, which
+    is 0 on a stable surface, and the minimum fraction of a motion that was completed before a
+    singularity. A motion is 0.2 rad long, or less where G changes direction within less than 1 rad.
     ``function`` evaluates s.
     """
     task = strategy.task

@@ -93,8 +93,8 @@ def follow(
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
     With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With a :class:`LeafLock`, Newton
-    steps from point to point of the path replace the integration: they remove the task error, and
-    the difference of the potentials h(q) of a repeatable strategy from their level.
+    steps from point to point of the path replace the integration. They remove the task error, and
+    the difference of a repeatable strategy's potentials h(q) from their level.
 
     Parameters
     ----------
@@ -281,9 +281,9 @@ def _run(
     """Take all T steps from q (n,); return q and q̇, (T + 1, n) each, and the maximum damping λ.
 
     ``counts`` are (number of cycles, steps per cycle), whose product is T, and ``size`` is the
-    path's size, m. A SingularityError that names the cycle is raised if a joint moves in one step
-    by more than 1 rad, or a prismatic joint by more than the arm's length and the path's size: the
-    result would be meaningless.
+    path's size, m. A SingularityError names the cycle if a joint moves by more than 1 rad in one
+    step, or a prismatic joint by more than the arm's length and the path's size. The result would
+    be meaningless.
     """
     (cycles, n_steps), used = counts, 0.0
     # largest credible motion of a joint in one step

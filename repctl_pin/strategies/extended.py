@@ -27,9 +27,9 @@ class ExtendedJacobian(RepeatableInverse):
 
     U is a function to be kept stationary, such as the distance from a posture; the r potentials
     that the controller holds constant are h. On the leaf h = 0, U is stationary among the
-    configurations with the same x = f(q). N is a null-space basis that depends on q alone: for
-    r = 1 the unit null vector with ``det [J; Nᵀ] > 0``, for r > 1 the basis closest to the one at a
-    reference configuration, on which the leaves h ≠ 0 then depend.
+    configurations with the same x = f(q). N is a null-space basis that depends on q alone. For
+    r = 1, it is the unit null vector with ``det [J; Nᵀ] > 0``. For r > 1, it is the basis closest
+    to the one at a reference configuration, on which the leaves h ≠ 0 then depend.
 
     Parameters
     ----------

@@ -81,8 +81,8 @@ class NumPyLaw:
     ) -> Array:
         """Compute ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` (n,), the next q.
 
-        ``target`` is the placement x, ``leaf`` the level c, and ``twist`` the velocity (v, ω) of
-        the target, m/s and rad/s, whose task coordinates are ẋ; without ``twist`` or ``leaf`` its
+        ``target`` is the placement x, and ``leaf`` the level c. ``twist`` is the velocity (v, ω) of
+        the target, m/s and rad/s; its task coordinates are ẋ. If ``twist`` or ``leaf`` is None, its
         term is omitted. ``gain`` is K, 1/s; None removes the whole error in one step. With
         ``limits`` the step is damped near singularities, and shortened to the joint speed limits.
         """

@@ -8,9 +8,9 @@ one joint of a task can drive coupled joints. A box Q ± half contains the joint
 ``|q − Q| ≤ half``, rad or m; K is the number of boxes.
 
 Let ``e`` and ``w`` be the elbow and the wrist relative to the shoulder, ``ρ = |w|`` and
-``a = w × e``. The gradient of the arm angle equals the joint torques and forces that are due to
-three forces: α at the elbow, β at the wrist, and −α − β at the shoulder. Each entry is the moment
-about a revolute joint's axis, or the force along a prismatic joint's axis.
+``a = w × e``. Let three forces act on the arm: α at the elbow, β at the wrist, and −α − β at the
+shoulder. The gradient of the arm angle equals the joint torques and forces that they cause. Each
+entry is the moment about a revolute joint's axis, or the force along a prismatic joint's axis.
 
 .. math::
 

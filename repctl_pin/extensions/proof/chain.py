@@ -1,11 +1,11 @@
 """Serial chain of a task, extended by virtual joints so that its task is a pose.
 
-A task with fewer than six coordinates leaves motions of the frame free. A virtual joint, which does
-not move, represents each: three revolute joints at the tool for the rotation of a position task,
-one for an axis task, and a prismatic joint at the base for each position coordinate that is not
-controlled. The screws of all joints, which are twists (v, ω) per unit of joint speed, are the
-columns of a (6, N) matrix. The null space of this matrix, restricted to the first n entries, is the
-null space of J.
+A task with fewer than six coordinates leaves motions of the frame free. Each free motion is
+represented by a virtual joint, which does not move. The rotation of a position task has three
+revolute joints at the tool, an axis task has one. Each position coordinate that is not controlled
+has a prismatic joint at the base. The screws of all joints, which are twists (v, ω) per unit of
+joint speed, are the columns of a (6, N) matrix. The null space of this matrix, restricted to the
+first n entries, is the null space of J.
 """
 
 from __future__ import annotations

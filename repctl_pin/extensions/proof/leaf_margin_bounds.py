@@ -152,7 +152,7 @@ class LeafMarginProblem:
         """Expand the gradients of arm angles to first order on boxes Q ± half, (K, n) each.
 
         The result (K, r, n² + 2 n + 1) is an argument of C functions; None if no potential contains
-        an arm angle. For each of the r potentials, the last axis holds the gradient of its arm
+        an arm angle. There are r potentials. For each, the last axis holds the gradient of its arm
         angles (n) at the centre, n² derivatives of this gradient, n bounds on the remainder, and a
         bound on the rounding error.
         """

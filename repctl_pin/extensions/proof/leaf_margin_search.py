@@ -77,11 +77,11 @@ def bound_leaf_margin(
 class _Search:
     """State of branch and bound: undecided boxes, and the smallest bounds over all decided boxes.
 
-    ``low``, ``high``, ``bound``, ``sigma`` and ``split`` have one row per undecided box: its lower
-    and upper corner, the bounds of the leaf margin and of σ_min(J) on it, and the joint along which
-    to halve it, −1 before its evaluation. ``upper`` is the smallest leaf margin at the centre of
-    any box so far. ``reason`` says why the search stopped; it is empty while the search runs. A box
-    is named by its centre and half-widths, Q ± half.
+    ``low``, ``high``, ``bound``, ``sigma`` and ``split`` have one row per undecided box. They are
+    its lower and upper corner, the bounds of the leaf margin and of σ_min(J) on it, and the joint
+    along which to halve it, −1 before its evaluation. ``upper`` is the smallest leaf margin at the
+    centre of any box so far. ``reason`` says why the search stopped; it is empty while the search
+    runs. A box is named by its centre and half-widths, Q ± half.
     """
 
     def __init__(

@@ -148,11 +148,13 @@ def bound_reach(
 class _Search:
     """Branch and bound on the rates of the joints, in the boxes S_1 ⊂ … ⊂ S_M around each place.
 
-    ``widths`` and ``rates`` (K, M, n) are the half-widths of the boxes S_k around K places, without
-    the place's own half-widths, and the rates to prove in them. ``low``, ``high``, ``place``,
-    ``within``, ``bound`` and ``split`` have one row per undecided box, a part of some S_k: its
-    corners relative to the place's centre, the index of its place, the number k − 1 of the smallest
-    S_k that contains it, the bounds of its rates, and the joint along which to halve it.
+    ``widths`` (K, M, n) are the half-widths of the boxes S_k around K places, without the place's
+    own half-widths; ``rates`` (K, M, n) are the rates to prove in them.
+
+    An undecided box is a part of some S_k. Other arrays have one row per undecided box: ``low`` and
+    ``high`` are its corners relative to the place's centre, ``place`` is the index of its place,
+    and ``within`` is the number k − 1 of the smallest S_k that contains it. ``bound`` has the
+    bounds of its rates, and ``split`` the joint along which to halve it.
     """
 
     def __init__(
@@ -252,9 +254,9 @@ class _Search:
     def _raise(self, place: NDArray[np.intp], within: NDArray[np.intp], value: Array) -> None:
         """Raise the rates to prove where the rate at a box's centre exceeds the sampled rates.
 
-        ``value`` (L, n) are the rates at the centres of L boxes, ``place`` and ``within`` (L,) the
-        indices of their places, and the numbers k − 1 of the smallest S_k that contain them. Rates
-        of larger S_k are raised as well.
+        ``value`` (L, n) are the rates at the centres of L boxes. ``place`` (L,) are the indices of
+        their places, and ``within`` (L,) the numbers k − 1 of the smallest S_k that contain them.
+        Rates of larger S_k are raised as well.
         """
         over = np.flatnonzero((value > self.rates[place, within]).any(axis=1))
         for b in over:
