@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -442,31 +442,42 @@ def fingerprint(*parts: Any) -> str:
 
     Equal numbers give the same hash, whether they are integers, floats or 0 and −0.
     """
-    text = "".join(f"{piece}\0" for piece in _pieces(parts))
+    pieces: list[str] = []
+    _describe(parts, pieces)
+    text = "".join(f"{piece}\0" for piece in pieces)
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
-def _pieces(part: Any) -> Iterator[str]:
-    """Yield the texts that describe a part of a fingerprint, in order.
+def _describe(part: Any, pieces: list[str]) -> None:
+    """Append to ``pieces`` the texts that describe a part of a fingerprint, in order.
 
     A part is a number, a text, None, an array, or a sequence of parts, put in brackets.
     Equal numbers of different types give the same text.
     """
-    if isinstance(part, np.ndarray) and part.ndim == 1 and part.dtype == float:
-        yield from ("[", *map(repr, (part + 0.0).tolist()), "]")
-    elif isinstance(part, np.ndarray) and part.ndim:
-        yield from _pieces(list(part))
+    if isinstance(part, np.ndarray) and part.ndim and part.dtype == float:
+        _describe_numbers((part + 0.0).tolist(), part.ndim, pieces)
     elif isinstance(part, (np.ndarray, np.generic)):
-        yield from _pieces(part.tolist())
+        _describe(part.tolist(), pieces)
     elif isinstance(part, (list, tuple)):
-        yield "["
+        pieces.append("[")
         for one in part:
-            yield from _pieces(one)
-        yield "]"
+            _describe(one, pieces)
+        pieces.append("]")
     elif isinstance(part, (int, float)) and not isinstance(part, bool):
-        yield repr(float(part) + 0.0)
+        pieces.append(repr(float(part) + 0.0))
     else:
-        yield f'"{printable(part)}' if isinstance(part, str) else repr(part)
+        pieces.append(f'"{printable(part)}' if isinstance(part, str) else repr(part))
+
+
+def _describe_numbers(numbers: list[Any], depth: int, pieces: list[str]) -> None:
+    """Append the texts of nested lists of floats, ``depth`` levels deep, to ``pieces``."""
+    pieces.append("[")
+    if depth == 1:
+        pieces += map(repr, numbers)
+    else:
+        for row in numbers:
+            _describe_numbers(row, depth - 1, pieces)
+    pieces.append("]")
 
 
 def below(value: float, digits: int = 3) -> str:

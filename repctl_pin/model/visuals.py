@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,13 +26,14 @@ from scipy.spatial import ConvexHull, QhullError
 from ..base.arguments import Array, read_only
 from ..base.errors import InputError
 from .mechanism import Coupling, Mechanism
+from .mesh_cache import Arrays, cached
 from .model import fixed_placements, frame_placements, link_frames, link_ids, origin
 from .packages import find_mesh
 from .shapes import Color, Shape
 from .urdf import MAX_SHAPES, Description, Joint
 
 if TYPE_CHECKING:
-    from .surfaces import Surface, Surfaces
+    from .surfaces import Surfaces
 
 _PLAIN: Color = (0.80, 0.82, 0.85, 1.0)
 """Default colour of a shape."""
@@ -367,8 +369,8 @@ def _confirmed(
 def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
     """Return the corners (P, 3) of a shape's convex hull, before scaling.
 
-    Those of a mesh are cached by file and modification time; an unreadable mesh has one corner, at
-    its origin.
+    Those of a mesh are cached by file and modification time, and on disk by content; an unreadable
+    mesh has one corner, at its origin.
     """
     if shape.kind != "mesh":
         return _primitive_corners(shape)
@@ -380,19 +382,28 @@ def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
     if key not in _hulls:
         if len(_hulls) >= _KEPT:
             _hulls.clear()
-        if surfaces is None:
-            from .surfaces import read_surfaces  # an arm without meshes has no need of it
-
-            surfaces = read_surfaces([shape])
-        _hulls[key] = _mesh_corners(surfaces[shape.path])
+        make = partial(_mesh_corners, shape, surfaces)
+        try:
+            _hulls[key] = cached(shape.path, "corners of the hull of the surface", make)["corners"]
+        except InputError:
+            _hulls[key] = np.zeros((1, 3))
     return _hulls[key]
 
 
-def _mesh_corners(surface: Surface | InputError) -> Array:
-    """Return the corners (P, 3) of a mesh's convex hull; the origin for an unreadable mesh."""
+def _mesh_corners(shape: Shape, surfaces: Surfaces | None) -> Arrays:
+    """Compute the corners of a mesh's convex hull, by the name ``corners``: (P, 3).
+
+    InputError is raised for a mesh that cannot be read.
+    """
+    assert shape.path is not None
+    if surfaces is None:
+        from .surfaces import read_surfaces  # an arm without meshes has no need of it
+
+        surfaces = read_surfaces([shape])
+    surface = surfaces[shape.path]
     if isinstance(surface, InputError):
-        return np.zeros((1, 3))
-    return _hull_points(surface.points)
+        raise surface
+    return {"corners": _hull_points(surface.points)}
 
 
 def _hull_points(points: Array) -> Array:

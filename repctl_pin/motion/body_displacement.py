@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,9 @@ from .joint_motion import JointMotion
 
 _MOST_CYCLES = 100
 """Maximum number of further cycles for which it is predicted that a joint leaves its range."""
+
+_off_after: WeakKeyDictionary[JointMotion, tuple[Sequence[Shape], Array]] = WeakKeyDictionary()
+"""Cache of each motion's displacements after its cycles; notes, table and figures share it."""
 
 
 def displacements(
@@ -80,18 +84,10 @@ def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tup
     return ("", 0.0) if which < 0 else (shapes[which].link, float(off[which]))
 
 
-def farthest_link(task: Task, ends: Array) -> tuple[str, float]:
-    """Find the most displaced part of an arm after a motion: its link, and the displacement, m.
-
-    Parameters
-    ----------
-    task
-        Task of the arm.
-    ends : (2, n) array
-        Configurations at the start and at the end of the motion.
-    """
-    shapes, off = _off(task, ends)
-    return farthest(shapes, off[0], arm_links(task))
+def farthest_link(motion: JointMotion) -> tuple[str, float]:
+    """Find the most displaced part of an arm after a motion: its link, and the displacement, m."""
+    shapes, off = _off(motion)
+    return farthest(shapes, off[-1], arm_links(motion.task))
 
 
 def cycle_displacements(motion: JointMotion) -> Array:
@@ -99,22 +95,24 @@ def cycle_displacements(motion: JointMotion) -> Array:
 
     The displacement is from the start; the part can differ from cycle to cycle.
     """
-    shapes, off = _off(motion.task, motion.q[:: motion.steps])
-    links = arm_links(motion.task)
-    own = [shape.link in links for shape in shapes]
-    return off[:, own].max(axis=1, initial=0.0)
+    return _off(motion)[1].max(axis=1, initial=0.0)
 
 
-def _off(task: Task, Q: Array) -> tuple[Sequence[Shape], Array]:
-    """Compute how far each drawn shape is displaced from the first configuration of Q (K + 1, n).
+def _off(motion: JointMotion) -> tuple[Sequence[Shape], Array]:
+    """Compute how far each drawn shape of an arm is from the start after each cycle of a motion.
 
-    Return the S shapes of the robot, and their displacements at the K other configurations:
-    (K, S), m. The displacement of a shape is the maximum over its points.
+    Return the S shapes on links of the arm, and their displacements: (cycles, S), m. The
+    displacement of a shape is the maximum over its points.
     """
-    visuals = Visuals.of(task.robot)
-    placements = visuals.placements(task.to_robot(Q))
-    off, _ = displacements(placements[:1], placements[1:], visuals.corners())
-    return visuals.shapes, off
+    if motion not in _off_after:
+        task, links = motion.task, arm_links(motion.task)
+        visuals = Visuals.of(task.robot)
+        own = [k for k, shape in enumerate(visuals.shapes) if shape.link in links]
+        placements = visuals.placements(task.to_robot(motion.q[:: motion.steps]))[:, own]
+        bodies = visuals.corners()
+        off, _ = displacements(placements[:1], placements[1:], [bodies[k] for k in own])
+        _off_after[motion] = [visuals.shapes[k] for k in own], off
+    return _off_after[motion]
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ from .timed_motion import TimedMotion
 _SUFFIX = re.compile("_(velocity|acceleration)$")
 _BESIDE = ("strategy", "cycle", "time")
 _RUN = "run"
+_THIS = "a CSV of this robot's joints"
 _CLOCKS = ("time", "t")
 _LARGEST = 64_000_000
 
@@ -55,10 +56,7 @@ class _Recorded:
 
 
 def csv_text(
-    motions: Motion | TimedMotion | Iterable[tuple[str, Motion]],
-    *,
-    most: int | None = None,
-    run: str = "",
+    motions: Motion | TimedMotion | Iterable[tuple[str, Motion]], *, most: int | None = None
 ) -> str:
     """Format motions of one task as CSV, in s, rad or m, rad/s or m/s.
 
@@ -71,9 +69,6 @@ def csv_text(
         accelerations too, and no column ``cycle``.
     most
         Maximum number of rows per cycle, cycle ends included; by default all rows, with all digits.
-    run
-        Content of an additional last column ``run`` in each row; by default, there is no such
-        column.
 
     Raises
     ------
@@ -103,15 +98,22 @@ def csv_text(
             for name, motion in named
             for cells in _cells(motion, most)
         )
-    if run:
-        header = [*header, _RUN]
-        rows = ([*row, run] for row in rows)
-    refuse_twice(header, "a CSV of this robot's joints")
+    refuse_twice(header, _THIS)
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(header)
     writer.writerows(rows)
     return out.getvalue()
+
+
+def with_run(text: str, run: str) -> str:
+    """Add a last column ``run`` to the text of :func:`csv_text`, with the same content in each row.
+
+    InputError is raised if a joint is called ``run``.
+    """
+    header, *rows = text.splitlines()
+    refuse_twice([*next(csv.reader([header])), _RUN], _THIS)
+    return "".join([f"{header},{_RUN}\n", *(f"{row},{run}\n" for row in rows)])
 
 
 def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:

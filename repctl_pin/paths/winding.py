@@ -6,6 +6,8 @@ studies count its turns and warn.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from ..model.task import Task
@@ -36,6 +38,16 @@ def winding(task: Task, path: TaskPath) -> int:
         return max((winding(single, each) for single, each in own), key=abs)
     if not task.revolute[0]:
         return 0
+    # a path that the user defines by functions can change between two calls
+    return _turns(task, path) if path.spec else _turns.__wrapped__(task, path)
+
+
+@lru_cache(maxsize=4)
+def _turns(task: Task, path: TaskPath) -> int:
+    """Count the turns of a path around the axis of the chain's first joint, which is revolute.
+
+    The last results are cached, because all motions of a study follow the same path.
+    """
     axis = task.axes(task.reference)[0]
     origin = task.joint_origins(task.reference)[0]
     s = np.union1d(np.linspace(0, 1, _POINTS), path.breaks)

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import KDTree
+from scipy.spatial import cKDTree
 
 from ..base.arguments import (
     Array,
@@ -124,8 +124,8 @@ class Tube(Region):
         return which, distance
 
     @cached_property
-    def _tree(self) -> KDTree:
-        return KDTree(self.samples / self.radius)
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.samples / self.radius)
 
     def __str__(self) -> str:
         return f"tube of radius {span(self.radius)} around {len(self.samples)} configurations"

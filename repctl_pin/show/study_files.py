@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 from ..base.errors import InputError
 from ..base.files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
+from ..motion.csv_file import with_run as with_run_column
 from ..paths.several_paths import paths_of
 from ..studies.study_result import Study
 from .page.own_loop import study_loop
@@ -21,6 +23,9 @@ from .text.headline import stopped_words
 
 _CSV_ROWS_PER_CYCLE = 100
 """Maximum number of rows per cycle in ``motion.csv``."""
+
+_texts: WeakKeyDictionary[Study, str] = WeakKeyDictionary()
+"""Cache of the text of each study's ``motion.csv``, without the column ``run``."""
 
 
 def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
@@ -54,7 +59,7 @@ def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
         "animation.html": with_run(study_page(study), run),
         "drift.png": png(drift_figure(moved, title), metadata=metadata),
         "joints.png": png(joints_figure(moved, title), metadata=metadata),
-        "motion.csv": _motions(study, run),
+        "motion.csv": with_run_column(_motions(study), run) if run else _motions(study),
     }
     prepare_folder(folder)
     return [write_whole(folder / name, content) for name, content in contents.items()]
@@ -80,13 +85,15 @@ def with_run(page: str, run: str) -> str:
     )
 
 
-def _motions(study: Study, run: str = "") -> str:
+def _motions(study: Study) -> str:
     """Write the motions of a study as the text of a CSV file, at most 100 rows per cycle.
 
-    ``run`` is the name of the study's run, see :func:`run_name`; empty leaves it out.
+    The text is cached, because the name of the run is a digest of it.
     """
-    kept = [(row.key, row.motion) for row in study.rows if row.motion is not None]
-    return csv_text(kept, most=_CSV_ROWS_PER_CYCLE, run=run)
+    if study not in _texts:
+        kept = [(row.key, row.motion) for row in study.rows if row.motion is not None]
+        _texts[study] = csv_text(kept, most=_CSV_ROWS_PER_CYCLE)
+    return _texts[study]
 
 
 def study_page(study: Study, *, seconds: float | None = None) -> str:

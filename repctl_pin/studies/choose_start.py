@@ -275,7 +275,7 @@ def _best_first(task: Task, found: Iterable[PathStart], least: float) -> Iterato
             wild.append(start)
         elif violations(motion):
             violating.append(start._replace(violates=True))
-        elif farthest_link(task, motion.q[[0, -1]])[1] < least:
+        elif farthest_link(motion)[1] < least:
             faint.append(start)
         else:
             yield start

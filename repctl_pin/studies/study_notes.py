@@ -121,7 +121,7 @@ def _drift_elsewhere(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> 
         return []
     from ..motion.body_displacement import farthest_link
 
-    _, off = farthest_link(task, motion.q[[0, -1]])
+    _, off = farthest_link(motion)
     found = _other_circle(plain, q0, motion) if off < _HARDLY else None
     if found is not None and found[2] >= max(_HARDLY, 2 * off):
         plane, link, most = found
@@ -161,7 +161,7 @@ def _other_circle(plain: Pseudoinverse, q0: Array, motion: Motion) -> tuple[str,
             again = followed(plain, other, q0, cycles=motion.cycles, steps=_FEW)
         except (InputError, SingularityError):
             continue
-        found.append((plane, *farthest_link(task, again.q[[0, -1]])))
+        found.append((plane, *farthest_link(again)))
     return max(found, key=lambda one: one[2], default=None)
 
 

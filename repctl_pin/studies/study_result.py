@@ -344,7 +344,7 @@ def _row_dict(row: Row) -> dict[str, Any]:
     if motion is None:
         return {"label": row.label, "stopped": row.stopped}
     loss, ends = motion.path_loss, motion.q[[0, -1]]
-    link, off = farthest_link(motion.task, ends)
+    link, off = farthest_link(motion)
     return {
         "label": row.label,
         "farthest": {"link": link, "displacement": off},

@@ -186,5 +186,5 @@ def row_summary(row: Row) -> MotionSummary | None:
     motion = row.motion
     if motion is None:
         return None
-    moved = farthest_link(motion.task, motion.q[[0, -1]])
+    moved = farthest_link(motion)
     return with_outlook(motion_summary(row.label, motion, moved), [motion])
