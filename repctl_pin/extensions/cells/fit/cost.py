@@ -12,7 +12,8 @@ of u that approximate a configuration, from which s is measured, and the null sp
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -62,6 +63,10 @@ class _Value:
         Configurations of F at the nodes and penalised poses.
     ds : (K, r, k) array
         ∂s/∂u at the points.
+    residual : (K', n, k + l) array
+        ``(∂F − G_d E) C`` at the K' nodes; empty if the cost is infinite.
+    B : (K', n, r) array
+        ∂F/∂s at the nodes; empty if the cost is infinite.
     """
 
     cost: float
@@ -69,6 +74,8 @@ class _Value:
     desired_square: float
     points: Points
     ds: Array
+    residual: Array = field(default_factory=lambda: np.empty(0))
+    B: Array = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,16 +155,16 @@ class Cost:
             points = self.chart.solve(self.U, s, goals=self.goals)
         if not points.found.all():
             return _Value(np.inf, np.inf, np.nan, points, ds)
-        own, desired, _ = self._joint_speeds(rows_of(points, self.inner), ds[self.inner])
-        nearness = float(((own - desired) ** 2).sum() / len(own))
+        own, desired, B = self._joint_speeds(rows_of(points, self.inner), ds[self.inner])
+        residual = own - desired
+        nearness = float((residual**2).sum() / len(own))
         if not np.isfinite(nearness):
             return _Value(np.inf, np.inf, np.nan, points, ds)
         self._last = points.Q
         hinges = [_hinge(part, points.Q[at]) for part, at in self.kept]
         penalty = self.weight * sum(float((hinge**2).sum() / len(hinge)) for hinge in hinges)
-        return _Value(
-            nearness + penalty, nearness, float((desired**2).sum() / len(desired)), points, ds
-        )
+        desired_square = float((desired**2).sum() / len(desired))
+        return _Value(nearness + penalty, nearness, desired_square, points, ds, residual, B)
 
     def model(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
@@ -178,13 +185,14 @@ class Cost:
             squares, slopes = self._penalty_terms(at, part, where)
             gram[where, at_s[:, None], at_s] = squares
             slope[where, at_s] = slopes
-        features = self._features()
+        features = self._features
         gradient = 2 * np.einsum(
             "KpN,Krp->Nr", features, slope.reshape(-1, r, 1 + k), optimize=True
         )
         L = np.linalg.cholesky(gram + 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() * np.eye(p))
         return gradient.ravel(), 2 * _products(features, L, r)
 
+    @cached_property
     def _features(self) -> Array:
         """Stack the monomials and their slopes (K, 1 + k + l, N), which map a to s and ∂s/∂u C."""
         features = np.zeros((len(self.U), 1 + self.C.shape[2], self.T.shape[1]))
@@ -200,8 +208,7 @@ class Cost:
         for each label s_j, s_j itself and the entries of ∂s_j/∂u C.
         """
         points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
-        own, desired, B = self._joint_speeds(points, ds)
-        residual = own - desired
+        residual, B = at.residual, at.B
         K, n, k = residual.shape
         M = np.zeros((K, n, k, self.r, 1 + k))
         M[..., 0] = self._slopes_along_s(points, ds, B)
