@@ -1,4 +1,4 @@
-/* Rotations and linear equations. Matrices are in rows. */
+/* Rotations. Matrices are in rows. */
 
 #ifndef REPCTL_LINEAR_ALGEBRA_H
 #define REPCTL_LINEAR_ALGEBRA_H
@@ -8,10 +8,6 @@
 #endif
 
 enum { MOST_JOINTS = 64 }; /* of a chain */
-
-/* Eliminate A x = b by rows, with exchanges; return the product of the pivots. Then solve what is left, x in b. */
-double eliminate(int n, double *A, double *b);
-void substitute(int n, const double *A, double *b);
 
 static inline void apply(const double *R, const double *x, double *y) {
   for (int i = 0; i < 3; i++) y[i] = R[3 * i] * x[0] + R[3 * i + 1] * x[1] + R[3 * i + 2] * x[2];

@@ -89,9 +89,11 @@ def descend_in_box(
         points = trial(rows, length[rows])
         found, allowed = evaluate(rows, points)
         better = (found < value[rows]) & allowed
+        still = (points == x[rows]).all(axis=1)  # at an edge of the box; so is a shorter step
         moved = rows[better]
         x[moved], value[moved] = points[better], found[better]
         longer = np.minimum(lengths.longer * length[rows], lengths.longest)
         length[rows] = np.where(better, longer, length[rows] / lengths.shorter)
+        length[rows[still]] = 0.0
         if accepted is not None:
             accepted(rows, better)

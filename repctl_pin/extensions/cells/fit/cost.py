@@ -17,7 +17,8 @@ max(0, asked − margin), by which a margin falls short of the asked value.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -67,6 +68,10 @@ class _Value:
         Configurations of F at the K nodes, then at the L poses of each penalty.
     ds : (K + L + …, r, k) array
         ∂s/∂u at the points.
+    residual : (K', n, k + l) array
+        ``(∂F − G_d E) C`` at the K' nodes; empty if the cost is infinite.
+    B : (K', n, r) array
+        ∂F/∂s at the nodes; empty if the cost is infinite.
     """
 
     cost: float
@@ -74,6 +79,8 @@ class _Value:
     desired_square: float
     points: Points
     ds: Array
+    residual: Array = field(default_factory=lambda: np.empty(0))
+    B: Array = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,16 +160,16 @@ class Cost:
             points = self.chart.solve(self.U, s, goals=self.goals)
         if not points.found.all():
             return _Value(np.inf, np.inf, np.nan, points, ds)
-        own, desired, _ = self._joint_speeds(rows_of(points, self.inner), ds[self.inner])
-        nearness = float(((own - desired) ** 2).sum() / len(own))
+        own, desired, B = self._joint_speeds(rows_of(points, self.inner), ds[self.inner])
+        residual = own - desired
+        nearness = float((residual**2).sum() / len(own))
         if not np.isfinite(nearness):
             return _Value(np.inf, np.inf, np.nan, points, ds)
         self._last = points.Q
         hinges = [_hinge(part, points.Q[at]) for part, at in self.kept]
         penalty = self.weight * sum(float((hinge**2).sum() / len(hinge)) for hinge in hinges)
-        return _Value(
-            nearness + penalty, nearness, float((desired**2).sum() / len(desired)), points, ds
-        )
+        desired_square = float((desired**2).sum() / len(desired))
+        return _Value(nearness + penalty, nearness, desired_square, points, ds, residual, B)
 
     def model(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
@@ -183,13 +190,14 @@ class Cost:
             squares, slopes = self._penalty_terms(at, part, where)
             gram[where, at_s[:, None], at_s] = squares
             slope[where, at_s] = slopes
-        features = self._features()
+        features = self._features
         gradient = 2 * np.einsum(
             "KpN,Krp->Nr", features, slope.reshape(-1, r, 1 + k), optimize=True
         )
         L = np.linalg.cholesky(gram + 1e-12 * np.trace(gram, axis1=1, axis2=2).mean() * np.eye(p))
         return gradient.ravel(), 2 * _products(features, L, r)
 
+    @cached_property
     def _features(self) -> Array:
         """Stack the monomials and their slopes at nodes and poses: (K + L + …, 1 + k + l, N).
 
@@ -208,8 +216,7 @@ class Cost:
         for each component s_j of the label, s_j itself and the entries of ∂s_j/∂u C.
         """
         points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
-        own, desired, B = self._joint_speeds(points, ds)
-        residual = own - desired
+        residual, B = at.residual, at.B
         K, n, k = residual.shape
         M = np.zeros((K, n, k, self.r, 1 + k))
         M[..., 0] = self._slopes_along_s(points, ds, B)

@@ -95,9 +95,19 @@ def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
 def solved(A: Array, b: Array) -> Array:
     """Solve ``A x = b`` for A (K, n, n) and b (K, n) or (K, n, p); x is NaN where A is singular.
 
-    Unlike NumPy, the function does not fail for all rows if one matrix is singular.
+    Unlike NumPy, the function does not fail for all rows if one matrix is singular. C solves the
+    equations if there is a native library.
     """
     rhs = b[..., None] if b.ndim == 2 else b
+    native = library()
+    if native is not None:
+        K, n, p = rhs.shape
+        left, x = np.array(A, float, order="C"), np.array(rhs, float, order="C")
+        sizes = ctypes.c_long(K), ctypes.c_int(n), ctypes.c_int(p)
+        native.call_solutions(
+            *sizes, ctypes.c_void_p(left.ctypes.data), ctypes.c_void_p(x.ctypes.data)
+        )
+        return x[..., 0] if b.ndim == 2 else x
     try:
         x = np.linalg.solve(A, rhs)
     except np.linalg.LinAlgError:
