@@ -726,17 +726,17 @@ def _first_design(
             break
         with suppress(InputError):
             q = given(place.cell, place.posture)
-            turns = place.most / area_of(place.cell)
-            found = trimmed(
-                fit,
-                place.cell,
-                q,
-                limits._replace(window=place.window),
-                useful=lambda part, turns=turns: turns * area_of(part) > worth,
-            )
+            useful = partial(_can_outdo, place=place, worth=worth)
+            limits = limits._replace(window=place.window)
+            found = trimmed(fit, place.cell, q, limits, useful=useful)
             if found is not None:
                 return found
     return None
+
+
+def _can_outdo(part: Cell, place: _Place, worth: float) -> bool:
+    """Test whether a design over a part of a place can be worth more than ``worth``, m²."""
+    return place.most / area_of(place.cell) * area_of(part) > worth
 
 
 def _central(
