@@ -389,6 +389,10 @@ def test_a_part_that_is_of_no_use_is_not_designed(
         fit, cell, found.posture, trimming.Required(), useful=lambda part: part is not cell
     )
     assert left is None and quick == [True]
+    evaluated = []
+    monkeypatch.setattr(trimming, "_evaluated", lambda *_: evaluated.append(1))
+    asked = trimming.Required(distance=found.body_distance + 0.003)
+    assert trimming.kept_where_good(fit, found, asked, lambda _: False) is None and not evaluated
 
 
 @pytest.mark.slow
