@@ -1320,11 +1320,12 @@ def _best_locked(
     # those within the limits of joint speed first, then by area and price, then from the middle
     order = np.lexsort((np.round(prices[:, 0], 3), -np.round(share / _ALMOST), dear))
     for k in order[:_COMPARED]:
+        # bodies leave at most this share
+        if best is not None and best.share > share[k] - _ALMOST:
+            break
         one = _locked_joints(table, locked, int(k), cell, inside, limits.distance)
         if one is not None and (best is None or one.share > best.share + _ALMOST):
             best = one
-        if best is not None and best.share > share[k] - _ALMOST:
-            break
     return best
 
 
