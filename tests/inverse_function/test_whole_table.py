@@ -314,6 +314,87 @@ def test_a_node_is_free_if_bodies_are_apart_at_all_angles_of_a_range() -> None:
     assert there.free((-1.0, 1.0)).tolist() == [[True, True, True, False]]
 
 
+def test_searches_of_free_nodes_agree(panda_pose: rp.Task) -> None:
+    """Oracle: the test of all nodes at all angles. With a result for a larger distance, and with
+    nodes left out after the first angle at which bodies are near, the nodes are the same."""
+    rng, down = np.random.default_rng(4), np.diag([1.0, -1.0, -1.0])
+    line, symmetries = whole_table._symmetries(panda_pose)
+    sides = np.array([0.1, 0.5]), np.array([-0.2, 0.1])
+    table = whole_table._grid(panda_pose, down, line, symmetries, (-0.2, 0.1), *sides)
+    shape = *table.shape, panda_pose.n
+    flood = rng.uniform(panda_pose.lower, panda_pose.upper, shape)
+    flood[rng.random(table.shape) < 0.3] = np.nan
+    wide, tight = (windows.shut(table, flood, distance) for distance in (0.05, 0.01))
+    assert 0.1 < tight.near.mean() < wide.near.mean() < 1
+    again = windows.shut(table, flood, 0.01, wide)
+    assert (again.near == tight.near).all() and (again.out == tight.out).all()
+    for angles in ((-np.pi, np.pi), (-0.5, 1.0)):
+        free = windows.free_nodes(table, flood, 0.01, angles, np.any)
+        assert (free == tight.free(angles)).all() and 0 < free.sum() < np.isfinite(
+            flood[..., 0]
+        ).sum()
+
+
+def test_no_range_of_radius_exceeds_its_bound() -> None:
+    rng = np.random.default_rng(6)
+    for share in (0.7, 0.95, 1.0):
+        mask = rng.random((20, 15)) < share
+        found = whole_table.rectangles(mask[None])
+        ends = whole_table.runs(mask, found.first[0], found.last[0])
+        area = whole_table.largest_between(ends).area
+        assert area <= whole_table._most_between(mask) + 1e-9
+    assert area == whole_table._most_between(mask) - 19  # trapezoids: half at both ends
+
+
+@pytest.mark.parametrize(
+    ("most", "worth", "designed"), [(0.2, 0.35, False), (0.39, 0.39, True), (0.3, 0.25, True)]
+)
+def test_a_rectangle_is_designed_only_where_it_can_be_as_good(
+    most: float, worth: float, designed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """55: the function over the largest rectangle took a fifth of the time, and was not used."""
+    limits, read = whole_table.Required(distance=0.005), []
+    shape, rectangle = (
+        SimpleNamespace(worth=worth, cell=worth),
+        SimpleNamespace(worth=0.3, cell=0.3),
+    )
+
+    class Straight(SimpleNamespace):
+        @property
+        def design(self) -> SimpleNamespace:
+            read.append(1)
+            return rectangle
+
+    monkeypatch.setattr(whole_table, "_first_design", lambda *_: shape)
+    monkeypatch.setattr(whole_table, "_worth", lambda design: design.worth)
+    monkeypatch.setattr(whole_table, "area_of", float)
+    monkeypatch.setattr(whole_table, "_at_bodies", lambda _: False)
+    straight = Straight(most=most, largest=most, limits=limits)
+    place = whole_table._Place(None, None, 0.4)
+    found, kept = whole_table._best_shape(None, [place], limits, straight)
+    assert bool(read) == designed and kept == limits
+    assert found is max(shape, rectangle, key=lambda one: one.worth)
+
+
+def test_a_part_that_is_of_no_use_is_not_designed(
+    panda_pose: rp.Task, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only the quick design is made, which shows how much is left."""
+    fit, found = near_itself(panda_pose)
+    cell, quick = found.function.chart.cell, []
+    monkeypatch.setattr(
+        type(fit), "design", lambda *_, **how: quick.append(how.get("quick")) or found
+    )
+    left = trimming.trimmed(
+        fit, cell, found.posture, trimming.Required(), useful=lambda part: part is not cell
+    )
+    assert left is None and quick == [True]
+    evaluated = []
+    monkeypatch.setattr(trimming, "_evaluated", lambda *_: evaluated.append(1))
+    asked = trimming.Required(distance=found.body_distance + 0.003)
+    assert trimming.kept_where_good(fit, found, asked, lambda _: False) is None and not evaluated
+
+
 @pytest.mark.slow
 def test_an_arm_with_locked_joints_that_covers_more_is_reported(panda_pose: rp.Task) -> None:
     """Against a small sector, a locked joint covers more: at each of its nodes it has the pose."""

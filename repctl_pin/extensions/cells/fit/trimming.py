@@ -132,7 +132,9 @@ def trimmed(
             return None
         if left > _NEARLY and isinstance(quick, CellDesign):
             found = fit.design(cell, q, guess=quick, rough=True)
-            return kept_where_good(fit, found, limits) if isinstance(found, CellDesign) else None
+            if not isinstance(found, CellDesign):
+                return None
+            return kept_where_good(fit, found, limits, useful)
     return None
 
 
@@ -283,13 +285,20 @@ def ended_at_bodies(fit: CellFit, found: CellDesign) -> CellDesign:
     return _cut_until_good(fit, found, Required(distance=0.0), free, bodies_only=True) or found
 
 
-def kept_where_good(fit: CellFit, found: CellDesign, limits: Required) -> CellDesign | None:
+def kept_where_good(
+    fit: CellFit,
+    found: CellDesign,
+    limits: Required,
+    useful: Callable[[Cell], bool] = lambda _: True,
+) -> CellDesign | None:
     """Cut a cell on all sides, also in angle and spin, until its function meets ``limits``.
 
-    The function stays the same. Return None if less than 5 % of the volume would be left.
+    The function stays the same. Return None if less than 5 % of the volume would be left, or a part
+    that is not ``useful``.
     """
     cell = found.function.chart.cell
-    return _cut_until_good(fit, found, limits, [*cell.free, *cell.moved], bodies_only=False)
+    some = [*cell.free, *cell.moved]
+    return _cut_until_good(fit, found, limits, some, bodies_only=False, useful=useful)
 
 
 def _cut_until_good(
@@ -299,6 +308,7 @@ def _cut_until_good(
     coordinates: Sequence[int],
     *,
     bodies_only: bool,
+    useful: Callable[[Cell], bool] = lambda _: True,
 ) -> CellDesign | None:
     """Cut a cell along some of its coordinates until a function meets ``limits`` on the rest.
 
@@ -329,6 +339,8 @@ def _cut_until_good(
                 return None
             ends = dict(zip(coordinates, zip(low, high, strict=True), strict=True))
             chart, stops = _cut(chart, ends, fit.limit_margin), stops[:0]
+            if not useful(chart.cell):
+                return None
             continue
         short = design.held_out < fit.held_out or (design is found and limits.distance > 0)
         if short or design.function.chart is not chart:

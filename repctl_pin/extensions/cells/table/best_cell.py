@@ -158,9 +158,10 @@ def best_cell(
     Without a size, the result is the largest range of radius and height, around the arm and at
     every spin of the tool, that one function covers. Floods over a grid of radius and height, from
     random configurations and from arms with locked joints, show what the arm reaches without a
-    change of branch. Functions are designed for the largest rectangles of three floods with
-    different configurations. A rectangle is reduced where its function fails, exceeds the joint
-    speed, or brings bodies nearer than 5 mm. The best function is returned.
+    change of branch. A function is designed for the best sector in these floods, whose range of
+    radius may depend on the height; for the largest rectangle, where that may be as good. A sector
+    is reduced where its function fails, exceeds the joint speed, or brings bodies nearer than 5 mm.
+    The best function is returned.
 
     A box fits if one function covers it, inside the joint limits and without collisions. First, J⁺,
     the pseudoinverse of the task Jacobian, must lead from a configuration in the middle along

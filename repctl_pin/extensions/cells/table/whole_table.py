@@ -730,17 +730,17 @@ def _first_design(
             break
         with suppress(InputError):
             q = given(place.cell, place.posture)
-            turns = place.most / area_of(place.cell)
-            found = trimmed(
-                fit,
-                place.cell,
-                q,
-                limits._replace(window=place.window),
-                useful=lambda part, turns=turns: turns * area_of(part) > worth,
-            )
+            useful = partial(_can_outdo, place=place, worth=worth)
+            limits = limits._replace(window=place.window)
+            found = trimmed(fit, place.cell, q, limits, useful=useful)
             if found is not None:
                 return found
     return None
+
+
+def _can_outdo(part: Cell, place: _Place, worth: float) -> bool:
+    """Test whether a design over a part of a place can be worth more than ``worth``, m²."""
+    return place.most / area_of(place.cell) * area_of(part) > worth
 
 
 def _central(
@@ -1332,11 +1332,12 @@ def _best_locked(
     # those within the limits of joint speed first, then by area and price, then from the middle
     order = np.lexsort((np.round(prices[:, 0], 3), -np.round(share / _ALMOST), dear))
     for k in order[:_COMPARED]:
+        # bodies leave at most this share
+        if best is not None and best.share > share[k] - _ALMOST:
+            break
         one = _locked_joints(table, locked, int(k), cell, inside, limits.distance)
         if one is not None and (best is None or one.share > best.share + _ALMOST):
             best = one
-        if best is not None and best.share > share[k] - _ALMOST:
-            break
     return best
 
 
