@@ -20,6 +20,7 @@ from controls import some
 from page_file import read
 
 import repctl_pin as rp
+from repctl_pin.motion.csv_file import read_motions
 from repctl_pin.show.page.own_loop import own_loop
 
 SCRIPTS = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "arm"
@@ -384,13 +385,14 @@ _ROOM = """
 const top = document.getElementById("panes").getBoundingClientRect().top;
 const notes = document.getElementById("notes"), range = document.createRange();
 range.selectNodeContents(notes);
-const words = notes.offsetWidth ? [...notes.children].map((one) => one.getBoundingClientRect()) : [];
+const shown = notes.offsetWidth ? [...notes.children] : [];
+const words = shown.map((one) => one.getBoundingClientRect());
 const lowest = Math.max(...words.map(({ bottom }) => bottom), 0);
 return [top, words.length ? notes.getBoundingClientRect().bottom - lowest : 0];
 """
 
 _FITS = """
-const [header] = document.getElementsByTagName("header"), { bottom } = header.getBoundingClientRect();
+const { bottom } = document.querySelector("header").getBoundingClientRect();
 const verdict = document.getElementById("verdict").getBoundingClientRect();
 const more = document.getElementById("more");
 return [bottom, verdict.bottom, more.offsetWidth > 0, repctl.own.head];
@@ -596,7 +598,10 @@ def test_a_loop_close_to_a_singularity_is_kept(driver: Any, page: Path, study: r
     assert "repeatable control brings every part back: 0 from its start after 10 cycles." in told
     assert "circle" not in driver.find_element("id", "title").text
     label, other = (
-        [pane.find_element("css selector", ".mark b"), pane.find_element("css selector", ".mark small")]
+        [
+            pane.find_element("css selector", ".mark b"),
+            pane.find_element("css selector", ".mark small"),
+        ]
         for pane in driver.find_elements("class name", "pane")
     )
     assert [node.text for node in label] == [
@@ -1114,3 +1119,123 @@ def test_the_ring_stays_at_the_torch_while_the_plate_turns(driver: Any, weld_pag
     assert not found[:, 2].any() and found[:, 1].max() > 0.05
     assert found[:, 0].max() < 0.6  # px
     assert errors(driver) == []
+
+
+# ---- what can be saved, cited and told apart -----------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_motion_of_a_study_and_of_a_loop_can_be_saved(
+    driver: Any, page: Path, study: rp.Study, tmp_path: Path
+) -> None:
+    """As CSV with the columns of motion.csv: joints to 1e-4 at the same times."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    file = tmp_path / "motion.csv"
+    for cycles, motions in (
+        (2, {key: study.row(key).motion for key in ("pseudoinverse", "repeatable")}),
+        (10, None),
+    ):
+        if motions is None:
+            drag(driver, ARC, "mouse")
+            wait_until_computed(driver)
+        file.write_text(driver.execute_script("return repctl.csv()"), "utf-8")
+        found = read_motions(file, study.robot.joint_names)
+        assert [one.strategy for one in found] == ["pseudoinverse", "repeatable"]
+        assert [one.cycles for one in found] == [cycles, cycles]
+        assert found[0].joints == study.task.joint_names
+        for one in found if motions else ():
+            motion = motions[one.strategy]
+            assert one.t[-1] == pytest.approx(motion.t[-1], abs=1e-5)
+            q = [np.interp(one.t, motion.t, joint) for joint in motion.q.T]
+            assert np.abs(np.transpose(q) - one.q).max() < 1.1e-4
+    ends = np.array(driver.execute_script(ENDS))
+    for one, expected in zip(found, ends, strict=True):
+        assert np.abs(one.q[:: (len(one.q) - 1) // 10] - expected).max() < 1e-6
+    assert driver.find_element("id", "save-motion").get_attribute("textContent").endswith("(CSV)")
+    assert errors(driver) == []
+
+
+def test_help_says_where_to_install_from_and_how_to_cite(page: Path) -> None:
+    """The BibTeX is that of the site; the repository has no address yet, which is said."""
+    text = page.read_text("utf-8")
+    assert "<code>pip install .</code> in the folder of repctl_pin’s repository" in text
+    site = (Path(rp.__file__).parents[1] / "docs" / "index.md").read_text("utf-8")
+    assert f"<pre>{site.split('```bibtex')[1].split('```')[0].strip()}</pre>" in text
+
+
+_BARS = """
+repctl.seek(0);
+const chart = document.getElementById("chart"), { width, height } = chart;
+const { data } = chart.getContext("2d").getImageData(0, 0, width, height), counts = {};
+for (let k = 0; k < data.length; k += 4)
+  if (data[k + 3] === 255) {
+    const name = data.slice(k, k + 3).join();
+    counts[name] = (counts[name] || 0) + 1;
+  }
+const paper = getComputedStyle(document.documentElement).getPropertyValue("--paper");
+return [counts, repctl.own.arms.map(({ data: { color } }) => color), paper];
+"""
+
+
+def _light(rgb: Sequence[int]) -> float:
+    linear = [
+        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in np.divide(rgb, 255)
+    ]
+    return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dark", [False, True])
+def test_bars_to_come_can_be_seen(driver: Any, page: Path, dark: bool) -> None:
+    """At the start, when all are to come: contrast of 3 to the paper at least; they were pale."""
+    schemes(driver, width=900, height=700, dark=dark)
+    open_page(driver, page)
+    counts, colours, paper = driver.execute_script(_BARS)
+    ground = _light([int(paper.strip()[k : k + 2], 16) for k in (1, 3, 5)])
+    for colour in colours:
+        rgb = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+        assert counts.get(",".join(map(str, rgb)), 0) > 5, "bars have the arm's own colour"
+        low, high = sorted((_light(rgb), ground))
+        assert (high + 0.05) / (low + 0.05) >= 3
+    assert errors(driver) == []
+
+
+@pytest.mark.slow
+def test_a_loop_that_was_altered_is_said_to_be_another(driver: Any, page: Path) -> None:
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    driver.execute_script(
+        "const { own } = repctl, [x, y, z] = own.chain.homes[0];"
+        "own.grab(0, null, null, 0);"
+        "own.lead.queue.push([x - 0.1, y, z], [x - 0.1, y + 0.1, z]); own.processQueue();"
+        "own.walk = function* () { return { refusal: 'blocked', trail: [] }; };"
+        "own.release().then(() => { delete own.walk; })"
+    )
+    told = said(driver)
+    assert told.startswith("After one cycle of your altered loop the hand is back. "), told
+    assert ": your altered loop, " in driver.find_element("id", "title").text
+    first = driver.find_element("css selector", "#notes > span").text
+    assert first.startswith("This is another loop than you drew: ")
+    assert errors(driver) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [700, 1920])
+def test_lines_have_some_ninety_characters(driver: Any, page: Path, width: int) -> None:
+    schemes(driver, width=width, height=900)
+    open_page(driver, page)
+    most = driver.execute_script(
+        "return ['verdict', 'notes'].map((id) => { const node = document.getElementById(id);"
+        "const range = document.createRange(), rows = {};"
+        "const walk = document.createTreeWalker(node, NodeFilter.SHOW_TEXT);"
+        "for (let text; (text = walk.nextNode()); )"
+        "  for (let k = 0; k < text.data.length; k++) {"
+        "    range.setStart(text, k); range.setEnd(text, k + 1);"
+        "    const { left, bottom } = range.getBoundingClientRect();"
+        "    const box = node.getBoundingClientRect(), middle = box.left + box.width / 2;"
+        "    const row = `${id === 'notes' && left > middle} ${Math.round(bottom)}`;"
+        "    rows[row] = (rows[row] || 0) + 1; }"
+        "return Math.max(...Object.values(rows)); })"
+    )
+    assert max(most) <= 98, most

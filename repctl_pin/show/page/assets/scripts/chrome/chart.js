@@ -115,7 +115,7 @@ export class Chart {
     const draw = sharp(this.canvas, this.size);
     const count = this.scene.cycles.length;
     const pitch = (width - 2 * INSET) / count;
-    const foot = height - 1.15 * em;
+    const foot = Math.round(height - 1.15 * em);
     draw.font = `${0.78 * em}px ${this.font}`;
     draw.lineWidth = 1;
     const sheet = { draw, width, height, em, count, pitch, foot, at: (c) => INSET + c * pitch };
@@ -144,10 +144,10 @@ export class Chart {
       arms.forEach((arm, k) => {
         const off = arm.data.off[c][1];
         if (off === null) return;
-        const x = at(c + 1) - group + k * wide;
-        // a zero is a hairline
-        const tall = Math.max(off < 1e-4 ? 1 : 2, foot - level(off));
-        const across = Math.max(wide - (wide > 4 ? 1 : 0), 0.8);
+        // in whole pixels, so that no edge is pale; a zero is a hairline
+        const x = Math.round(at(c + 1) - group + k * wide);
+        const tall = Math.max(off < 1e-4 ? 1 : 2, Math.round(foot - level(off)));
+        const across = Math.max(Math.floor(wide) - (wide > 4 ? 1 : 0), 1);
         draw.fillStyle = this.barColour(arm.data.color);
         draw.fillRect(x, foot - tall, across, tall);
         if (!finished) hollow(draw, x, foot - tall, across, tall);
@@ -310,7 +310,7 @@ function textWithHalo(draw, words, x, y, em) {
 function hollow(draw, x, y, width, height) {
   if (width < 4 || height < 3) return;
   draw.fillStyle = tone("--paper");
-  draw.fillRect(x + 1.5, y + 1.5, width - 3, height - 1.5);
+  draw.fillRect(x + 1, y + 1, width - 2, height - 1);
 }
 
 function hatch(draw, x, y, width, height, step) {
