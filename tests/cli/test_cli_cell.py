@@ -95,7 +95,23 @@ def test_the_page_shows_the_box_and_a_tour_that_closes(made: Path) -> None:
     assert [arm["label"] for arm in scene["arms"]] == ["J⁺", "One function, q = F(x)"]
     assert scene["arms"][1]["drift"][-1] < 1e-9 < scene["arms"][0]["drift"][-1]
     assert scene["paths"][0] == 16  # the edges of the cell
+    the_page_begins_with_a_sentence_and_the_arm(re.sub('srcdoc="[^"]*"', "", page))
     the_dialog_explains_what_stands_on_the_page(page, inner)
+
+
+def the_page_begins_with_a_sentence_and_the_arm(page: str) -> None:
+    """55: what is covered, and its price, stand above the arm; all else stands below it."""
+    sentence, notes = (page.partition(f'id="{name}">')[2].partition("</p>")[0]
+                       for name in ("verdict", "notes"))  # fmt: skip
+    sentence = sentence.replace("\u00a0", " ")
+    assert "0.4 × 0.4 m around (2.13, 0.63, 0.00) m" in sentence
+    assert notes.startswith("<span>Joint speed 0.017") and "not proved" in notes
+    above, _, below = page.partition("<iframe")
+    assert "<dl" not in above and "<h2>" not in above and "<pre" not in above
+    for word in ("Your own arm", "ROS 2", "CSV", "Units", "To cite"):
+        assert f"<dt>{word}</dt>" in below, word
+    shown = re.sub("(?s)<script>.*?</script>|<[^>]*>", " ", page.partition("<body>")[2])
+    assert "sector" not in shown and len(re.findall("box", shown)) == 1  # what a cell is
 
 
 def the_dialog_explains_what_stands_on_the_page(page: str, inner: str) -> None:
@@ -104,7 +120,7 @@ def the_dialog_explains_what_stands_on_the_page(page: str, inner: str) -> None:
     rows = {name.casefold() for name in re.findall("<dt>(.*?)</dt>", numbers)}
     dialog = inner.partition("<dialog")[2].partition("</dialog>")[0]
     names = {name.casefold() for name in re.findall("<dt>(.*?)</dt>", dialog)}
-    assert rows - {"cell", "middle", "stopped"} <= names and "the box, or cell" in names
+    assert rows - {"cell", "middle", "stopped"} <= names and "the cell" in names
     assert {"extra joint speed", "leaf margin", "limit margin", "coverage"} <= rows
     for word in ("study", "control.json", "motion.csv", "First line", "Joint speed</dt>"):
         assert word not in dialog, word

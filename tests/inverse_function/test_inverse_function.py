@@ -1101,7 +1101,7 @@ def test_a_broken_corner_refuses_a_cell_and_is_not_called_covered(tmp_path: Path
     assert all(0 <= share <= 1 for share in shares)
     assert kept.extra_speed_direction >= kept.extra_speed_worst >= kept.extra_speed
     assert kept.coverage == 1.0 and not kept.evaluation.everywhere
-    assert kept.figures()["coverage"] == "all held-out poses, but not every pose of the cell"
+    assert kept.figures()["coverage"] == "all held-out poses, but not every pose"
     assert "out of reach" in kept.figures()["stopped"]
     assert "100" not in kept.figures()["coverage"] + repr(kept)
     smaller = rp.nearest_inverse_function(

@@ -632,7 +632,7 @@ def test_what_the_text_of_a_range_says() -> None:
     plain = str(known)
     assert plain == (
         "286.5° at every covered pose\n"
-        "ended by panda_joint1, which turns 332.3° and differs by 46° over the cell"
+        "ended by panda_joint1, which turns 332.3° and differs by 46° over the sector"
     )
     assert str(replace(known, reach=2 * np.pi)) == "360° at every covered pose"
     assert str(replace(known, reach=-0.5)).startswith("0° at every covered pose\n")
@@ -1040,7 +1040,7 @@ def test_the_edges_of_a_sector(drawn: tuple[rp.CellDesign, Path, Figure]) -> Non
     page = unescape(file.read_text("utf-8"))
     inner = page.partition('srcdoc="')[2].partition('"></iframe>')[0]
     dialog = inner.partition("<dialog")[2].partition("</dialog>")[0]
-    names = [f"<dt>{name}</dt>" for name in ("Angle", "Radius", "Symmetry", "The sector, or cell")]
+    names = [f"<dt>{name}</dt>" for name in ("Angle", "Radius", "Symmetry", "The sector")]
     assert all(name in dialog for name in names) and "the whole table" in dialog
     assert "<dt>Spin</dt>" not in dialog  # which this task leaves open
     scene, _, numbers = read(inner)

@@ -1,0 +1,72 @@
+"""What the first sentence and the rows say that a function covers, beside the cell itself."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+from sectors import found, sector_of
+
+from repctl_pin.extensions.cells.geometry.ranges import range_phrase, range_rows
+
+PAGE = import_module("repctl_pin.extensions.cells.show.cell_page")
+
+
+def numbers(text: str) -> list[float]:
+    return [float(number) for number in re.findall(r"-?\d+\.?\d*", text.replace("−", "-"))]
+
+
+def test_the_sentence_promises_no_more_than_the_sector() -> None:
+    """Every end is rounded inward, by at most 1 cm or 1°; heights are from the base."""
+    sector = sector_of("one orientation by height", angle=1.0)
+    rho = sector.radii([sector.middle[1]])[0]
+    z = sector.placement.translation[2] + sector.widths[2] * np.array([-1, 1])
+    low, high, inner, outer, angle = numbers(range_phrase(sector))
+    cut = [low - z[0], z[1] - high, inner - rho[0], rho[1] - outer]
+    assert -1e-9 < min(cut) and max(cut) < 0.01
+    assert 0 <= np.degrees(2.0) - angle < 1
+    assert numbers(range_phrase(sector, {"angle": np.radians(33)}))[-1] == 33
+    assert "\n" not in range_phrase(sector)
+
+
+def test_each_height_has_a_line_of_its_own() -> None:
+    """55: three ranges of radius stood in one line."""
+    sector = sector_of("one orientation by height")
+    lines = range_rows(sector)["radius"].split("\n")
+    assert len(lines) == 5 and max(map(len, lines)) < 60
+    for line in lines:
+        low, high, height = numbers(line)
+        assert sector.radii([height])[0] == pytest.approx([low, high], abs=2e-3)
+
+
+def test_the_rows_of_a_sector_are_explained_by_their_own_names() -> None:
+    """A sector without a height had the meaning of its height in place of that of its angle."""
+    sector = sector_of("one orientation", height=0.0, angle=0.4)
+    assert {"radius", "angle"} <= range_rows(sector).keys()
+    design = found("one orientation")
+    rows = design.figures()
+    assert {"radius", "height", "angle"} <= rows.keys() and "cell" not in rows
+    words = import_module("repctl_pin.extensions.cells.show.cell_words").cell_words(design, {})
+    assert {name.capitalize() for name in range_rows(design.cell)} <= words.keys()
+
+
+def test_no_price_is_one_number() -> None:
+    """55: "0 % on average, under 0.001 % at worst"."""
+    design = found("one orientation")
+    free = replace(design.evaluation, extra_speed=0.0, extra_speed_worst=2e-6,
+                   extra_speed_direction=3e-6)  # fmt: skip
+    without = replace(design, evaluation=free)
+    assert without.figures()["extra joint speed"] == "0"
+    said = str(PAGE.cell_headline(without))
+    assert "Joint speed as under the usual control." in said and "0.001 %" not in said
+    dear = str(PAGE.cell_headline(replace(design, evaluation=replace(free, extra_speed_worst=0.2))))
+    assert "20 % at worst" in dear
+
+
+def test_a_sector_is_not_called_a_cell() -> None:
+    design = found("one orientation")
+    text = f"{design.summary()} {PAGE.cell_headline(design)}"
+    assert "sector" in text and not re.search(r"\bcells?\b|\bbox\b", text)
