@@ -204,7 +204,7 @@ def _in_tables(feature: Mapping[str, Any]) -> bool:
 
 
 def _width_of(feature: Mapping[str, Any]) -> int:
-    """Count the numbers per row of a feature; 0 unless it is a vector of numbers."""
+    """Count the numbers per row of a feature (a column); 0 unless it is a vector of numbers."""
     shape = feature.get("shape")
     if feature.get("dtype") not in _NUMBERS or not isinstance(shape, (list, tuple)):
         return 0
