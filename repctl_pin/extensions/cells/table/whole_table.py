@@ -937,9 +937,10 @@ def _locked_floods(
 
 
 def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Floods) -> _Floods:
-    """Flood a table without locked joints, from rows of nodes (K, 2) and Q (K, n) unlike in Q.
+    """Flood a table without locked joints, from up to 24 nodes with unlike configurations.
 
-    Further floods begin in the middles of the largest rectangles of the floods ``locked``.
+    They are chosen from ``nodes`` (K, 2), with the configurations Q (K, n). Further floods begin in
+    the middles of the largest rectangles of the floods ``locked``.
     """
     counted = table.counted
     kept, distance = [0], np.linalg.norm((Q - Q[0])[:, counted], axis=1)
@@ -1179,7 +1180,7 @@ def _at_zero(table: Table, design: CellDesign) -> Array:
 def _best_locked(
     table: Table, locked: _Floods, design: CellDesign, limits: Required
 ) -> LockedJoints | None:
-    """Find the arm with locked joints that covers most of a design's sector; None if none does so.
+    """Find the arm with locked joints that covers most of a design's sector; None without one.
 
     ``locked`` are floods with locked joints. Arms that keep the limits of joint speed come first;
     among arms that cover the same share, the one with the lowest joint speed is chosen.
@@ -1341,7 +1342,10 @@ def _least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
 
 
 def _unit_twists(cell: Cell, Q: Array) -> tuple[Array, Array, Array]:
-    """Evaluate at Q (K, n): J, E = ∂x/∂u of all coordinates u of a cell, and C = (EᵀE)^(−1/2)."""
+    """Evaluate at Q (K, n): J (K, m, n), E = ∂x/∂y (K, m, k) and C = (EᵀE)^(−1/2) (K, k, k).
+
+    y are the k coordinates of a cell, m and rad, the removed ones last.
+    """
     p, R, J = placed(cell.task, Q)
     E = cell._all_twists(cell._measured(p, R), R)[:, :, [*cell.moved, *cell._removed]]
     squares, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
