@@ -544,7 +544,8 @@ def _jacobian(
 ) -> Numbers:
     """Evaluate Jᵀ (n, m, K) from the axes ``z`` of the joints and the vectors ``arm`` to the frame.
 
-    ``arm`` leads from each joint to the frame, m; ``R`` are the columns of the frame's rotation.
+    Both are (C, 3, K) in base axes, for the C joints of the chain, mimic joints included; ``arm``
+    leads from each joint to the frame, m. ``R`` are the columns of the frame's rotation.
     """
     turns = _like(xp, chain.revolute[:, None, None], z)
     v, omega = z + turns * (_cross(xp, z, arm, 1) - z), turns * z

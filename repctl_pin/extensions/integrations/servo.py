@@ -332,8 +332,8 @@ class Servo:
     def tick(self, now: float) -> Array | None:
         """Compute the configuration (n,) to command next, rad or m, at the time ``now``.
 
-        Return None if none may be sent: until recent measurements show the joints at rest, and
-        after a stop because the arm did not follow its commands. :attr:`reason` says why.
+        Return None if no command may be sent: until recent measurements show the joints at rest,
+        and after a stop because the arm did not follow its commands. :attr:`reason` says why.
         """
         now = self._time.tick(now)
         q, age = self._readings.measured(now)
@@ -555,7 +555,7 @@ class Servo:
 
 
 def _levels_of(design: Design | CellDesign) -> Callable[[pin.SE3, Array], ElbowLevel]:
-    """Return the function (pose x, elbow point p_e) → level whose elbow is nearest to the point.
+    """Return the function (pose x, point p_e) → level whose elbow is nearest to the point.
 
     The search begins at F(x) of a cell, or on the leaf of the middle of Ω. So the level is a
     function of pose and point alone.

@@ -103,9 +103,9 @@ def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
 def _folds(session: Column) -> tuple[Column, str]:
     """Assign frames to folds: return the number of each frame's fold (K,), and a description.
 
-    A fold is a group of frames that one fit leaves out and then predicts. Folds are up to six
-    groups of sessions, or six blocks of time of a single session: neighbouring frames are alike, so
-    they must be in one fold.
+    Folds are up to six groups of sessions, or six blocks of time of a single session: neighbouring
+    frames are alike, so they must be in one fold. ``session`` (K,) has the number of each frame's
+    session.
     """
     sessions = np.unique(session)
     if len(sessions) > 1:

@@ -102,12 +102,12 @@ class Verdict:
 def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> Verdict:
     """Compare the configurations q (N, n) of visits at times t (N,), s, in view of their noise.
 
-    A visit is a time at which the hand is at the pose; an arm that repeats has the same
-    configuration there. Each value has an interval: its deviation times a quantile of the normal
-    distribution, plus its bias. The quantile is corrected for the number of pairs (Bonferroni), so
-    that intervals of equal configurations with equal deviations fail to overlap in only one of
-    10,000 logs. The bias is a wide bound, and must not hide a difference. So an arm counts as
-    repeating only if the intervals with a quarter of the bias also overlap.
+    An arm that repeats has the same configuration at all visits. Each value has an interval, whose
+    half-width is its deviation times a quantile of the normal distribution, plus its bias. The
+    quantile is corrected for the number of pairs (Bonferroni), so that intervals of equal
+    configurations with equal deviations fail to overlap in only one of 10,000 logs. The bias is a
+    wide bound, and must not hide a difference. So an arm counts as repeating only if the intervals
+    with a quarter of the bias also overlap.
 
     Parameters
     ----------

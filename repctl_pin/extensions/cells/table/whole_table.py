@@ -992,8 +992,8 @@ def _best_clear(
 ) -> tuple[float, _Openings]:
     """Choose the body distance to keep, 5 mm or 1 mm; return it, m, with the openings that keep it.
 
-    1 mm is chosen if 5 mm leaves less than 85 % of its rating. ``bound`` (S,) is the rating of each
-    flood without regard to bodies, see :func:`_values`.
+    1 mm is chosen if the best rating with 5 mm is below 85 % of that with 1 mm, see
+    :func:`_values`. ``bound`` (S,) is the rating of each flood without regard to bodies.
     """
     wide = _opened(table, floods, bound, _CLEAR, symmetries)
     rating = _values(table, floods, wide, symmetries).max()
@@ -1078,7 +1078,8 @@ def _near(
     """Test at which nodes ``on`` (K, 2), with Q (K, n) there, bodies are always near: (K,).
 
     That is, they are nearer than ``distance``, m, at every angle around the arm from the first to
-    the last of ``angles``, rad. One node in each block of 3 × 3 nodes is tested.
+    the last of ``angles``, rad. One node in each block of 3 × 3 nodes is tested, and stands for the
+    block.
     """
     near = np.flatnonzero(bodies_of(table.task)._nearer(Q, distance))
     _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)
