@@ -111,8 +111,8 @@ class InverseFunction:
         target : pinocchio.SE3 or (4, 4) array
             Pose x of the frame.
         leaf : (r,) array, optional
-            Level c, by default 0. Other values move the arm along its self-motion, see
-            :meth:`leaves`.
+            Level c, rad (m for prismatic joints), by default 0. Other values move the arm along its
+            self-motion, see :meth:`leaves`.
 
         Raises
         ------
@@ -348,8 +348,9 @@ class InverseFunction:
     def _coordinates(self, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
         """Convert targets to coordinates U (K, k), and their deviations (K,) from the cell.
 
-        Targets have any of the forms of :meth:`batch`. The deviation, m or rad, is the largest
-        along a coordinate of width 0, which the cell holds constant; 0 for coordinates U.
+        Targets have any of the forms of :meth:`batch`. A deviation, m or rad, is the largest along
+        a coordinate of width 0, which the cell holds constant. Targets that are coordinates of the
+        cell are returned, with deviations 0.
         """
         if isinstance(targets, np.ndarray) and targets.ndim != 3 and targets.shape[-1:] != (7,):
             (U,) = as_matrices(

@@ -6,9 +6,13 @@ results have the type and the device of their input. Inside, the K poses of a ba
 axis, and a placement is the list of its columns (3, K): three of the rotation, and the position.
 ``xp`` is the namespace of the arrays, such as jax.numpy. q_ref and n_ref are the polynomials of F:
 q_ref approximates F, and n_ref the null space of J. The level c is the position along the
-self-motion. A chart is the pair q_ref and n_ref, polynomials of coordinates u from −1 to 1. A
-sector is a cell in cylindrical coordinates: radius, angle and height about an axis, two tilts of
-the tool, and its spin.
+self-motion; a leaf is the set of configurations F(x; c) with one level c. A chart is the pair q_ref
+and n_ref, polynomials of coordinates u from −1 to 1. A sector is a cell in cylindrical coordinates:
+radius, angle and height about an axis, two tilts of the tool, and its spin.
+
+Letters: n joints, m task coordinates, r = n − m components of c, k coordinates u, N monomials of u.
+The offsets y are the m task coordinates of a pose relative to the middle of its cell, m and rad.
+Private functions that have ``xp`` as first argument compute in that namespace.
 """
 
 from __future__ import annotations
@@ -222,7 +226,10 @@ def velocity(inverse: RepeatableInverse, xp: Namespace) -> Callable[[Numbers, Nu
 
 
 def _compiled(xp: Namespace, function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a function in JAX; in torch, make it one operator of torch.compile."""
+    """Compile a function in JAX; in torch, make it one operator of torch.compile.
+
+    In other namespaces, return it unchanged.
+    """
     if is_torch_namespace(xp):
         return _operator(function)
     if not is_jax_namespace(xp):
@@ -302,7 +309,7 @@ def _operators() -> Callable[..., Any]:
 
 
 def _constant(xp: Namespace, *arrays: Numbers) -> tuple[Numbers, ...]:
-    """Return the arrays as constants, which are not differentiated."""
+    """Return the arrays in a form that JAX and torch do not differentiate."""
     if is_jax_namespace(xp):
         import jax
 
@@ -311,10 +318,11 @@ def _constant(xp: Namespace, *arrays: Numbers) -> tuple[Numbers, ...]:
 
 
 def _repeated(xp: Namespace, step: Callable[[Numbers], Any], q: Numbers, near: float) -> Numbers:
-    """Repeat Newton steps on the rows of a batch until each has converged; return q (n, K).
+    """Repeat Newton steps on K configurations q (n, K) until all have converged; return them.
 
-    ``step`` maps q to (new q, step length). A row has converged after a step shorter than ``near``.
-    At most ten steps are made; the caller makes the last two of 12, which are differentiated.
+    ``step`` maps q to (new q, step lengths (K,)). A configuration has converged after a step
+    shorter than ``near``, rad or m, and is then kept. At most ten steps are made; the caller makes
+    the last two of 12, which are differentiated.
     """
 
     def again(state: tuple[Numbers, Numbers, int]) -> tuple[Numbers, Numbers, int]:
@@ -345,9 +353,10 @@ def _some(xp: Namespace, flags: Numbers) -> bool:
 
 
 def _scanned(xp: Namespace, body: Callable[..., Any], state: Any, *tables: Numbers) -> Any:
-    """Map ``body``: (state, row of each table) → (state, outputs) over all rows; stack the outputs.
+    """Call ``body`` on each row of some tables in turn; return the last state and all outputs.
 
-    In JAX the body is compiled once, as the step of a loop, instead of once per row.
+    ``body`` maps (state, row of each table) to (next state, outputs); the outputs are stacked. In
+    JAX the body is compiled once, as the step of a loop, instead of once per row.
     """
     if is_jax_namespace(xp):
         import jax
@@ -374,7 +383,7 @@ def _namespace(xp: Namespace) -> Namespace:
 
 
 def _floats(xp: Namespace, value: Numbers, name: str, *shape: int) -> Numbers:
-    """Check that an argument is an array (..., *shape) of float32 or float64."""
+    """Check that the argument ``name`` is an array (..., *shape) of float32 or float64."""
     try:
         own = is_array_api_obj(value) and array_namespace(value) is xp
         array = value if own else xp.asarray(value)
@@ -412,7 +421,7 @@ def _last(xp: Namespace, a: Numbers, axes: int) -> list[Numbers]:
 
 
 def _unstack(a: Numbers, axis: int = 0) -> list[Numbers]:
-    """Split an array along an axis; in a way that ``torch.func.vmap`` can map."""
+    """Split an array along an axis into a list, in a way that ``torch.func.vmap`` can map."""
     at = (slice(None),) * axis
     return [a[(*at, i, ...)] for i in range(a.shape[axis])]
 
@@ -535,7 +544,8 @@ def _jacobian(
 ) -> Numbers:
     """Evaluate Jᵀ (n, m, K) from the axes ``z`` of the joints and the vectors ``arm`` to the frame.
 
-    ``arm`` leads from each joint to the frame, m; ``R`` are the columns of the frame's rotation.
+    Both are (C, 3, K) in base axes, for the C joints of the chain, mimic joints included; ``arm``
+    leads from each joint to the frame, m. ``R`` are the columns of the frame's rotation.
     """
     turns = _like(xp, chain.revolute[:, None, None], z)
     v, omega = z + turns * (_cross(xp, z, arm, 1) - z), turns * z
@@ -718,7 +728,10 @@ def _profiled(xp: Namespace, cell: Sector, eta: Numbers) -> list[Any]:
 def _rates(
     xp: Namespace, cell: Cell, X: list[Numbers], y: list[Numbers], xdot: list[Numbers]
 ) -> list[Numbers]:
-    """Compute the time derivatives of the offsets y of :func:`_measured` at the task velocity ẋ."""
+    """Compute the time derivatives of the offsets y at the task velocity ẋ: m arrays (K,).
+
+    ``y`` are the offsets of the placement X, and ``xdot`` is ẋ, m arrays (K,).
+    """
     kind, sector = cell.task.kind, isinstance(cell, Sector)
     back: Callable[[Numbers], Numbers] = _same
     v, omega = xdot[:3], xdot[3:]
@@ -752,7 +765,8 @@ def _sector_rates(
 ) -> list[Numbers]:
     """Compute the time derivatives of radius, angle and height of a sector at the task velocity ẋ.
 
-    ``back`` converts vectors (3, K) to the directions radial, tangential, and along the axis.
+    ``xdot`` has the commanded components of the velocity, base axes. ``back`` converts vectors (3,
+    K) from base axes to the directions radial, tangential, and along the axis.
     """
     given = dict(zip(cell.task.kind.rows.tolist(), xdot, strict=True))
     none = xp.zeros_like(xdot[0])
@@ -764,9 +778,10 @@ def _sector_rates(
 
 
 def _tilt_rates(xp: Namespace, t: list[Numbers], w: list[Numbers]) -> list[Numbers]:
-    """Compute the time derivatives of tilts t and spin ψ from ω, by ``ω = J_r(t) dt + dψ e_z``.
+    """Compute the time derivatives of the tilts t, and of the spin ψ, from an angular velocity w.
 
-    J_r is the right Jacobian of the rotation vector (t_1, t_2, 0).
+    They solve ``w = J_r(t) ṫ + ψ̇ e_z``; J_r is the right Jacobian of the rotation vector
+    (t_1, t_2, 0). Without a third component of w, the spin is left out.
     """
     square, across = t[0] ** 2 + t[1] ** 2, t[0] * w[0] + t[1] * w[1]
     e = _by_angle(xp, square, 1 / 6 + 7 * square / 360, lambda a: (a / xp.sin(a) - 1) / a**2)
@@ -776,19 +791,19 @@ def _tilt_rates(xp: Namespace, t: list[Numbers], w: list[Numbers]) -> list[Numbe
 
 
 def _same(v: Numbers) -> Numbers:
-    """Return vectors as they are."""
+    """Return vectors unchanged: the conversion of axes for a box."""
     return v
 
 
 def _middle(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
-    """Return the placement in the middle of a cell."""
+    """Return the placement in the middle of a cell, in the type and on the device of X."""
     return [_like(xp, each[:3, None], X[3]) for each in cell.placement.homogeneous.T]
 
 
 def _about_axis(
     xp: Namespace, cell: Any, X: list[Numbers]
 ) -> tuple[Numbers, Callable[[Numbers], Numbers]]:
-    """Compute the angle (K,) of a placement about the axis of a sector.
+    """Compute the angle (K,), rad, of the placement X about the axis of a sector.
 
     Return also a function that converts vectors (3, K) from base axes to the directions at the
     placement: radial, tangential, and along the axis.
@@ -821,7 +836,7 @@ def _scaled(cell: Cell, y: list[Numbers]) -> list[Numbers]:
 
 
 def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
-    """Evaluate the joint angles (n, K) to add to q_ref for the coordinates that u leaves out.
+    """Evaluate the joint angles (n, K), rad, to add to q_ref for the coordinates that u leaves out.
 
     By a symmetry of the arm, a single joint moves the frame along such a coordinate. To turn a pose
     around the base, for example, only the first joint turns.
@@ -858,10 +873,10 @@ def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
 
 
 def _inside(xp: Namespace, cell: Cell, X: list[Numbers]) -> Numbers:
-    """Test which placements lie in a cell with all its coordinates (``cell.whole``): (K,).
+    """Test which of K placements X lie in a cell: (K,).
 
-    Coordinates of width 0, which are constant in the cell, are also tested. The tolerance depends
-    on the floating-point type.
+    ``cell`` has all its coordinates (``cell.whole``). Coordinates of width 0, which are constant in
+    the cell, are also tested. The tolerance depends on the floating-point type.
     """
     y, rounding = _measured(xp, cell, X), 8 * _eps(xp, X[3])
     most = (cell._bounds + max(EDGE, rounding)).tolist()
@@ -897,7 +912,7 @@ def _tilt(xp: Namespace, aim: Sequence[Numbers]) -> list[Numbers]:
 
 
 def _tilted_back(xp: Namespace, t: list[Numbers], v: Numbers) -> Sequence[Numbers]:
-    """Rotate vectors v (3, K) by the inverse of the rotation vectors t = (t_1, t_2, 0)."""
+    """Rotate vectors v (3, K) by the inverse of the rotation vectors t = (t_1, t_2, 0), rad."""
     square = t[0] ** 2 + t[1] ** 2
     sine = _by_angle(xp, square, 1 - square / 6, lambda a: xp.sin(a) / a)
     w = xp.stack([-t[0], -t[1], xp.zeros_like(t[0])])
@@ -920,9 +935,10 @@ def _versine(xp: Namespace, square: Numbers) -> Numbers:
 def _by_angle(
     xp: Namespace, square: Numbers, series: Numbers, closed: Callable[[Numbers], Numbers]
 ) -> Numbers:
-    """Evaluate a function of an angle θ from θ²; near 0 by its series, to be differentiable.
+    """Evaluate a function of an angle θ from θ² = ``square``; near 0 by its series.
 
-    ``closed`` is the function of θ, ``series`` its value by the series.
+    ``closed`` is the function of θ, ``series`` its value by the series. The result is
+    differentiable at 0.
     """
     small = square < 1e-6
     return xp.where(small, series, closed(xp.sqrt(xp.where(small, 1.0, square))))

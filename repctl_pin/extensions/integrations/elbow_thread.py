@@ -28,7 +28,7 @@ class ElbowSearch:
     Parameters
     ----------
     level
-        Function (x, p_e) → the level and its elbow; it raises a RepctlError if none is found.
+        Function (x, p_e) → :class:`ElbowLevel`; it raises a RepctlError if no level is found.
 
     Attributes
     ----------

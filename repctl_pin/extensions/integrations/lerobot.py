@@ -14,7 +14,8 @@ class FunctionKinematics:
     """Forward and inverse kinematics for LeRobot's processors, by a cell's function.
 
     A cell is a box of poses over which a function F gives one configuration per pose, independent
-    of the current configuration. So a policy's poses always lead to the same joints. Revolute
+    of the current configuration. So a policy's poses always lead to the same joints. A leaf is the
+    set of configurations that F gives for one level c, the position along the self-motion. Revolute
     joints are in degrees, prismatic joints in m, poses are homogeneous matrices (4, 4).
 
     Parameters
@@ -22,7 +23,8 @@ class FunctionKinematics:
     F
         Function of a cell, such as ``found.function``.
     leaf : (r,) array, optional
-        Level c, by default 0; another level moves the elbow along the self-motion.
+        Level c, rad (m for prismatic joints), by default 0; another level moves the elbow along the
+        self-motion.
 
     Attributes
     ----------
@@ -63,8 +65,9 @@ class FunctionKinematics:
     ) -> Array:
         """Compute the joint positions of a pose by F, which needs no initial guess.
 
-        The weights are part of LeRobot's interface, but have no effect, because F is exact.
-        Positions after the first n, such as a gripper's, are returned unchanged.
+        The result replaces the first n of the current positions, in degrees and m; those after
+        them, such as a gripper's, are returned unchanged. The weights are part of LeRobot's
+        interface, but have no effect, because F is exact.
         """
         joints = np.array(current_joint_pos, float)
         joints[: len(self._arm(joints))] = (

@@ -24,9 +24,9 @@ class RepeatableTask(PinkTask):
     """pink task that holds h(q) = c; together with a frame task, it makes the motion repeatable.
 
     pink solves for joint velocities that serve several tasks. A frame task leaves a self-motion
-    free; the potentials h of a design, held at the level c, determine it. The error is
-    ``e(q) = h(q) − c``, its Jacobian ``∂h/∂q``. The joints are found in pink's model by name; other
-    joints are not affected.
+    free; the r potentials h of a design, held at the level c, determine it. The set h(q) = c is a
+    leaf. The error is ``e(q) = h(q) − c``, its Jacobian ``∂h/∂q``. The joints are found in pink's
+    model by name; other joints are not affected.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class RepeatableTask(PinkTask):
         self.set_target(self.inverse.potentials.value(self._joints(configuration)))
 
     def compute_error(self, configuration: Configuration) -> Array:
-        """Evaluate the error h(q) − c (r,) at a configuration of pink.
+        """Evaluate the error e = h(q) − c, (r,), at a configuration of pink.
 
         InputError is raised if no level c is set.
         """

@@ -60,7 +60,10 @@ def answer(
 def _solved(
     F: InverseFunction, request: Any, base: str, leaf: Array | None, tool: pin.SE3 | None
 ) -> tuple[Array | None, int]:
-    """Evaluate F at a request's pose: the joints (n,) and SUCCESS, or None and an error code."""
+    """Evaluate F at a request's pose: return (joints (n,), SUCCESS) or (None, MoveIt's error code).
+
+    The arguments are those of :func:`answer`.
+    """
     if request.ik_link_name not in ("", F.task.frame):
         return None, WRONG_LINK
     if request.pose_stamped.header.frame_id not in ("", base):

@@ -206,7 +206,10 @@ class _ArmNode(Node):
         return dict(zip(given, own, strict=True))
 
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Set the parameter ``leaf``, the level c; refuse other parameters, which are read once."""
+        """Set the parameter ``leaf``, the level c; refuse other parameters, which are read once.
+
+        ROS calls this for a change of parameters, and reads from the result if it is accepted.
+        """
         for parameter in parameters:
             what = f"{parameter.name} is read only when the node starts; restart the node"
             if parameter.name == "leaf":
@@ -283,7 +286,7 @@ class _ArmNode(Node):
         return self._answered(response)
 
     def _answered(self, response: Any) -> Any:
-        """Fill in a service's response: success, and the state of the servo in one line."""
+        """Fill in and return a service's response: success, and a line with the servo's state."""
         response.success = True
         response.message = self.servo.said
         return response
@@ -356,7 +359,8 @@ def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any
 def _hand_axes(given: dict[str, Any]) -> Array | None:
     """Read the rotation (3, 3) from the axes of the operator's tracker to those of the base.
 
-    None without the parameter ``hand_axes``, a quaternion x, y, z, w: the axes are then parallel.
+    It is the parameter ``hand_axes``, a quaternion x, y, z, w. Return None without this parameter:
+    the axes are then parallel.
     """
     if given["hand_axes"] is None:
         return None

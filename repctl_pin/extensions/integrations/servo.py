@@ -1,8 +1,10 @@
 """Servo: one joint command per tick, from targets and measured joints; independent of ROS.
 
 A tick is one period of the control loop. A leaf is the set h(q) = c on which a repeatable inverse
-keeps the arm; its level c is the position of the elbow along the self-motion. The clutch couples
-the arm's target to an operator's hand: while it is released, the hand moves freely.
+keeps the arm; its level c is the position of the elbow along the self-motion. The clutch, while it
+is engaged, makes the arm's target move with an operator's hand; while it is released, the hand
+moves freely. A tracker measures hand and elbow of the operator in a frame of its own. The age of a
+message is the present time minus its time stamp, s.
 """
 
 from __future__ import annotations
@@ -166,7 +168,7 @@ class Servo:
     def joints(self, positions: Mapping[str, float], now: float, *, age: float = 0.0) -> None:
         """Store measured joint positions, rad or m, by name; names of other joints are ignored.
 
-        ``now`` is the time, and ``age`` the age of the message by its time stamp, s.
+        ``now`` is the time at which the message arrives, s, and ``age`` its age, s.
         """
         self._readings.take(positions, self._time.at(now), age)
 
@@ -208,9 +210,9 @@ class Servo:
             self._heard = self._time.at(now)
 
     def couple(self, coupled: bool) -> None:
-        """Engage the clutch at the next hand pose if ``coupled``; else release it, and stop.
+        """Engage the clutch at the next hand pose if ``coupled``; else release it and stop the arm.
 
-        While engaged, the arm's target moves as the operator's hand does.
+        It is engaged only while the servo is RUNNING.
         """
         self._forget()
         self._coupled = coupled and self.state is State.RUNNING
@@ -227,8 +229,9 @@ class Servo:
     ) -> None:
         """Set the pose of the operator's hand, in its tracker's frame, valid for ``timeout``.
 
-        The pose is a position (x, y, z), m, and a quaternion (x, y, z, w). It moves the target
-        while the arm is coupled. An invalid pose ends the coupling.
+        The pose is a position (x, y, z), m, and a quaternion (x, y, z, w). ``now`` is the time, s,
+        ``age`` the age of the message, s. The first pose after :meth:`couple` engages the clutch;
+        the following ones move the target. An invalid pose releases the clutch, and stops the arm.
         """
         if not self._coupled or not self._usable("hand pose", "", age):
             return
@@ -329,8 +332,8 @@ class Servo:
     def tick(self, now: float) -> Array | None:
         """Compute the configuration (n,) to command next, rad or m, at the time ``now``.
 
-        Return None if none may be sent: until recent measurements show the joints at rest, and
-        after a stop because the arm did not follow its commands. :attr:`reason` says why.
+        Return None if no command may be sent: until recent measurements show the joints at rest,
+        and after a stop because the arm did not follow its commands. :attr:`reason` says why.
         """
         now = self._time.tick(now)
         q, age = self._readings.measured(now)
@@ -361,7 +364,7 @@ class Servo:
         return self._command()
 
     def _follow_elbow(self) -> None:
-        """Take the level of the last search for the elbow, and begin the next search."""
+        """Use the level that the last search for the elbow has found, and begin the next search."""
         place = self._placement() if self._target is None else self._target
         try:
             found = self._elbow.update(place)
@@ -441,7 +444,7 @@ class Servo:
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:
-        """Compute the next configuration (n,), toward the target and the level, or by the twist."""
+        """Compute and store the next command (n,), by the target or twist, and by the level."""
         twist = self._twist
         if twist is not None and self.tool is not None:
             arm = self._placement().rotation @ self.tool.translation
@@ -466,7 +469,7 @@ class Servo:
         return self.state is State.RUNNING and (self._target is not None or self._twist is not None)
 
     def _start(self, q: Array) -> bool:
-        """Start at rest at the measured joints q (n,); return False if they are not a valid start.
+        """Start at rest at the measured joints q (n,), rad or m; False if they are no valid start.
 
         If they agree with the last command, the servo continues from that command, so that errors
         of measurement do not change the level c.
@@ -552,7 +555,7 @@ class Servo:
 
 
 def _levels_of(design: Design | CellDesign) -> Callable[[pin.SE3, Array], ElbowLevel]:
-    """Return the function (pose x, elbow point p_e) → level whose elbow is nearest to the point.
+    """Return the function (pose x, point p_e) → level whose elbow is nearest to the point.
 
     The search begins at F(x) of a cell, or on the leaf of the middle of Ω. So the level is a
     function of pose and point alone.

@@ -3,7 +3,8 @@
 If demonstrations reach one pose with different elbow positions, no function of the pose fits their
 joints. A labelling assigns one configuration to every frame (row of the recording): the recorded
 joints, or the new joints. A fold is a group of frames that one fit leaves out and then predicts. A
-session is one run of the recorder, such as a demonstration.
+session is one run of the recorder, such as a demonstration. Letters: K frames, n joints, k
+coordinates u of a pose, N monomials (terms) of u; q̂ is the fitted function.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Ambiguity:
     degree : int
         Degree of the polynomial q̂.
     method : str
-        Description of the fit and of the held-out frames.
+        Text that describes the fit and the held-out frames.
     """
 
     misfits: tuple[Array, ...]
@@ -100,11 +101,11 @@ def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
 
 
 def _folds(session: Column) -> tuple[Column, str]:
-    """Assign frames to cross-validation folds: return fold numbers (K,), and a description.
+    """Assign frames to folds: return the number of each frame's fold (K,), and a description.
 
-    A fold is a group of frames that one fit leaves out and then predicts. Folds are up to six
-    groups of sessions, or six blocks of time of a single session: neighbouring frames are alike, so
-    they must be in one fold.
+    Folds are up to six groups of sessions, or six blocks of time of a single session: neighbouring
+    frames are alike, so they must be in one fold. ``session`` (K,) has the number of each frame's
+    session.
     """
     sessions = np.unique(session)
     if len(sessions) > 1:
@@ -114,9 +115,10 @@ def _folds(session: Column) -> tuple[Column, str]:
 
 
 def _scaled(U: Array) -> Array:
-    """Scale coordinates U (K, k) of the poses to [−1, 1]; leave out constant columns.
+    """Scale each column of U (K, k), coordinates of the poses, to [−1, 1].
 
-    The polynomials and the ridge parameter of the fit presume this range.
+    Constant columns are left out. The polynomials and the ridge parameter of the fit presume this
+    range.
     """
     if not len(U):
         return U

@@ -2,7 +2,8 @@
 
 Drift is here a steady change of the configuration at the pose from visit to visit. A visit is a
 time at which the hand is at the pose; every visit but the first is a return. The hand is the frame
-that the task controls; if the task controls several frames, all must be at their poses.
+that the task controls; if the task controls several frames, all must be at their poses. Letters: N
+visits, n joints, L links, T rows of the log.
 """
 
 from __future__ import annotations
@@ -114,7 +115,7 @@ class Audit:
 
     @property
     def joints(self) -> Trend | None:
-        """Drift of each joint, its steady change, rad/s or m/s; None below two returns."""
+        """Drift of each joint, its steady change, rad/s or m/s; None without two returns."""
         return None if self.found is None else self.found.trend
 
     @property
@@ -141,7 +142,7 @@ class Audit:
 
     @property
     def along(self) -> Array:
-        """Displacement of the most displaced link's point since the first visit: (N,), m.
+        """Displacement of the most displaced link's point since the first visit: (N,), m, signed.
 
         It is measured along the straight line from the first visit to the last.
         """
@@ -152,7 +153,7 @@ class Audit:
 
     @property
     def clock(self) -> tuple[float, str]:
-        """Unit of time in which rates are written: its length, s, and its name.
+        """Unit of time in which rates are written: (its length, s, its name).
 
         The unit is an hour, a minute or a second: the longest that is at most twice as long as the
         log.
@@ -162,7 +163,7 @@ class Audit:
 
     @property
     def leaves_range(self) -> tuple[float, str] | None:
-        """Predicted time after the log, s, at which a joint leaves its range, and the joint's name.
+        """Predicted time from the end of the log, s, until a joint leaves its range, and its name.
 
         The prediction assumes that the drift continues at its mean rate in the log. If the drift
         grows, another joint can be the first, and earlier. None if the arm does not drift, or if

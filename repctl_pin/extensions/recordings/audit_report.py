@@ -176,9 +176,9 @@ def _headline(audit: Audit) -> Headline:
 
 
 def _distance(audit: Audit) -> str:
-    """Write the end of the sentence that tells how near the hand came to an earlier pose.
+    """Write how near the hand came to an earlier pose, as the end of a sentence.
 
-    This explains why there is no verdict: no pose was visited often enough.
+    The sentence says that there is no verdict, because no pose was visited often enough.
     """
     level = " and level" if audit.log.levels.shape[1] else ""
     if audit.returns > 0:
@@ -241,7 +241,7 @@ def _time_span(seconds: float) -> str:
 
 
 def _number(value: float) -> str:
-    """Format a change of a joint as a number; changes below 1e-9 rad or m are written as 0."""
+    """Format a change of a joint, rad or m, as a number; one below 1e-9 is written as 0."""
     return "0" if abs(value) < 1e-9 else number(value)
 
 
@@ -308,9 +308,10 @@ def _next_step(audit: Audit) -> list[str]:
 
 
 def _order(groups: NDArray[np.intp]) -> str:
-    """Write the configuration of each visit as a letter, A B A B …, and the largest group's size.
+    """Write the configuration of each visit as a letter, A B A B …, and how many visits share one.
 
-    ``groups`` (N,) has the index of each visit's configuration. A group has one configuration.
+    ``groups`` (N,) has the index of each visit's configuration. The number is that of the
+    configuration with the most visits.
     """
     names = "".join(chr(ord("A") + g) if g < _LETTERS else "…" for g in groups)
     more = "…" if len(names) > _SHOWN else ""

@@ -2,7 +2,9 @@
 
 A frame is a row of a recording. A mistake in the recording, such as degrees or another tool frame,
 would later give wrong joints without an error. So each check raises an InputError that names the
-mistake. A session is one run of the recorder, such as a demonstration.
+mistake. A session is one run of the recorder, such as a demonstration. Letters: Q (K, n),
+configurations of n joints at K frames; p (K, 3), m, and R (K, 3, 3), positions and rotations of the
+recorded poses. A difference, or miss, is a pair (m, rad).
 """
 
 from __future__ import annotations
@@ -189,7 +191,7 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
 
 
 class _Explanation(NamedTuple):
-    """Explanation of a constant offset, its remedy, and the differences (m, rad) that remain."""
+    """Explanation of a constant offset, a text; its remedy; and the difference that remains."""
 
     why: str
     remedy: str
@@ -226,9 +228,9 @@ def _other_base(
 
 
 def _size(miss: tuple[float, float]) -> float:
-    """Combine differences (m, rad) into one number, by which explanations are compared.
+    """Combine a difference (m, rad) into one number, by which explanations are compared.
 
-    The units are the usual corrections by the calibration of an arm: 3 mm and 0.01 rad.
+    It is counted in the usual corrections by the calibration of an arm: 3 mm and 0.01 rad.
     """
     return miss[0] / _CALIBRATED_M + miss[1] / _CALIBRATED_RAD
 
@@ -288,19 +290,16 @@ def _first_is_w(R: Array) -> Array:
 
 
 def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:
-    """Compute the median distances, (m, rad), of poses p, R from the forward kinematics of Q.
-
-    The shapes are (K, 3), (K, 3, 3) and (K, n).
-    """
+    """Compute the median differences, (m, rad), of poses p, R from the forward kinematics of Q."""
     p_own, R_own, _ = placed(task, Q)
     return _miss(task, p, R, p_own, R_own)
 
 
 def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[float, float]:
-    """Compute the median distances, (m, rad), between poses p, R and p_own, R_own.
+    """Compute the median differences, (m, rad), between poses p, R and p_own, R_own.
 
     Only the task's components count: the angle is 0 for a position task, and that between the tool
-    axes for an axis task. The shapes are (K, 3) and (K, 3, 3).
+    axes for an axis task.
     """
     rows = task.rows[: min(3, task.m)]
     distance = float(np.median(np.linalg.norm((p - p_own)[:, rows], axis=1)))
@@ -314,7 +313,7 @@ def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[f
 
 
 def _alike(by: tuple[float, float]) -> bool:
-    """Test whether median distances (m, rad) are so small that joints and poses agree."""
+    """Test whether median differences (m, rad) are so small that joints and poses agree."""
     return by[0] < _ALIKE_M and by[1] < _ALIKE_RAD
 
 

@@ -4,7 +4,8 @@ A cell is a box of poses, or a sector around the base, over which one function q
 joints. The cell should contain all frames (rows of the recording) and be no larger than necessary,
 because a larger cell may have no such function. A session is one run of the recorder, such as a
 demonstration. The coordinates of a sector are radius, angle and height about an axis, two tilts of
-the tool, and its spin.
+the tool, and its spin. A share is a fraction of the frames, 0 to 1. Letters: K frames, m
+coordinates of a pose, n joints.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ def design_for(
 
 
 def _held(found: CellDesign, recording: Recording) -> float:
-    """Compute the share of frames at which a design's function has a value within the limits."""
+    """Compute the share of frames at whose poses a function has a value within the limits."""
     F = InverseFunction(found.function.chart)
     Q = F.batch(recording.homogeneous, missing="nan")
     return float(np.isfinite(Q[:, 0]).mean())
@@ -239,16 +240,17 @@ def _sector_of(probe: Sector, w: Array) -> Sector:
 
 
 def _measured(probe: Cell, p: Array, R: Array) -> Array:
-    """Compute the coordinates (K, m), in m and rad, of poses p, R in the cell ``probe``.
+    """Compute the coordinates (K, m), in m and rad, of poses in the cell ``probe``.
 
-    They are 0 in its middle.
+    p (K, 3), m, and R (K, 3, 3) are their positions and rotations. The coordinates are 0 in the
+    middle of the cell.
     """
     U, _ = probe.coordinates(p, R)
     return U * probe.widths[probe.moved]
 
 
 def _within(Y: Array, share: float) -> Array:
-    """Select the given share, 0 to 1, of the rows of Y (K, m): those nearest to the median row.
+    """Return the given share of the rows of Y (K, m): those nearest to the median row.
 
     Each coordinate is divided by its spread, so that metres and radians count alike.
     """

@@ -2,7 +2,8 @@
 
 Logs come from many recorders. So names of columns, the unit of time and the order of the joints are
 inferred; a log with several possible readings is refused. Levels are what was commanded beside the
-pose: positions along the self-motion, such as the position of the elbow.
+pose: positions along the self-motion, such as the position of the elbow. Letters: T rows, n joints,
+k levels.
 """
 
 from __future__ import annotations
@@ -355,7 +356,7 @@ def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], b
 
 
 def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
-    """Choose the set of columns that most likely holds measured positions; refuse a tie.
+    """Choose the set of columns that most likely has measured positions; refuse a tie.
 
     Each of ``sets`` has one column's name per joint. Names with words such as "actual" come first,
     those with "desired" or "command" last. In a tie, an InputError lists the possible sets.

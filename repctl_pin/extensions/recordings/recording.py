@@ -2,7 +2,7 @@
 
 A frame is one row of a recording, but *the* frame of a task is the link whose poses are recorded. A
 session is one run of the recorder, such as a demonstration. Large arrays are processed in blocks of
-rows.
+rows. Letters: K frames, n joints.
 """
 
 from __future__ import annotations
@@ -288,7 +288,7 @@ def forward(task: Task, Q: Array) -> tuple[Array, Array]:
 
 
 def in_blocks(function: Callable[..., Any], *arrays: Array) -> Any:
-    """Apply a function to arrays (K, …), block by block of rows, to save memory; join the results.
+    """Call a function on arrays (K, …), block by block of rows, to save memory; join the results.
 
     The function takes a block of rows of each array, and returns an array or a tuple of arrays with
     as many rows.

@@ -1,8 +1,9 @@
 """Relabelling of recorded frames: one configuration per pose, on one leaf of a cell's function.
 
 A cell is a box of poses, or a sector around the base, over which a function q = F(x; c) gives the
-joints. The level c selects the leaf, and so the position of the elbow along the self-motion. A
-session is one run of the recorder, such as a demonstration.
+joints. The level c selects the leaf, the set of configurations F(x; c), and so the position of the
+elbow along the self-motion. A frame is one row of a recording. A session is one run of the
+recorder, such as a demonstration. Letters: K frames, n joints, r components of c.
 """
 
 from __future__ import annotations
@@ -111,7 +112,7 @@ class Relabeled:
 
     @property
     def found(self) -> NDArray[np.bool_]:
-        """Mask (K,): True for frames (rows of the recording) that were relabelled."""
+        """Mask (K,): True for frames that were relabelled."""
         return np.isfinite(self.joints[:, 0])
 
     @property
@@ -151,7 +152,7 @@ class Relabeled:
         return self.joints - self.recording.joints
 
     def figures(self) -> dict[str, str]:
-        """Return the figures of merit as text, by name."""
+        """Return the figures of merit as text, by display name."""
         unit = self.recording.task.unit
         count = len(self.recording)
         sessions = len(self.recording.names)

@@ -2,7 +2,7 @@
 
 Columns that depend on the old joints, such as velocities or actions, would contradict the new
 joints and are removed. Columns of the gripper, of cameras and of times stay. A session is one run
-of the recorder, such as a demonstration.
+of the recorder, such as a demonstration. Letters: K frames (rows), n joints.
 """
 
 from __future__ import annotations
@@ -121,8 +121,8 @@ def plain_columns(
 ) -> dict[str, Column]:
     """Make the columns of a recording with new configurations Q (K, n), for any output format.
 
-    They are the new joints and the other columns of the file or, without a file, times, sessions
-    and poses.
+    They are returned by name: the new joints and the other columns of the file or, without a file,
+    times, sessions and poses. ``further`` is as for :func:`relabeled_columns`.
     """
     source = recording.source
     if source is None:

@@ -2,7 +2,8 @@
 
 A visit is a time at which the hand is at the pose. Differences are compared with the noise, which
 has two parts: the scatter of a reading, and a bias, which bounds its systematic errors. Drift is a
-steady change.
+steady change. Letters: N visits, n joints, k columns. A group is the visits in one configuration,
+within the noise; groups are numbered from 0 in the order of their first visits.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ _MOST_VISITS = 400
 @dataclass(frozen=True, eq=False)
 @read_only
 class Trend:
-    """Robust lines through columns of values over time, such as each joint at the visits of a pose.
+    """Robust lines through k columns of values over time, such as the joints at N visits of a pose.
 
     The slope of a column is the median of the slopes between all pairs of values, so an outlier
     hardly changes it.
@@ -101,12 +102,12 @@ class Verdict:
 def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> Verdict:
     """Compare the configurations q (N, n) of visits at times t (N,), s, in view of their noise.
 
-    A visit is a time at which the hand is at the pose; an arm that repeats has the same
-    configuration there. Each value has an interval: its deviation times a quantile of the normal
-    distribution, plus its bias. The quantile is corrected for the number of pairs (Bonferroni), so
-    that intervals of equal configurations with equal deviations fail to overlap in only one of
-    10,000 logs. The bias is a wide bound, and must not hide a difference. So an arm counts as
-    repeating only if the intervals with a quarter of the bias also overlap.
+    An arm that repeats has the same configuration at all visits. Each value has an interval, whose
+    half-width is its deviation times a quantile of the normal distribution, plus its bias. The
+    quantile is corrected for the number of pairs (Bonferroni), so that intervals of equal
+    configurations with equal deviations fail to overlap in only one of 10,000 logs. The bias is a
+    wide bound, and must not hide a difference. So an arm counts as repeating only if the intervals
+    with a quarter of the bias also overlap.
 
     Parameters
     ----------
@@ -159,19 +160,22 @@ class _Visits(NamedTuple):
     least: Array
 
     def drift(self, first: int, confidence: float = _CONFIDENCE) -> Trend:
-        """Fit the trend of the joints over the visits from ``first`` on."""
+        """Fit the trend of the joints over the visits from number ``first`` on.
+
+        ``confidence`` is the level at which the intervals of all joints hold together.
+        """
         share = 1 - (1 - confidence) / self.q.shape[1]
         return trend(self.t[first:], self.q[first:], self.least, share)
 
     def steady(self, first: int, confidence: float) -> NDArray[np.bool_]:
-        """Test which joints drift steadily over the visits from ``first`` on: (n,)."""
+        """Test which joints drift steadily over the visits from number ``first`` on: (n,)."""
         line = self.drift(first, confidence)
         return _steady(self.t[first:], self.q[first:], self.r[first:], line)
 
     def later(self, groups: NDArray[np.intp]) -> int:
-        """Find the index of the visit at which a drift begins after equal visits; 0 if none.
+        """Find the number of the visit at which a drift begins after equal visits; 0 without one.
 
-        ``groups`` (N,) has the index of each visit's configuration.
+        ``groups`` (N,) has the number of each visit's group.
         """
         head = int(np.argmax(groups != 0))
         if not ENOUGH <= head <= len(self.t) - _LATER:
@@ -225,8 +229,8 @@ def _significant(found: Trend) -> NDArray[np.bool_]:
 def _steady(t: Array, q: Array, r: Array, found: Trend) -> NDArray[np.bool_]:
     """Test which joints (n,) drift: a significant slope, and a line that explains their values.
 
-    The line explains the values if their distances from it are at most half of their range, or
-    within the noise r (N, n). A jump also has a slope, but no such line.
+    The line explains the values q (N, n) if the range of their distances from it is at most half of
+    their own range, or within the noise r (N, n). A jump also has a slope, but no such line.
     """
     rest = np.ptp(q - t[:, None] * found.rate, axis=0)
     most = np.maximum(_EXPLAINED * np.ptp(q, axis=0), 2 * np.median(r, axis=0))

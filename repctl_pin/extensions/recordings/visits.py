@@ -5,7 +5,10 @@ is estimated from nearby rows of the log. Two errors are given: the deviation is
 noise, the bias a bound on systematic errors. Distances between poses are in m; a rotation by 1 rad
 counts as a length, ``radian``, m. A gap is a time step of the log that is too long; ``whole``
 (T − 1,) is False there. Levels are what was commanded beside the pose: positions along the
-self-motion, such as the position of the elbow.
+self-motion, such as the position of the elbow. A pass is a run of consecutive rows near the pose.
+
+Letters: T rows of the log, n joints, N visits, d coordinates of a pose as a point, m task
+coordinates; e is the task error.
 """
 
 from __future__ import annotations
@@ -323,10 +326,10 @@ def _closest(
 
 
 def _second(X: Array, row: int, found: list[_Pass]) -> float:
-    """Compute the smallest distance, m, at which the hand returns to the pose of a row.
+    """Compute the smallest distance, m, at which the hand returns to the pose of a row of X (T, d).
 
-    ``found`` are the passes of that pose; without another pass, all rows outside them count. The
-    result is inf if the hand never leaves the pose.
+    ``found`` are the passes of that pose; if there is only that of the row itself, all rows outside
+    it count. The result is inf if the hand never leaves the pose.
     """
     others = [one.distance for one in found if row not in one.run]
     if others:

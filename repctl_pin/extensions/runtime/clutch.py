@@ -89,7 +89,7 @@ class Clutch:
         elbow: ArrayLike | None = None,
         elbow_at: ArrayLike | None = None,
     ) -> None:
-        """Begin to move the target with the hand, and the elbow's point with the operator's elbow.
+        """Begin to move the arm's target with the hand, and the point for its elbow with an elbow.
 
         Parameters
         ----------

@@ -68,7 +68,10 @@ class Monomials:
         return np.swapaxes(T[:, self.lower] * self.exponents.T, 1, 2)
 
     def derivative(self, C: Array, j: int) -> Array:
-        """Differentiate polynomials with respect to u_j; return the coefficients (N, …)."""
+        """Differentiate the polynomials with coefficients C with respect to u_j.
+
+        Return the coefficients (N, …) of the derivatives, in the same monomials.
+        """
         some = np.flatnonzero(self.exponents[:, j])  # each leads to another monomial
         weight = self.exponents[some, j].reshape(-1, *[1] * (C.ndim - 1))
         D = np.zeros_like(C)

@@ -563,7 +563,8 @@ class Cell:
     def sample(self, count: int, seed: int = 0) -> Array:
         """Draw coordinates U (count, k), uniform in the cell: scrambled Sobol points.
 
-        They are the nodes of a fit, or the held-out poses of an evaluation.
+        They are the nodes of a fit, or the held-out poses of an evaluation. The same ``seed`` gives
+        the same points.
         """
         count, seed = as_int(count, "count", 1, MOST_NODES), as_int(seed, "seed")
         power = int(np.ceil(np.log2(max(count, 2))))

@@ -229,7 +229,7 @@ def _evidence(design: CellDesign) -> Span:
 
 
 def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
-    """Write the smallest known distance from the joint limits, and which joints it leaves out.
+    """Write the smallest known distance from the joint limits, and the joints that are left out.
 
     ``path`` is empty, or has the motion along the sample path, which then counts too. A joint is
     left out if the angle or spin of a sector has the range ``"all"`` and ends at its limits,

@@ -1060,9 +1060,10 @@ def _locked_floods(
 
 
 def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Floods) -> _Floods:
-    """Flood a table without locked joints, from rows of nodes (K, 2) and Q (K, n) unlike in Q.
+    """Flood a table without locked joints, from up to 24 nodes with unlike configurations.
 
-    Further floods begin in the middles of the largest rectangles of the floods ``locked``.
+    They are chosen from ``nodes`` (K, 2), with the configurations Q (K, n). Further floods begin in
+    the middles of the largest rectangles of the floods ``locked``.
     """
     counted = table.counted
     kept, distance = [0], np.linalg.norm((Q - Q[0])[:, counted], axis=1)
@@ -1114,8 +1115,8 @@ def _best_clear(
 ) -> tuple[float, _Openings]:
     """Choose the body distance to keep, 5 mm or 1 mm; return it, m, with the openings that keep it.
 
-    1 mm is chosen if 5 mm leaves less than 85 % of its rating. ``bound`` (S,) is the rating of each
-    flood without regard to bodies, see :func:`_values`.
+    1 mm is chosen if the best rating with 5 mm is below 85 % of that with 1 mm, see
+    :func:`_values`. ``bound`` (S,) is the rating of each flood without regard to bodies.
     """
     known: dict[int, Shut] = {}
     wide = _opened(table, floods, bound, _CLEAR, symmetries, known)
@@ -1208,7 +1209,8 @@ def _near(
     """Test at which nodes ``on`` (K, 2), with Q (K, n) there, bodies are always near: (K,).
 
     That is, they are nearer than ``distance``, m, at every angle around the arm from the first to
-    the last of ``angles``, rad. One node in each block of 3 × 3 nodes is tested.
+    the last of ``angles``, rad. One node in each block of 3 × 3 nodes is tested, and stands for the
+    block.
     """
     near = np.flatnonzero(bodies_of(table.task)._nearer(Q, distance))
     _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)
@@ -1310,7 +1312,7 @@ def _at_zero(table: Table, design: CellDesign) -> Array:
 def _best_locked(
     table: Table, locked: _Floods, design: CellDesign, limits: Required
 ) -> LockedJoints | None:
-    """Find the arm with locked joints that covers most of a design's sector; None if none does so.
+    """Find the arm with locked joints that covers most of a design's sector; None without one.
 
     ``locked`` are floods with locked joints. Arms that keep the limits of joint speed come first;
     among arms that cover the same share, the one with the lowest joint speed is chosen.
@@ -1477,7 +1479,10 @@ def _least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
 
 
 def _unit_twists(cell: Cell, Q: Array) -> tuple[Array, Array, Array]:
-    """Evaluate at Q (K, n): J, E = ∂x/∂u of all coordinates u of a cell, and C = (EᵀE)^(−1/2)."""
+    """Evaluate at Q (K, n): J (K, m, n), E = ∂x/∂y (K, m, k) and C = (EᵀE)^(−1/2) (K, k, k).
+
+    y are the k coordinates of a cell, m and rad, the removed ones last.
+    """
     p, R, J = placed(cell.task, Q)
     E = cell._all_twists(cell._measured(p, R), R)[:, :, [*cell.moved, *cell._removed]]
     squares, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)

@@ -1,7 +1,7 @@
 """A data set of robot learning: many demonstrations, with joints, actions, and much else.
 
-Its demonstrations are read as one table with a row per frame. It is written whole or not at all,
-and a new data set never replaces one that exists.
+Its demonstrations are read as one table with a row per frame; K is their number. It is written
+whole or not at all, and a new data set never replaces one that exists.
 """
 
 from __future__ import annotations

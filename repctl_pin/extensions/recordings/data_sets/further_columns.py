@@ -2,7 +2,8 @@
 
 Next observations are those of the following frame. Relabelling evaluates the same function at the
 same level, the position c along the self-motion, for these columns as for the joints, so that all
-columns agree.
+columns agree. K is the number of frames, n that of joints; the indices of joints, ``places``, count
+the numbers in a row of a column, from 0.
 """
 
 from __future__ import annotations

@@ -15,10 +15,11 @@ from .robomimic import RobomimicData
 def open_data_set(
     path: Path, task: Task, joints: Sequence[str] | None = None
 ) -> tuple[DataSet, Sequence[str] | None]:
-    """Open a data set; return it, and the names of the numbers in its column of joints, if given.
+    """Open a data set; return it, and the names of the numbers in its column of joints.
 
-    ``joints`` are these names. For an HDF5 file, a single name is that of the array of joints, and
-    is used to open it. The second result is None without names of numbers.
+    ``joints`` are these names, which are returned unchanged; None if they are not given. For an
+    HDF5 file, a single name is that of the array of joints: it is used to open the file, and the
+    second result is None.
     """
     if path.is_dir():
         return LeRobotData(path), joints

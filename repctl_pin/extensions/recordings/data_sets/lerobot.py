@@ -204,7 +204,7 @@ def _in_tables(feature: Mapping[str, Any]) -> bool:
 
 
 def _width_of(feature: Mapping[str, Any]) -> int:
-    """Count the numbers per row of a feature; 0 unless it is a vector of numbers."""
+    """Count the numbers per row of a feature (a column); 0 unless it is a vector of numbers."""
     shape = feature.get("shape")
     if feature.get("dtype") not in _NUMBERS or not isinstance(shape, (list, tuple)):
         return 0
@@ -279,7 +279,11 @@ def _json(file: Path) -> dict[str, Any]:
 def _updated(
     stats: dict[str, Any], columns: Mapping[str, Array], removed: Collection[str], file: Path
 ) -> dict[str, Any]:
-    """Compute the statistics of changed columns (K, w) again; the others stay as they are."""
+    """Compute the statistics of changed columns again, and return those of all columns, by name.
+
+    ``columns`` (K, w) are the changed columns, ``stats`` the old statistics, from which those of
+    the columns ``removed`` are left out. ``file`` is named in error messages.
+    """
     made = {name: value for name, value in stats.items() if name not in removed}
     for name, X in columns.items():
         if isinstance(made.get(name), dict):
@@ -338,7 +342,10 @@ def _require_rows(rows: Column, episode: object, file: Path) -> None:
 def _update_episodes(
     file: Path, columns: Mapping[str, Array], episodes: Column, removed: Collection[str]
 ) -> None:
-    """Rewrite the table of demonstrations with new statistics, which are one column each."""
+    """Rewrite the table of demonstrations with new statistics, which are one column each.
+
+    The arguments are those of :func:`_lines`.
+    """
     import pyarrow
     import pyarrow.parquet
 

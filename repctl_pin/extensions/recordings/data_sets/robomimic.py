@@ -157,7 +157,8 @@ def _sizes(
 ) -> tuple[Array, dict[str, Any]]:
     """Count the frames of each demonstration; return running sums, and robosuite's ``env_kwargs``.
 
-    InputError is raised if an attribute of the file has another count.
+    The sums begin with 0. ``demos`` are the names of the demonstrations, ``sets`` their arrays by
+    name. InputError is raised if an attribute of the file has another count.
     """
     sizes = []
     for demo in demos:
