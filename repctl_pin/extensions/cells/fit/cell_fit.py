@@ -381,7 +381,7 @@ class CellFit:
 def _nodes(U: Array, terms: Monomials) -> Array:
     """Return the first poses of U (K, k), enough to fit the monomials ``terms`` to them.
 
-    They are at least 256, and at least three per monomial, if U has so many.
+    They are at least 256, and at least three per monomial, or all of U if it has fewer.
     """
     return U[: max(256, _power_of_two(3 * terms.size))]
 

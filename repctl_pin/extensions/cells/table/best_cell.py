@@ -504,7 +504,7 @@ def _regular(box: Cell, free: Grown, size: int, rows: NDArray[np.intp]) -> list[
 
     A place is the number of a row of ``free``; ``rows`` (K,) are those to test, for a box of
     ``size`` tenths. Singularities can meet a box between the points of its rim, at which alone it
-    was tested before. Of places beside each other, one is tested, because they meet the same
+    was tested before. Among places beside each other, one is tested, because they meet the same
     singularity.
     """
     rows = rows[unlike_rows(free.p[rows], _BESIDE * box.half_width.max(), _REGULAR)]

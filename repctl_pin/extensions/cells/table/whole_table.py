@@ -544,7 +544,7 @@ def _sectors(
 ) -> list[_Place]:
     """Choose the rectangles with the highest bounds of their ratings as sectors, the best first.
 
-    ``found`` has one rectangle per opening. Of sectors with nearly equal configurations in their
+    ``found`` has one rectangle per opening. Among sectors with nearly equal configurations in their
     middles, only the best is kept.
     """
     middles = (found.first + found.last) // 2
