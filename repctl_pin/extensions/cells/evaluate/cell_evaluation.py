@@ -347,7 +347,7 @@ def evaluate_cell(
 def _nothing_covered(failures: tuple[FailureReason, ...]) -> Evaluation:
     """Make the evaluation of a function that covers no held-out pose, and so has no figures."""
     figures: dict[str, Any] = dict.fromkeys(Evaluation.__dataclass_fields__, float("nan"))
-    figures |= {"nearest_bodies": ("", ""), "coverage": 0.0, "failures": failures}
+    figures |= {"nearest_bodies": ("", ""), "coverage": 0.0, "failures": failures, "turns": ()}
     return Evaluation(**figures)
 
 
