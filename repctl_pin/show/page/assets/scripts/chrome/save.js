@@ -149,8 +149,8 @@ export function download(blob, name) {
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }
 
-// The motions of all arms as the text of a CSV file, with the columns of a study's motion.csv: a row
-// for each sample of the joints, as far as it is known.
+// The motions of all arms as the text of a CSV file, as a study's motion.csv has them: a row for
+// each sample of the joints, as far as it is known.
 export function motionCsv(arms, { cycles, joints }, seconds) {
   const round = (v) => Number(v.toFixed(6));
   const text = (v) => (/[",\n]/.test(v) ? `"${v.replaceAll('"', '""')}"` : v);

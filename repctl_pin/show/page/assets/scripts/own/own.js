@@ -755,8 +755,8 @@ export class Own {
     ];
   }
 
-  // What is said of a loop beside its motion: whether it was proved to close, and how far it is from
-  // the best so far, of both after all cycles.
+  // What is said of a loop beside its motion: whether it was proved to close, and how far the usual
+  // arm drifts in all cycles of it and of the best one.
   loopNotes() {
     const { best, points } = this;
     const { proved, size } = this.chain;
