@@ -366,3 +366,47 @@ CELL_V = {
     "derivatives without their factor": (_CELL, "x->p[m] * power * unit", "x->p[m] * unit"),
 }
 """What is wrong with V along F: a file, a piece of it, and what is put instead."""
+
+ONLY = {
+    "F beyond d*": (_CELL, "if (!(away <= d)) return -1;", ";"),
+    "d* from q_0": (_CELL, "near[i] = d + at->beside[i], reach", "near[i] = d, reach"),
+    "half of the distance from c": (
+        _CELL,
+        "near[i] = d + at->beside[i], reach",
+        "near[i] = d + 0.5 * at->beside[i], reach",
+    ),
+    "F is q_0": (_CELL, "away = (Y[i] + at->beside[i])", "away = (at->beside[i])"),
+    "q_0 is c": (_CELL, "away = (Y[i] + at->beside[i])", "away = (Y[i])"),
+    "the other solution from c": (_CELL, "reach[i] = d + away;", "reach[i] = d;"),
+    "the first distance": (_CELL, "F, Z)) return level;", "F, Z)) return 0;"),
+    "the largest distance only": (
+        _CELL,
+        "double d = s->near[level * n + i]",
+        "double d = s->near[i]",
+    ),
+    "the slopes at F": (_CELL, "Y[i] + 0.5 * reach[i] : near[i]", "0.5 * reach[i] : near[i]"),
+    "no way to the other": (_CELL, "Y[i] + 0.5 * reach[i] : near[i]", "Y[i] : near[i]"),
+    "no commutator": (_CELL, "if (commutator(s, norms, reach, D) && ", "if ("),
+    "a commutator of d*": (
+        _CELL,
+        "commutator(s, norms, reach, D)",
+        "commutator(s, norms, near, D)",
+    ),
+    "no slopes beside q_0": (
+        _CELL,
+        "beside_chart(s, N, N, A, B, at->q, at->wide, near, mean, R);",
+        ";",
+    ),
+    "no distance from c": (
+        _CELL,
+        "beside[i] = shift[(box * n + i) * (2 + k) + 1 + k];",
+        "beside[i] = 0;",
+    ),
+    "a slope for it": (
+        _CELL,
+        "shift[(box * n + i) * (2 + k) + 1 + k]",
+        "shift[(box * n + i) * (2 + k) + k]",
+    ),
+    "not the only one": (_CELL, "if (out->level[box] < 0) return;", ";"),
+}
+"""What is wrong with the distance within which F is the only solution."""
