@@ -60,7 +60,8 @@ def test_a_hundred_studies_on_a_cluster(tmp_path: Path) -> None:
             assert len(audit.visits.t) >= 4 and (cell is None or cell.factor == 1.0)
             drifts[radius] = study.row("pseudoinverse").motion.drift[-1]
             del study, audit, cell, task
-            memory.append(max([resident(), *client.run(resident).values()]))
+            alive = client.run(resident, on_error="ignore")  # a worker may be dying
+            memory.append(max([resident(), *alive.values()]))
     assert (tmp_path / "died").exists() and sorted(drifts) == pytest.approx(RADII)
     # a larger circle drifts more, in each of a hundred studies
     assert (np.diff([drifts[r] for r in sorted(drifts)]) > 0).all()
