@@ -20,8 +20,9 @@ import repctl_pin as rp
 from repctl_pin.extensions.cells.table import whole_table
 
 ARMS = {"panda": "pose", "xarm7": "pose", "baxter": "pose", "ur5": "axis", "kinova": "axis"}
-SEEDS, ANGLES, LOOKED = (0, 1), 16, 24
-"""Seeds of the search; angles of the middles around the arm; middles whose bodies are tested."""
+SEEDS, ANGLES, LOOKED, AT_ONCE = (0, 1), 16, 24, 32
+"""Seeds of the search; angles of the middles around the arm; middles whose bodies are tested; and
+configurations that are tested together."""
 
 
 def floods_of(
@@ -91,7 +92,9 @@ def covered(task: rp.Task, parts: tuple, size: NDArray) -> str:
     for flood in floods[np.argsort(-np.isfinite(floods[..., 0]).sum(axis=(1, 2)))]:
         for c in rng.permutation(middles(table, symmetries, flood, size))[:LOOKED]:
             (Q,) = configurations(table, symmetries, flood, (c + grid)[None])
-            if bodies.distances(Q).min() > 0:
+            # a few at a time, because most floods have a collision somewhere
+            parts = np.array_split(rng.permutation(Q), len(Q) // AT_ONCE + 1)
+            if all(bodies.distances(part).min() > 0 for part in parts):
                 return np.array2string(c + 0.0, precision=2, suppress_small=True)
     return ""
 

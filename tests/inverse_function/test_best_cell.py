@@ -11,7 +11,6 @@ from arms import planar_task
 from commands import refused, told
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.table import best_cell
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 
@@ -214,20 +213,3 @@ def test_options_that_do_not_go_together(
     options: str, why: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert why in refused(capsys, "cell", "planar3r", *options.split())
-
-
-def test_a_posture_that_repeats_another_is_left_out(panda_pose: rp.Task) -> None:
-    """55: each took .4 s for a design that a place already had. Full turns make no difference,
-    except to the limit margin."""
-    q = np.array(panda_pose.reference)
-    turned, unlike = q.copy(), q + 0.5
-    turned[[0, 2]] += [2 * np.pi + 0.1, -2 * np.pi]
-
-    def at(q: np.ndarray, margin: float) -> best_cell.Candidate:
-        return best_cell.Candidate(q, 1.0, margin, 0.1, 1.0)
-
-    tried = [at(q, 0.1)]
-    assert best_cell._repeats(panda_pose, at(turned, 0.1), tried)
-    assert not best_cell._repeats(panda_pose, at(turned, 0.2), tried)
-    assert not best_cell._repeats(panda_pose, at(unlike, 0.1), tried)
-    assert best_cell._repeats(panda_pose, at(unlike, 0.1), [*tried, at(unlike, 0.1)])

@@ -733,3 +733,20 @@ def test_a_whole_table_is_proved(name: str, kind: str, leaf: float) -> None:
     V, J = found.inverse.potentials.gradients(Q), task.jacobians(Q)[:, : task.m]
     N = np.linalg.svd(J)[2][:, task.m :].swapaxes(1, 2)
     assert leaf_margin(N, V).min() >= proof.leaf_margin
+
+
+def test_a_posture_that_repeats_another_is_left_out(panda_pose: rp.Task) -> None:
+    """55: each took .4 s for a design that a place already had. Full turns make no difference,
+    except to the limit margin."""
+    q = np.array(panda_pose.reference)
+    turned, unlike = q.copy(), q + 0.5
+    turned[[0, 2]] += [2 * np.pi + 0.1, -2 * np.pi]
+
+    def at(q: np.ndarray, margin: float) -> best_cell.Candidate:
+        return best_cell.Candidate(q, 1.0, margin, 0.1, 1.0)
+
+    tried = [at(q, 0.1)]
+    assert best_cell._repeats(panda_pose, at(turned, 0.1), tried)
+    assert not best_cell._repeats(panda_pose, at(turned, 0.2), tried)
+    assert not best_cell._repeats(panda_pose, at(unlike, 0.1), tried)
+    assert best_cell._repeats(panda_pose, at(unlike, 0.1), [*tried, at(unlike, 0.1)])
