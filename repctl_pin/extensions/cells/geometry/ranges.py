@@ -13,7 +13,7 @@ import numpy as np
 from ....base.arguments import Array
 from .cell import Cell
 from .cell_arguments import VERTICAL
-from .sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
+from .sector import HEIGHT, RADIUS, Sector
 from .symmetry import NEAR, difference
 
 _HEIGHTS = (-1.0, -0.5, 0.0, 0.5, 1.0)
