@@ -215,9 +215,8 @@ def _cost(design: CellDesign) -> Span:
     if max(every) < NO_EXTRA_SPEED:
         return Span(f"Joint speed as under the {usual(design)} control.")
     mean, worst = (ratio_in_percent(share, 2).replace("-", "−") for share in every)
-    return Span(
-        f"Joint speed {mean} above that of the {usual(design)} control on average, {worst} at worst."
-    )
+    above = f"{mean} above that of the {usual(design)} control on average"
+    return Span(f"Joint speed {above}, {worst} at worst.")
 
 
 def _evidence(design: CellDesign) -> Span:
