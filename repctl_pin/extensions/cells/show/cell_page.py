@@ -46,9 +46,9 @@ if the range of the radius depends on the height."""
 
 
 def _box_of(cell: Cell) -> Array:
-    """Return points (P, 3), m, of a polyline along all edges of a cell's box of positions.
+    """Return points (P, 3), m, of a line along all edges of a cell's box of positions.
 
-    It encloses a rectangle, or is a segment, if some positions are held constant.
+    The line encloses a rectangle or a segment if some positions are fixed.
     """
     if isinstance(cell, Sector):
         return _edges(cell)
@@ -60,7 +60,7 @@ def _box_of(cell: Cell) -> Array:
 
 
 def _edges(sector: Sector) -> Array:
-    """Return points (P, 3), m, of a polyline along the edges of a sector's range of positions."""
+    """Return points (P, 3), m, of a line along the edges of a sector's range of positions."""
     there = np.linspace(-1.0, 1.0, _ARC)
     arc, corners = ([*there, *there[::-1]], [(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)])
     traced = [(*corner, angle) for corner in corners for angle in arc]
@@ -141,7 +141,7 @@ def _slice_words(design: CellDesign) -> str:
 
 
 def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
-    """Return (label, motion, colour) of each motion; the last motion is the function's."""
+    """Return (label, motion, colour) of each controller; the last is the function's."""
     colours = [VERMILLION, BLUE][-len(motions) :]
     return [(*one, colour) for one, colour in zip(motions.items(), colours, strict=True)]
 
@@ -215,8 +215,8 @@ def _cost(design: CellDesign) -> Span:
     if max(every) < NO_EXTRA_SPEED:
         return Span(f"Joint speed as under the {usual(design)} control.")
     mean, worst = (ratio_in_percent(share, 2).replace("-", "−") for share in every)
-    more = f"Joint speed {mean} above that of the {usual(design)} control on average"
-    return Span(f"{more}, {worst} at worst.")
+    above = f"{mean} above that of the {usual(design)} control on average"
+    return Span(f"Joint speed {above}, {worst} at worst.")
 
 
 def _evidence(design: CellDesign) -> Span:
@@ -228,7 +228,7 @@ def _evidence(design: CellDesign) -> Span:
 
 
 def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
-    """Write the smallest known distance from the joint limits, and the joints that are left out.
+    """Write the smallest known distance from the joint limits, and which joints it leaves out.
 
     ``path`` is empty, or has the motion along the sample path, which then counts too. A joint is
     left out if the angle or spin of a sector has the range ``"all"`` and ends at its limits,

@@ -40,7 +40,7 @@ def cell_uses(design: CellDesign) -> dict[str, str]:
         "ROS 2": "`repctl ros2 cell.json --ros-args -p acceleration:=5.0` (rad/s²): a node that "
         "turns hand poses into joint commands by cell.json, the file of the function beside its "
         "page. With your own arm, add `--robot my_arm.urdf`.",
-        "CSV": "`repctl follow cell.json --csv motion.csv`: a motion of the joints along a path; "
+        "CSV": "`repctl follow cell.json --csv joints.csv`: a motion of the joints along a path; "
         "time in s, joints in rad or m, their velocities in rad/s or m/s. `--path` gives your own.",
         "Units": "lengths in m, cm or mm and angles in rad or degrees, as written; cell.json has "
         "m and rad.",
