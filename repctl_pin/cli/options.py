@@ -171,7 +171,9 @@ class Parser(argparse.ArgumentParser):
         """
         self.add_argument("what", metavar="WHAT", help=what)
         self.add_argument(
-            "--robot", metavar="ROBOT", help="the robot of a design that is not in the catalogue"
+            "--robot",
+            metavar="ROBOT",
+            help="robot of a saved design, if the catalogue does not have it",
         )
         self.loading()
 

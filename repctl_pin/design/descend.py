@@ -13,9 +13,9 @@ with the coordinates x = B⁻¹ A.
 ``Start`` is a starting point of a descent: coefficients A and their cost, with the data of the
 penalty. ``BarrierCost`` is the cost over the nodes of a fit and over barrier points, configurations
 that repel singularities. ``Descent`` is the result of a descent: coefficients A, cost, gradient
-norm, steps, and whether it converged. ``Point`` is the objective at one x, with the intermediate
-values from which its model is computed. ``Step`` is a damped Gauss–Newton step dx, with its
-predicted decrease and its damping.
+norm, steps, and whether it converged. ``Point[D]`` is the objective at one x: ``merit``, ``cost``,
+and ``data`` of a type D, here the sums over the nodes, from which the model is computed. ``Step``
+is a damped Gauss–Newton step dx, with its predicted decrease and its damping.
 """
 
 from __future__ import annotations

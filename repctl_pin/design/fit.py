@@ -172,7 +172,8 @@ def _evaluated_design(
 
     ``chosen`` are the independent potentials whose coefficients the descent found, and ``samples``
     is the number of nodes of the fit. The coefficients are scaled to ``Nᵀ V = I`` at the centre of
-    Ω. A SingularRegionError is raised if the evaluation finds an algorithmic singularity.
+    Ω, where N is an orthonormal basis of the null space of J and V are the gradients of the
+    potentials. A SingularRegionError is raised if the evaluation finds an algorithmic singularity.
     """
     options = problem.options
     desired = problem.desired

@@ -250,10 +250,12 @@ class Bodies:
         return f"{count} {'body' if count == 1 else 'bodies'} without a collision shape{remedy}"
 
     def hull_distances(self, Q: ArrayLike) -> Array:
-        """Compute the minimum distance between convex hulls at every row of Q (K, n): (K,), m.
+        """Compute the minimum distance of convex hulls over all pairs at rows of Q (K, n): (K,), m.
 
-        A negative distance is minus the penetration depth of the hulls, whether or not the bodies
-        collide. The gradient of this distance shows which motion separates the hulls."""
+        The pairs are those whose bodies move relative to each other. A negative distance is minus
+        the penetration depth of the hulls, whether or not the bodies collide. The gradient of this
+        distance shows which motion separates the hulls.
+        """
         return self._all(Q, hulls=True)[0]
 
     def _nearer(

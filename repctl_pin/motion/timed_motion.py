@@ -94,7 +94,7 @@ class TimedMotion:
 
     @property
     def _is_its_motion(self) -> bool:
-        """True if ``motion`` has the same samples, so that a check of it suffices."""
+        """True if ``motion`` has the same samples, so that both have the same violations."""
         return False
 
     @property

@@ -185,7 +185,7 @@ def waypoints(
     corners, turns = _placed(points, rotation)
     if len(corners) < 3:
         raise InputError(
-            "a closed path requires at least 3 waypoints (the last repeats the first), "
+            "a closed path requires at least 3 waypoints, of which the last is the first again, "
             f"not {len(corners)}"
         )
     size = max(float(np.ptp(corners, axis=0).max()), 1e-3)

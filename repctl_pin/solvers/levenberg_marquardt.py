@@ -4,8 +4,9 @@ Designs and cells minimise their costs with this method. The merit is what steps
 cost plus penalties; g is its gradient, and H the Gauss–Newton matrix. μ is the damping: a large μ
 makes a step short and safe.
 
-``Point`` is the objective at one x, with the intermediate values from which its model is computed.
-``Step`` is a damped Gauss–Newton step dx, with its predicted decrease and its damping.
+``Point[D]`` is the objective at one x: ``merit``, ``cost``, and ``data``, the intermediate values
+of a type D, chosen by the problem, from which g and H are computed. M is the type of g and H
+together. ``Step`` is a damped Gauss–Newton step dx, with its predicted decrease and its damping.
 ``_LeastSquares`` is a least-squares problem: functions for merit, gradient with Gauss–Newton
 matrix, and step. ``_Solution`` is the point reached, and how the minimisation ended. ``Damping``
 are the parameters of the damping μ and of the acceptance of steps.
@@ -88,7 +89,7 @@ class _LeastSquares(Protocol[D, M]):
     """
 
     def evaluate(self, x: Array) -> Point[D]:
-        """Evaluate the objective at x, and the intermediate values that :meth:`model` needs."""
+        """Evaluate the objective at x, and the intermediate values from which g and H follow."""
 
     def merit(self, x: Array) -> float:
         """Evaluate the merit alone; infinite where a step may not be accepted.
@@ -99,7 +100,8 @@ class _LeastSquares(Protocol[D, M]):
     def model(self, at: Point[D]) -> M:
         """Evaluate the gradient g and the Gauss–Newton matrix H of the merit at a point.
 
-        The problem chooses the form of the result, which it is given back in :meth:`step`.
+        ``at`` is the evaluated objective at x. The problem chooses the form of the result, which it
+        is given back for the step.
         """
 
     def step(self, model: M, damping: float) -> Step:

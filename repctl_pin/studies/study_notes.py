@@ -83,7 +83,7 @@ def _looked_at(rows: Sequence[Row]) -> list[str]:
 def _path_losses(rows: Sequence[Row]) -> list[str]:
     """Write a note per controller whose frame leaves the path: the cycle and the maximum errors.
 
-    The drift of such a motion is meaningless. ``rows`` are the results of all strategies.
+    The drift of such a motion is meaningless. ``rows`` has one result per controller.
     """
     notes: list[str] = []
     for row in rows:

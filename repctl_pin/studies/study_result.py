@@ -113,9 +113,10 @@ class Row:
 
 
 def evaluated(row: Row) -> Row:
-    """Add the body distance, m, and the violations of its motion to a row; return the new row.
+    """Add to a row the minimum body distance, m, and the violations of limits of its motion.
 
-    A study does this when all motions are known. A row without a motion is returned as it is.
+    Return the new row. A study does this when all motions are known. A row without a motion is
+    returned as it is.
     """
     motion = row.motion
     if motion is None:

@@ -489,7 +489,10 @@ def tour(cell: Cell) -> TaskPath:
         return np.asarray(a @ np.cos(k * s) + b @ np.sin(k * s), float)[None]
 
     def twists(U: Array) -> Array:
-        """Evaluate the frame's velocities (v, ω) at U (1, k), per m or rad of each u_i: (6, k)."""
+        """Evaluate the frame's velocities (v, ω), per m or rad along each coordinate: (6, k).
+
+        U (1, k) are coordinates from −1 to 1. A change of u_i by 1 is a half-width in m or rad.
+        """
         return cell._frame_twists(cell.spread(U))[0][:, moved]
 
     def twist(s: float) -> Array:

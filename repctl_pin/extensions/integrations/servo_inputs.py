@@ -103,7 +103,7 @@ class JointReadings:
         return np.array([q for q, _, _ in found]), float(np.max(ages))
 
     def absent(self, now: float) -> str:
-        """Describe which measurements are missing or, at the time ``now``, too old."""
+        """Describe why the joints are not known at the time ``now``, s: missing, or too old."""
         missing = [name for name in self.names if name not in self._found]
         if len(missing) == len(self.names):
             return "no joint states yet"

@@ -259,10 +259,11 @@ def _proved_arcs(
     half, h, bent = found
 
     def shift(off: Array, level_off: Array) -> Array:
-        """Bound the distance of exact solutions of Φ from K samples: half-widths (K, n).
+        """Bound the distance of the lift from K samples that lie beside it: half-widths (K, n).
 
-        ``off`` (K,) and ``level_off`` (K, r) bound the task errors and the level errors of the
-        samples.
+        The lift is where pose and levels are exact; the samples have errors. ``off`` (K,) bounds
+        the norm of the task error, m and rad, over all m coordinates, ``level_off`` (K, r) that of
+        each level.
         """
         moved = bounds.moved(np.repeat(off[:, None, None], 2, 2), level_off)
         share = np.max(moved / h, axis=1) / (1 - np.max(bent / h, axis=1))

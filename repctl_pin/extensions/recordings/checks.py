@@ -147,7 +147,8 @@ def _explanation(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool)
     """Find a mistake in the recorded numbers that explains why joints and poses disagree.
 
     Other orders of the joints, quaternions that begin with qw, and constant offsets are tried.
-    Return the explanation, empty if none is found, and the remedy, as texts for the error message.
+    ``quaternions`` is True if R (K, 3, 3) comes from quaternions. Return the explanation, empty if
+    none is found, and the remedy, as texts for the error message.
     """
     few = slice(None, None, max(1, len(Q) // 16))
     for order in _orders(task.n):

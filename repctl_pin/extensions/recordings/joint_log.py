@@ -190,7 +190,7 @@ def _require(table: Table, levels: Sequence[str]) -> None:
             known = [column for column, width in table.widths.items() if width]
             raise InputError(
                 f"{table.file}: there is no column {name!r} with levels",
-                remedy=f"name some of {', '.join(known)}",
+                remedy=f"name columns of numbers, among {', '.join(known)}",
             )
 
 

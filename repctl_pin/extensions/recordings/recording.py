@@ -349,10 +349,14 @@ def _rotations(R: Array) -> Array:
     wrong = (np.abs(s - 1).max(axis=1) > _ROTATION) | (np.linalg.det(made) < 0)
     if wrong.any():
         at = int(np.argmax(wrong))
+        off = float(np.abs(R[at] @ R[at].T - np.eye(3)).max())
+        reflected = np.abs(s[at] - 1).max() <= _ROTATION
+        why = (
+            "it is reflected, with det R = −1" if reflected else f"R Rᵀ differs from I by {off:.2g}"
+        )
         raise InputError(
-            "a matrix is not a rotation: R Rᵀ differs from I, "
-            f"or det R = {np.linalg.det(R[at]):.2g}",
-            remedy="give homogeneous matrices",
+            f"a matrix is not a rotation: {why}",
+            remedy="give orthonormal, right-handed rotations, in homogeneous matrices",
             at=at,
         )
     return np.asarray(made, float)

@@ -14,9 +14,9 @@ joint speed is the joint speed relative to that of the desired inverse, minus 1.
 
 ``Candidate`` is a configuration in the middle of a cell, with the share of corners that rays from
 there reach, and its margins. ``Chart`` is coordinates (u, s) of configurations: u gives the pose,
-the label s (r,) the position along its self-motion. ``Descent`` is the result of a descent:
-coefficients A, cost, gradient norm, steps, and whether it converged. ``Turn`` is the range of a
-function along a symmetric coordinate, which one joint alone changes, rad. ``ActiveConstraint`` is
+the label s (r,) the position along its self-motion. ``Descent`` is the result of a minimisation:
+coefficients a, the cost with its configurations, and the number of steps. ``Turn`` is the range of
+a function along a symmetric coordinate, which one joint alone changes, rad. ``ActiveConstraint`` is
 one kind of margin, with the poses at which it is checked and those at which it is penalised.
 ``Margin`` is a kind of margin, such as joint limits, with its required minimum. ``Monomials`` are
 all monomials ``u^α`` up to a degree in the coordinates u, the constant 1 first. ``Cost`` is the
@@ -220,10 +220,12 @@ class CellFit:
         samples: int,
         quick: bool,
     ) -> CellDesign:
-        """Evaluate the function s = 0 of the final ``chart``, and make its design.
+        """Evaluate the function with the label s = 0 of the final ``chart``, and make its design.
 
-        ``turns`` are its ranges along symmetric coordinates, ``descent`` is the minimisation,
-        ``degrees`` are pairs (degree, cost), and ``samples`` is the number of nodes.
+        The final chart was fitted such that the optimised function has s = 0 in it. ``turns`` are
+        its ranges along symmetric coordinates, ``descent`` is the minimisation, ``degrees`` are
+        pairs (degree, cost), and ``samples`` is the number of poses at which the fit evaluated the
+        cost.
         """
         self.report("the evaluation", 0.8)
         held_out = min(512, self.held_out) if quick else self.held_out

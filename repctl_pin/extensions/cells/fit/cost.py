@@ -18,10 +18,10 @@ along its self-motion. ``Penalty`` is a kind of margin that the cost penalises, 
 which it does. ``Monomials`` are all monomials ``u^α`` up to a degree in the coordinates u, the
 constant 1 first. ``_Value`` is the cost of a candidate function, with the configurations at which
 it was evaluated. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses, with
-the kinematics there. ``Descent`` is the result of a descent: coefficients A, cost, gradient norm,
-steps, and whether it converged. ``Point`` is the objective at one x, with the intermediate values
-from which its model is computed. ``Step`` is a damped Gauss–Newton step dx, with its predicted
-decrease and its damping.
+the kinematics there. ``Descent`` is the result of a minimisation: coefficients a, the cost with its
+configurations, and the number of steps. ``Point[D]`` is the objective at one x: ``merit``,
+``cost``, and ``data`` of a type D, here the evaluated cost, from which the model is computed.
+``Step`` is a damped Gauss–Newton step dx, with its predicted decrease and its damping.
 """
 
 from __future__ import annotations

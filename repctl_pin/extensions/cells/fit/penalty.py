@@ -13,8 +13,8 @@ label is s, with r components.
 ``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the label ``s(u) =
 Σ_t a_t T_t(u)``. ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s
 (r,) the position along its self-motion. ``ActiveConstraint`` is one kind of margin, with the poses
-at which it is checked and those at which it is penalised. ``Descent`` is the result of a descent:
-coefficients A, cost, gradient norm, steps, and whether it converged.
+at which it is checked and those at which it is penalised. ``Descent`` is the result of a
+minimisation: coefficients a, the cost with its configurations, and the number of steps.
 """
 
 from __future__ import annotations

@@ -584,11 +584,12 @@ def _places(
     rating: Array,
     sector: Callable[[int, tuple[float, float]], Cell],
 ) -> list[_Place]:
-    """Make the places (sector and posture) with the largest ratings (K,) of K openings, in order.
+    """Make the places (sector and configuration in its middle) of the largest ratings, in order.
 
-    A place is left out if its posture, of ``postures`` (K, n), is near that of a better place.
-    ``sector(k, turns)`` makes the sector of the opening k, turned by two angles, rad: about the
-    arm's axis, and about the tool's.
+    ``rating`` (K,) has one number per opening; only the best openings give a place. A place is left
+    out if its configuration, of ``postures`` (K, n), is near that of a better place. ``sector(k,
+    turns)`` makes the sector of the opening k, turned by two angles, rad: about the arm's axis, and
+    about the tool's.
     """
     order = np.argsort(-rating, kind="stable")[: int((rating > 0).sum())]
     order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
@@ -978,7 +979,7 @@ def _symmetries(task: Task) -> tuple[Array, tuple[Symmetry, ...]]:
         raise InputError(
             f"no joint of {name} turns the whole arm about a fixed axis, so there is no sector "
             "around the arm",
-            remedy=f"lock {first!r}, or give the size of a box",
+            remedy=f"lock the joint {first!r}, or give the size of a box of poses instead",
         )
     if difference(line, VERTICAL)[0] > NEAR:
         tilt = np.degrees(difference(line, VERTICAL)[0])

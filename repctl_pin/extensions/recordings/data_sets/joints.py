@@ -70,8 +70,8 @@ def require_known(name: str, lerobot: Sequence[str], task: Task) -> None:
         raise InputError(
             f"none of the {len(lerobot)} names of {name!r} in meta/info.json is a joint of the "
             f"task: got {', '.join(lerobot)}, but the task has {', '.join(own)}",
-            remedy=f"name all {len(lerobot)} numbers in order by joints= (--joints), "
-            "the task's joints by their own names",
+            remedy=f"give {len(lerobot)} names in joints= (--joints), one per number, in order; "
+            "use the task's names for its joints",
         )
 
 
@@ -87,7 +87,8 @@ def places_of(name: str, width: int, task: Task, given: Sequence[str] | None) ->
     if given is None:
         raise InputError(
             f"{name!r} has {width} numbers per row, but the task has {task.n} joints",
-            remedy=f"name all {width} in order by joints=, among them {', '.join(own)}",
+            remedy=f"give {width} names in joints=, one per number, in order; "
+            f"among them must be {', '.join(own)}",
         )
     names = [text.strip() for text in given]
     if len(names) != width:

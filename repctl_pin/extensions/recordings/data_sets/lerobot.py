@@ -123,7 +123,7 @@ class LeRobotData(DataSet):
         return path.suffix.lower() not in FORMATS
 
     def labels(self, name: str) -> list[str] | None:
-        """Return the names of the numbers in a column, by ``meta/info.json``; None without names."""
+        """Return the names of the numbers in a column; None if ``meta/info.json`` has none."""
         return labels_of(self._info, name)
 
     @property
@@ -259,7 +259,10 @@ def _copy(source: Path, target: Path, without: Collection[str]) -> None:
         (target / at).mkdir(parents=True, exist_ok=True)
         for name in names:
             if (Path(folder) / name).is_symlink():
-                raise InputError(f"{Path(folder) / name} is a link to a folder; copy that folder")
+                raise InputError(
+                    f"{Path(folder) / name} is a link to a folder, which is not copied; "
+                    "replace the link by a copy of the folder"
+                )
         for name in files:
             if (at / name).as_posix() in without:
                 continue
