@@ -2,6 +2,8 @@
 
 The codes are 2 for invalid input (``REFUSED``), 1 for an internal error (``FAULT``), 130 for Ctrl-C
 (``INTERRUPTED``), and 3 for a proof that was not reached (``NOT_PROVED``).
+
+``_Stopped`` is the exception that a signal to stop raises.
 """
 
 from __future__ import annotations
@@ -43,7 +45,7 @@ class _Stopped(BaseException):
 
 @contextmanager
 def _stopped_cleanly() -> Iterator[None]:
-    """Raise :class:`_Stopped` at the first SIGTERM or SIGHUP, so that clean-up code still runs.
+    """Raise an exception at the first SIGTERM or SIGHUP, so that clean-up code still runs.
 
     By default these signals end the process at once. A signal that is ignored, as under nohup,
     stays ignored.
@@ -63,7 +65,7 @@ def _stopped_cleanly() -> Iterator[None]:
             raise _Stopped(number)
 
     def swallowed(what: Any) -> None:
-        """Send the signal again if :class:`_Stopped` was dropped, as Python does in a finaliser.
+        """Send the signal again if its exception was dropped, as Python does in a finaliser.
 
         ``what`` is Python's report of the exception that it dropped; other exceptions go to the
         previous hook. Otherwise the signal would be lost.

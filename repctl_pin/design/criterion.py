@@ -16,7 +16,8 @@ B are orthonormal in the mean over Ω. An argument ``desired`` is G_d, and ``tas
 of the joints in error messages.
 
 ``PotentialBasis`` is a basis of N functions of q, whose combinations are the potentials h of a
-design. ``SignCount`` is the numbers of nodes with det(Nᵀ V) above 0 and at most 0.
+design. ``SignCount`` is the numbers of nodes with det(Nᵀ V) above 0 and at most 0. ``Differential``
+is a first-order change of the difference of null-space components of G_d and G_r.
 """
 
 from __future__ import annotations

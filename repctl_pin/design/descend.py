@@ -61,7 +61,7 @@ _EMPHASIS = (1.0, 0.1, 0.01)
 @dataclass(frozen=True, eq=False)
 @read_only
 class Descent:
-    """Result of :func:`descend`: the coefficients of a design, its cost, and how the descent ended.
+    """Result of a descent: the coefficients of a design, its cost, and how the descent ended.
 
     Attributes
     ----------

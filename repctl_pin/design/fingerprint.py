@@ -4,7 +4,7 @@ A certificate (a proof of bounds over the region) holds for one design only. The
 of all numbers on which the proof depends, shows whether a design or a robot has changed since.
 
 ``PotentialBasis`` is a basis of N functions of q, whose combinations are the potentials h of a
-design.
+design. ``Region`` is a part Ω of joint space, such as a box.
 """
 
 from __future__ import annotations

@@ -7,7 +7,8 @@ ones; N is also a matrix whose columns span the null space of J.
 
 ``PotentialBasis`` is a basis of N functions of q, whose combinations are the potentials h of a
 design. ``Independent`` are the independent potentials of a basis: their indices, and the names of
-the dropped ones.
+the dropped ones. ``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated at q (n,) or
+Q (K, n).
 """
 
 from __future__ import annotations

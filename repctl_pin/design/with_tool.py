@@ -3,6 +3,8 @@
 The Jacobian of the new tool is ``J' = A J`` with an invertible A, so the null space N, ``σ_min(Nᵀ
 V̂)`` and the joint paths of closed motions stay the same, and ``G_r' = G_r A⁻¹``. See
 :mod:`repctl_pin.model.tool`.
+
+``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated at q (n,) or Q (K, n).
 """
 
 from __future__ import annotations

@@ -4,6 +4,9 @@ A defect is the joint drift per area of a small loop of the frame, see :mod:`lie
 relative defect at a configuration combines the defects of all directions into one number, per rad,
 which does not depend on units and task axes. An argument ``strategy`` is the inverse that is
 tested.
+
+``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated at q (n,) or Q (K, n).
+``Region`` is a part Ω of joint space, such as a box.
 """
 
 from __future__ import annotations

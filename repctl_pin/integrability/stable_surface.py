@@ -6,6 +6,9 @@ that begin on this surface also stay on it, the surface is stable, and these mot
 although G is not. Numbers in parentheses are equations of the paper (docs/notation.md). An inverse
 G of the Jacobian J has J G = I; J⁺ is the pseudoinverse. An argument ``strategy`` is the inverse G,
 and ``function`` evaluates s and its error.
+
+``Region`` is a part Ω of joint space, such as a box. ``Surfaces`` are points found on the surfaces
+on which an inverse is repeatable, with their drift.
 """
 
 from __future__ import annotations

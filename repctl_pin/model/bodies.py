@@ -5,7 +5,9 @@ pairs are checked for collisions only, or not at all. The P pairs that are check
 0. n is the number of joints of the task, N that of the collision model, mimic joints included.
 
 ``Nearest`` is the closest pair of bodies at a configuration, and its distance, m. ``Clearance`` is
-the minimum body distance of a motion, and its first collision.
+the minimum body distance of a motion, and its first collision. ``_CollisionModel`` has the bodies
+and the pairs that a task moves. ``_NoBodies`` replaces a collision model where there are no
+collision bodies.
 """
 
 from __future__ import annotations
@@ -212,7 +214,7 @@ class Bodies:
     def _warn_if_empty(self) -> None:
         """Warn the user if there is no pair to check, so that every distance is inf.
 
-        An object of :func:`bodies_of` does not warn: results that use it state what is not checked.
+        Objects for internal use do not warn: results that use them state what is not checked.
         """
         if self.pairs or self.only_contact or self is _MADE.get(self.task):
             return
@@ -347,7 +349,7 @@ class _NoBodies:
 
 
 def _model_of(task: Task) -> Any:
-    """Return the collision model of a task: a :class:`_CollisionModel`, or :class:`_NoBodies`.
+    """Return the collision model of a task; without collision shapes, one without pairs.
 
     The first, and with it the library coal, is imported only if the robot or its surroundings have
     collision shapes.

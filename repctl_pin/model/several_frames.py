@@ -105,7 +105,7 @@ class SeveralFrames(Task):
         return tuple(tuple(frames) for _, frames in groups)
 
     def as_target(self, value: Placement, name: str = "target") -> Any:
-        """Convert a target of the user, one placement per frame, to :class:`Placements`.
+        """Convert a target of the user, one placement per frame, to a tuple of pinocchio.SE3.
 
         Raises
         ------

@@ -2,7 +2,8 @@
 
 ``Surface`` is a triangle mesh: points, normals, colours (V, 3) and faces (F, 3). ``Shape`` is a
 shape of a URDF as plain data: its kind, size, link and place, or its mesh file. ``_Beside`` is a
-resolver by which trimesh reads only files near the mesh.
+resolver by which trimesh reads only files near the mesh. ``Surfaces`` are the triangle meshes of
+mesh files by path, with the error instead if a file is unreadable.
 """
 
 from __future__ import annotations

@@ -9,7 +9,8 @@ its placement on its link).
 ``Mechanism`` is the movable joints of a robot and their limits. ``Description`` is the content of a
 validated URDF as plain data. ``Shape`` is a shape of a URDF as plain data: its kind, size, link and
 place, or its mesh file. ``Joint`` is a joint of a URDF as plain data: its kind, links, axis, limits
-and mimic.
+and mimic. ``Surfaces`` are the triangle meshes of mesh files by path, with the error instead if a
+file is unreadable.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tup
     off : (S,) array
         Displacement of each shape, m.
     links
-        Names of the links to consider, such as :func:`.arm_links`.
+        Names of the links to consider, such as those of the arm.
     """
     own = [k for k, shape in enumerate(shapes) if shape.link in links]
     which = max(own, key=lambda k: off[k], default=-1)

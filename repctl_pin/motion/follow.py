@@ -7,7 +7,8 @@ the level c. J⁺ is the pseudoinverse, the usual strategy. T = cycles · steps 
 steps of a motion.
 
 ``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle. ``_Method``
-is an integration method: the functions that take its steps.
+is an integration method: the functions that take its steps. ``Strategy`` is a controller: a map (q,
+ẋ) → q̇.
 """
 
 from __future__ import annotations

@@ -3,7 +3,8 @@
 A blend is a curve of continuous curvature that rounds a corner, so that the arm need not stop
 there. Knots are the times, in any unit, at which the lines and blends begin.
 
-``Bend`` is a plane curve of length 1 that rounds a corner.
+``Bend`` is a plane curve of length 1 that rounds a corner. ``_Curve`` is a function of u in [0, 1]
+that returns the position p (3,), m, and dp/du (3,).
 """
 
 from __future__ import annotations

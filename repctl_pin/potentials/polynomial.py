@@ -298,8 +298,8 @@ class PolynomialMap(Potentials):
 def _weights(terms: dict[_Powers, Array], degree: int, scale: Array) -> dict[_Powers, Array]:
     """Compute the weights (r, k + 1) of each monomial u^β in the derivatives ``w = ∂h/∂z``.
 
-    The keys of the result are the exponents β. Arguments and letters are those of
-    :class:`PolynomialMap`.
+    The keys of the result are the exponents β. ``terms`` has the weights (r,) of the monomials by
+    exponents, ``degree`` is d, and ``scale`` (k,) the unit of each joint.
     """
     shares: dict[_Powers, Array] = {}
 

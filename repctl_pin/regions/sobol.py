@@ -76,9 +76,9 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
 def _direction_digits() -> NDArray[np.uint32]:
     """Tabulate the binary digits of the direction numbers: an array of 0 and 1, cached.
 
-    The axes are [dimension, digit (most significant first), direction number], of lengths
-    :data:`_MOST_DIMENSIONS`, 30 and 30. The digits of a point's coordinate are exclusive ors of
-    those of the direction numbers of its dimension.
+    The axes are [dimension, digit (most significant first), direction number], of lengths D, 30 and
+    30, for the D dimensions that the tables have. The digits of a point's coordinate are exclusive
+    ors of those of the direction numbers of its dimension.
     """
     numbers = [[1] * _BITS]
     for row in _JOE_KUO.split(";"):

@@ -133,10 +133,10 @@ def read(path: str | Path, kinds: Mapping[str, Callable[[], FileKind]]) -> Any:
 
 
 def head(kind: str, task: Task) -> dict[str, Any]:
-    """Create the values of the fields of :class:`.schema.Sealed` for a task, by name.
+    """Create the fields that every design file has, for a task: format, version, checksum, task.
 
-    ``kind`` is the value of ``format``, such as "repctl design". The checksum is empty until
-    :func:`write` replaces it.
+    ``kind`` is the value of ``format``, such as "repctl design". The checksum is empty until the
+    file is written.
     """
     return {
         "format": kind,

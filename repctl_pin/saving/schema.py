@@ -9,7 +9,8 @@ msgspec's value for a missing key.
 basis of N functions of q, whose combinations are the potentials h of a design. ``Cycle`` is one
 cycle of a motion that ends in its start: start configuration, path and period, s. ``CycleFile`` is
 the stored cycle of a design: start configuration, path and period. ``PathFile`` is the stored
-closed path of a frame, as polynomial pieces.
+closed path of a frame, as polynomial pieces. ``Region`` is a part Ω of joint space, such as a box.
+``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated at q (n,) or Q (K, n).
 """
 
 from __future__ import annotations
@@ -382,9 +383,9 @@ R = TypeVar("R", bound="DataclassInstance")
 def described(kind: type[P], thing: object, **others: Any) -> P:
     """Create a part of a file, of class ``kind``, from attributes with the names of its keys.
 
-    ``thing`` is the object that has the attributes. Arrays become lists; the attributes listed in
-    :data:`_NULLS` become null if they are not finite. ``others`` are values of further keys, or
-    values to use instead of the object's attributes.
+    ``thing`` is the object that has the attributes. Arrays become lists; some attributes, such as a
+    limit margin without limits, become null if they are not finite. ``others`` are values of
+    further keys, or values to use instead of the object's attributes.
     """
     own = {}
     for name in kind.__struct_fields__:

@@ -2,7 +2,8 @@
 
 A point has n coordinates. Each descent has its own step length, which adapts to its success.
 
-``StepLengths`` are the parameters of the adaptive step lengths.
+``StepLengths`` are the parameters of the adaptive step lengths. ``_Rows`` is an array of the
+indices of the descents that take part in a step.
 """
 
 from __future__ import annotations

@@ -8,7 +8,10 @@ of the paper. A self-motion moves the joints while the frame rests.
 
 ``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``Bounded`` is a
 region of joint space that computes how far inside or outside configurations lie. ``NativeLaw`` is
-the control law in C. ``NumPyLaw`` is the control law in NumPy.
+the control law in C. ``NumPyLaw`` is the control law in NumPy. ``Step`` is one step of a control
+loop: the next configuration, and how the step was damped and scaled. ``Elbow`` is the elbow of an
+arm, the origin of a link, with its Jacobian. ``ElbowLevel`` is the level c at which the elbow is
+nearest to a point, and the configuration there.
 """
 
 from __future__ import annotations

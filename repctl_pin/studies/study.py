@@ -7,6 +7,7 @@ functions of the joints that its motions keep constant. A self-motion moves the 
 frame rests.
 
 ``Row`` is the result of one strategy in a study: its motion and figures, or why it stopped.
+``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated at q (n,) or Q (K, n).
 """
 
 from __future__ import annotations

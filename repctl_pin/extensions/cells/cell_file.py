@@ -69,7 +69,7 @@ _MOST_DEGREE = 64
 class _FailureFile(Part):
     """Reason why a function fails at some poses of its cell.
 
-    See :class:`repctl_pin.extensions.cells.evaluate.cell_failures.FailureReason`.
+    The keys are its cause, the share of the poses, the worst pose u (k,), and a text.
     """
 
     cause: str
@@ -165,10 +165,10 @@ class _CellFile(Sealed):
     """File content: an inverse kinematic function over a cell of poses.
 
     ``placement`` (4, 4) is the pose in the middle of the cell, ``widths`` (m,) are the half-widths
-    of its coordinates. ``coefficients`` (N, n, 1 + r) are those of :class:`Chart`, for N monomials
-    of the given ``degree``. ``bodies`` is the fingerprint of the collision bodies; older files lack
-    it, as do files without a known body distance. The other keys are attributes of
-    :class:`CellDesign`.
+    of its coordinates. ``coefficients`` (N, n, 1 + r) are those of the polynomials q_ref and n_ref
+    of u, for N monomials of the given ``degree``. ``bodies`` is the fingerprint of the collision
+    bodies; older files lack it, as do files without a known body distance. The other keys are
+    attributes of :class:`CellDesign`.
     """
 
     desired: Desired
@@ -463,8 +463,7 @@ def _unchecked(content: _CellFile, task: Task) -> list[str]:
     """Refuse a robot that has changed since the file was written; name what is not checked.
 
     If a joint limit or a mass differs, an InputError is raised. Older files lack some of these
-    data, or the collision bodies; the names of the missing data are returned. See
-    :class:`repctl_pin.saving.design_file.FileKind`.
+    data, or the collision bodies; the names of the missing data are returned.
     """
     known = content.bodies is not msgspec.UNSET
     return [

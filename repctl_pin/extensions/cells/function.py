@@ -8,7 +8,8 @@ coordinates, r = n − m components of c, K targets.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``ToolFunction`` is the inverse kinematic function of a tool, made from that
-of the frame that carries it. ``_NativeFunction`` is an inverse function in C.
+of the frame that carries it. ``_NativeFunction`` is an inverse function in C. ``ElbowLevel`` is the
+level c at which the elbow is nearest to a point, and the configuration there.
 """
 
 from __future__ import annotations

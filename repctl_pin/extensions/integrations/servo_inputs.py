@@ -131,7 +131,7 @@ class JointReadings:
         return now - self._still[1] >= duration
 
     def disturb(self) -> None:
-        """Begin the period of rest that :meth:`rest` requires anew, after late readings."""
+        """Begin the period of rest before the first command anew, after late readings."""
         self._still = None
 
 

@@ -7,7 +7,8 @@ proportional to the length of the tool's path along each line or blend.
 
 ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
 numbers. ``Segment`` is a smooth part of a joint path between two stops, with its speed at each
-stage. ``Line`` is a line between two poses, along which the tool moves.
+stage. ``Line`` is a line between two poses, along which the tool moves. ``Blend`` is a transition
+from one line of a motion to the next, without a stop.
 """
 
 from __future__ import annotations

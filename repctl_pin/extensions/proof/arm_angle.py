@@ -22,7 +22,8 @@ The reference direction r defines the angle 0 of a conventional arm angle; t is 
 direction of a stereographic one. docs/theory.md derives this.
 
 ``_GradientBounds`` are first-order expansions of the gradient of an arm angle on K boxes, with
-their errors.
+their errors. ``ArmAngleChain`` is the joints that move shoulder, elbow and wrist of an arm angle,
+and the weights of the angle.
 """
 
 from __future__ import annotations

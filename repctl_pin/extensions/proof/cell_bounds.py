@@ -192,8 +192,8 @@ class CellProof:
     def see_from(self, chain: Chain) -> None:
         """Choose the middle link, in whose frame the joint screws are expressed.
 
-        ``chain`` is the arm with that middle link, see :meth:`.Chain.seen_from`. The bounds are
-        valid for every middle link, but tighter for some.
+        ``chain`` is the arm with that middle link. The bounds are valid for every middle link, but
+        tighter for some.
         """
         self.chain = chain
         self._chain = chain.struct()

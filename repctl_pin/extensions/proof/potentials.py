@@ -360,7 +360,7 @@ class _Builder:
         )
 
     def _first_and_second(self) -> tuple[Array, Array]:
-        """Create the coefficients G (r, n, F) and C (r, n, n, F) of :class:`Features`."""
+        """Create the coefficients of gradients, G (r, n, F), and of Hessians, C (r, n, n, F)."""
         assert self.T is not None
         r, n, F = len(self.T), self.n, len(self.found)
         G, C = np.zeros((r, n, F)), np.zeros((r, n, n, F))

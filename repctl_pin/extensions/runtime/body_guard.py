@@ -164,7 +164,7 @@ class BodyGuard:
         return {"known": known, "nearest": self.nearest} | numbers
 
     def recall(self, remembered: dict[str, Any]) -> None:
-        """Return to the state that :meth:`remembered` copied."""
+        """Return to a state that was copied before: distances, and the rest of the guard."""
         for name, values in remembered["known"].items():
             self._own.held[name][...] = values
         self._own.next, self._own.left = remembered["next"], remembered["left"]
@@ -240,7 +240,7 @@ class BodyGuard:
         )
 
     def begin_tick(self) -> None:
-        """Allow the work of a new tick; :meth:`allows` uses it up."""
+        """Allow the work of a new tick: a number of distance measurements, which tests use up."""
         self._own.left, self._outside = _WORK, True
 
     def allows(self, Q: Array, S: Array) -> bool:

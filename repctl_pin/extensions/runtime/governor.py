@@ -248,7 +248,7 @@ class Governor:
         self._native = required_library("a governor", holds=True)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the attributes for a copy or pickle, without those that :meth:`_connect` sets."""
+        """Return the attributes for a copy or pickle, without the memory that C shares."""
         connected = "arm call address target twist asked_leaf begin native ask samples ways error"
         own = {f"_{name}" for name in [*connected.split(), "kept_state"]}
         kept = {name: value for name, value in vars(self).items() if name not in own}

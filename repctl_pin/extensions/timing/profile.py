@@ -183,7 +183,7 @@ class Course:
         return found
 
     def positions(self, t: Array) -> Array:
-        """Evaluate q (T, n) at times (T,), s; faster than :meth:`derivatives`."""
+        """Evaluate q (T, n) at times (T,), s, without its derivatives."""
         found = np.zeros((len(t), self._joints))
         for rows, segment, own, _ in self._parts(t):
             found[rows] = segment.positions(np.clip(own, 0.0, segment.t[-1]))

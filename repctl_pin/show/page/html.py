@@ -22,7 +22,8 @@ is the colour of displaced bodies.
 Times are in shown cycles: 1.25 is a quarter into the second cycle. A page whose address ends in
 ``#paused`` does not start by itself.
 
-``Dialog`` is the texts of a page's dialog, by name.
+``Dialog`` is the texts of a page's dialog, by name. ``Headline`` is a sentence on the drift, and
+notes on joint speed, limits and bodies.
 """
 
 from __future__ import annotations

@@ -6,7 +6,8 @@ package, which is not used because it would import IPython and a web server. A s
 content of a mesh file: points, normals, colours and triangles.
 
 ``Shape`` is a shape of a URDF as plain data: its kind, size, link and place, or its mesh file.
-``Surface`` is a triangle mesh: points, normals, colours (V, 3) and faces (F, 3).
+``Surface`` is a triangle mesh: points, normals, colours (V, 3) and faces (F, 3). ``Surfaces`` are
+the triangle meshes of mesh files by path, with the error instead if a file is unreadable.
 """
 
 from __future__ import annotations

@@ -7,6 +7,8 @@ keeps constant.
 
 ``CarriedFrame`` is a frame of a robot: the joints that move it, and its placement after the last of
 them. ``Potentials`` are r functions h(q) that a repeatable controller holds constant.
+``FourierMap`` is r potentials h(q) as Fourier series. ``PolynomialMap`` is r potentials h(q) as
+polynomials.
 """
 
 from __future__ import annotations

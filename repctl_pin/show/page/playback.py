@@ -12,7 +12,8 @@ samples of a motion that the page shows. ``JointMotion`` is a joint motion over 
 q̇ (T, n) at times t, without the path of the frame. ``Arm`` is the arm in one pane of the page, and
 its motion under one controller. ``FirstViolation`` is the first violation of a limit or the first
 collision, which the page marks. ``MotionSummary`` is the quantities of one motion that headlines
-and short tables report.
+and short tables report. ``Headline`` is a sentence on the drift, and notes on joint speed, limits
+and bodies.
 """
 
 from __future__ import annotations

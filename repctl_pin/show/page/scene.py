@@ -6,7 +6,9 @@ interpolates. The tip is the frame of the task.
 
 ``Frames`` are the samples of a motion that the page shows. ``Arm`` is the arm in one pane of the
 page, and its motion under one controller. ``Dialog`` is the texts of a page's dialog, by name.
-``JointRows`` is the joint positions of every arm over the shown cycles.
+``JointRows`` is the joint positions of every arm over the shown cycles. ``Surfaces`` are the
+triangle meshes of mesh files by path, with the error instead if a file is unreadable. ``Headline``
+is a sentence on the drift, and notes on joint speed, limits and bodies.
 """
 
 from __future__ import annotations
@@ -116,7 +118,7 @@ class Arm:
     cycle_drift : (cycles,) array
         ‖q − q₀‖ after each cycle of the whole motion, in ``unit``.
     points : tuple of S (P, 3) arrays
-        Some corners of each shape in its own frame, m, see :func:`.body_points.body_drift`.
+        Some corners of each shape in its own frame, m, by which its displacement is measured.
     off : (T, S) array
         Displacement of each shape from its placement at the same moment of cycle 1, m; 0 for shapes
         that the chains do not move.

@@ -419,7 +419,7 @@ class CandidateFunction:
         return self.chart.solve(U, self.terms.values(U) @ self.a, Q)
 
     def derivative(self, at: Points) -> Array:
-        """Evaluate ∂F/∂u (K, n, k) at points of the function, from :meth:`at`."""
+        """Evaluate ∂F/∂u (K, n, k) at K points of the function."""
         slopes = self.terms.slopes(self.terms.values(at.U))
         ds = np.einsum("KNk,Nr->Krk", slopes, self.a)
         return self.chart.derivative(at, ds)[0][:, :, : self.chart.cell.k]

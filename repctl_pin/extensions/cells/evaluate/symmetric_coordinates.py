@@ -12,7 +12,8 @@ U (K, k).
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses,
 with the kinematics there. ``Turn`` is the range of a function along a symmetric coordinate, which
-one joint alone changes, rad.
+one joint alone changes, rad. ``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated
+at q (n,) or Q (K, n).
 """
 
 from __future__ import annotations

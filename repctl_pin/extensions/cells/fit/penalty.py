@@ -14,7 +14,8 @@ label is s, with r components.
 Σ_t a_t T_t(u)``. ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s
 (r,) the position along its self-motion. ``ActiveConstraint`` is one kind of margin, with the poses
 at which it is checked and those at which it is penalised. ``Descent`` is the result of a
-minimisation: coefficients a, the cost with its configurations, and the number of steps.
+minimisation: coefficients a, the cost with its configurations, and the number of steps. ``Inverse``
+is a matrix function G(q) (n, m) with J G = I, evaluated at q (n,) or Q (K, n).
 """
 
 from __future__ import annotations

@@ -224,7 +224,7 @@ class Cell:
 
     @property
     def _movable(self) -> Sequence[int]:
-        """Indices of the task coordinates, 0 to m − 1, whose middle may move in :meth:`_part`."""
+        """Indices of the task coordinates, 0 to m − 1, whose middle may move in a part of it."""
         return range(len(self.half_width))
 
     def _kept_middles(self, low: Array, high: Array) -> tuple[Array, Array]:

@@ -39,7 +39,7 @@ _arms: weakref.WeakKeyDictionary[Task, Any] = weakref.WeakKeyDictionary()
 
 
 def chain_for_c(task: Task) -> Any | None:
-    """Return the kinematic chain of a task as a C struct for :func:`run`, cached per task.
+    """Return the kinematic chain of a task as a struct for calls of C, cached per task.
 
     Return None without the native library, or with more than 64 joints, which C cannot hold.
     """

@@ -448,7 +448,7 @@ class Sector(Cell):
 
     @property
     def _movable(self) -> Sequence[int]:
-        """Indices of the task coordinates, 0 to m − 1, whose middle may move in :meth:`_part`."""
+        """Indices of the task coordinates, 0 to m − 1, whose middle may move in a part of it."""
         return [RADIUS, ANGLE, HEIGHT] if self.tilted else [RADIUS, ANGLE, HEIGHT, SPIN]
 
     def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:

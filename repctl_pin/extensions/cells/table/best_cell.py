@@ -15,7 +15,8 @@ spin.
 the largest box that one function covers: its cell, the configuration in its middle, and what limits
 it. ``CellFit`` holds the arguments of a design over a cell, and the methods that compute the
 design. ``FailureReason`` is one reason why a function fails at some poses of its cell: cause, share
-of the poses, worst pose.
+of the poses, worst pose. ``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated at q
+(n,) or Q (K, n).
 """
 
 from __future__ import annotations
