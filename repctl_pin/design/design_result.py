@@ -214,7 +214,7 @@ class Design:
         Returns
         -------
         tuple of Baseline
-            Argument ``baselines`` of :meth:`summary`.
+            Name and figures of each, or why it was refused; :meth:`summary` lists them.
         """
         with reporter(progress) as report:
             return baselines(

@@ -418,7 +418,8 @@ class _CollisionModel:
         """Add the robot's bodies; return a dict of its unusable shapes, which are left out.
 
         The key is the name of the mesh file, as in the URDF; for a box, sphere, cylinder or
-        capsule, it is :attr:`.Shape.name`. The value is a pair of texts: (name of the link, cause).
+        capsule, it is the name of the shape. The value is a pair of texts: (name of the link,
+        cause).
         """
         description = task.robot.description
         links = link_frames(self._model)

@@ -185,7 +185,7 @@ def followed(
     integrator: str | LeafLock = "rk4",
     feedback: float = 0.0,
 ) -> Motion:
-    """Integrate as :func:`follow` does; all arguments but the start's pose are checked already."""
+    """Integrate q̇ along a path from q0 (n,); only the pose of the start is still to be checked."""
     task = strategy.task
     period = period or path.period or PERIOD
     check_length(task, cycles, steps)

@@ -147,8 +147,9 @@ def solve_near(
 ) -> Array:
     """Solve the inverse kinematics as :func:`solve_ik` does, but only from the start q0 (n,).
 
-    So the solution is near q0, as needed from point to point of a path. ``tolerance`` is as for
-    :func:`solve_ik`; ``limits`` is True to accept only a solution within the joint limits.
+    So the solution is near q0, as needed from point to point of a path. ``tolerance`` is the norm
+    of the task error, m and rad, at which Newton's method stops; ``limits`` is True to accept only
+    a solution within the joint limits.
 
     Raises
     ------

@@ -296,7 +296,7 @@ def at_rows(task: Task, Q: ArrayLike, J: ArrayLike | None) -> tuple[Array, Array
 
 
 def redundant(value: Any) -> Task:
-    """Copy a task with memory of its own, see :func:`own_task`, and require n ≥ m.
+    """Copy a task with memory of its own, for use in another thread, and require n ≥ m.
 
     InputError is raised if the task has fewer joints than coordinates: then no G has J G = I.
     """

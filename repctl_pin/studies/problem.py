@@ -265,9 +265,8 @@ def at_minimum_speed(problem: Problem) -> Problem:
     """Copy a problem, with the start moved along its self-motion to minimum joint speed.
 
     In a self-motion the joints move and the frame does not, so the path does not change. The new
-    start has at least half of the largest joint-limit margin found, and no bodies collide; see
-    :func:`repctl_pin.motion.least_start.least_start`. A note of the copy says by how much the joint
-    speed falls.
+    start has at least half of the largest joint-limit margin found, and no bodies collide. A note
+    of the copy says by how much the joint speed falls.
 
     Raises
     ------

@@ -183,7 +183,7 @@ class Blend:
 def _angle(into: Line, out: Line) -> float | None:
     """Compute the angle, rad, between the directions v of two lines at their common pose.
 
-    Return None if there is no bend: the lines have equal v and ω there, see :meth:`Line.velocity`.
+    Return None if there is no bend: the lines have equal v and ω there.
     """
     v_in, v_out = into.velocity(1.0), out.velocity(0.0)
     if np.abs(np.subtract(v_in, v_out)).max() < _STRAIGHT:

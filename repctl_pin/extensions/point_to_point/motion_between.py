@@ -189,11 +189,11 @@ def between(
     rate: float,
     progress: bool | Callable[[str, float], None],
 ) -> MotionBetween:
-    """Time a motion through poses X (P, 4, 4), as :func:`motion_between` does.
+    """Time a motion of the arm, with the joints F(x), through poses X (P, 4, 4) of the tool.
 
     Error messages name the poses by the P ``names``, such as "pose 3" or "line 7" of a file. Each
-    part between two rests is timed separately, and takes a whole number of samples. The other
-    arguments are those of :func:`motion_between`.
+    part between two rests is timed separately, and takes a whole number of samples. ``blend`` is
+    the radius of rounded corners, m, and ``rate`` the samples per second.
     """
     kept = joint_limits(F.task, limits)
     blend = positive(blend, "blend", "m", zero=True)

@@ -384,7 +384,7 @@ class _Poses(WebSocketHandler):
             self.viewer._moved(message)
 
     def give(self, poses: bytes) -> None:
-        """Send poses, as encoded by :meth:`Viewer.show`, unless an earlier message is being sent.
+        """Send encoded poses of the shapes, unless an earlier message is being sent.
 
         When that message has been sent, the newest poses follow: a slow browser misses some poses,
         but always receives the last ones.

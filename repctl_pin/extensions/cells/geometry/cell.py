@@ -544,7 +544,7 @@ class Cell:
         return unit_speeds(self.twists(U, R))
 
     def errors(self, p_goal: ArrayLike, R_goal: ArrayLike, p: ArrayLike, R: ArrayLike) -> Array:
-        """Evaluate the task errors (K, m) from placements to goals, see :meth:`Task.error`.
+        """Evaluate the task errors (K, m), m and rad, from placements to goals.
 
         The goals are p_goal (K, 3), m, and R_goal (K, 3, 3); the placements are p and R, of the
         same shapes.
@@ -787,6 +787,6 @@ class Cell:
 
 
 def unit_speeds(E: Array) -> Array:
-    """Evaluate ``(EᵀE)^(−1/2)`` (K, k, k) of matrices E (K, m, k), see :meth:`Cell.speeds`."""
+    """Evaluate ``(EᵀE)^(−1/2)`` (K, k, k) of matrices E = ∂x/∂u (K, m, k): unit task speed."""
     s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
     return (V / np.sqrt(s)[:, None, :]) @ np.swapaxes(V, 1, 2)

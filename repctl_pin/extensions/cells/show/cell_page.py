@@ -260,7 +260,7 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
 
 
 def _turned_to_the_end(design: CellDesign) -> list[str]:
-    """List the joints, by name, that a sector turns up to their limits (range ``"all"``)."""
+    """List, by name, the joints whose limits end a sector's range ``"all"`` of angle or spin."""
     free = [design.cell.coordinate_names[i] for i in design.cell.free]
     return [
         turn.joint

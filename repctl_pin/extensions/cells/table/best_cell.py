@@ -246,7 +246,9 @@ def _of_size(
 ) -> BestCell:
     """Find the best place for a box of the given size, m, with the orientation R (3, 3).
 
-    The other arguments are those of :func:`best_cell`; ``seed`` is that of its options.
+    ``size`` has the lengths of the edges, ``at`` (3,) a position, m, near which the middle should
+    be, or None. ``seed`` is the random seed; ``progress`` shows a bar, or is called with (step,
+    fraction).
     """
     edges = of_positions(task, size, "size")
     if not edges.any():
@@ -284,8 +286,10 @@ def _whole(
 ) -> BestCell:
     """Find the largest sector for the frame's ``rotation`` (3, 3) at the angle 0.
 
-    The other arguments are those of :func:`best_cell` without a size, and are checked here;
-    ``seed`` is that of its options.
+    ``heights`` are the lowest and highest positions of the frame, m, ``most_extra`` the maximum
+    extra joint speeds relative to J⁺, on average and at the worst pose. They are checked here;
+    ``at`` must be None. ``seed`` is the random seed; ``progress`` shows a bar, or is called with
+    (step, fraction).
     """
     if at is not None:
         raise InputError("requires size=", argument="at")

@@ -710,7 +710,8 @@ def _best_shape(
 def _settled(found: CellDesign, most: float, limits: Required, straight: Straight) -> bool:
     """Test whether neither a sector with one range nor a smaller body distance gives much more.
 
-    ``most`` is an upper bound of the worth of the design ``found``, m².
+    ``most`` is an upper bound of the worth of designs, m²: area times (1 + s) / 2, with s the
+    fraction of a full turn that the angle or spin covers.
     """
     larger = _worth(found) > straight.most and area_of(found.cell) > straight.largest
     free = limits.distance < _CLEAR or not _at_bodies(found) or _worth(found) > _MUCH * most
