@@ -66,7 +66,7 @@ class DataSet(Table):
 
     @abstractmethod
     def write(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> None:
-        """Write the data set, with ``new`` cells and without the columns ``removed``, to a new path."""
+        """Write the data set to a new path, with ``new`` cells and without columns ``removed``."""
 
     def actions(self) -> tuple[str, ...]:
         """Return the names of the columns of actions."""
