@@ -3,6 +3,10 @@
 Every file of numbers is read here. :func:`read_table` and :func:`read_csv` open a file and check
 its header; a reader then takes the columns that it needs by name, and an error names the line. If a
 table is written again with new columns, all other cells stay as they are.
+
+``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
+replace. ``Table`` is the columns of a file by name, all of one length, with one row per frame of a
+recording. ``CsvTable`` is a CSV file that was read: its header and its lines of cells.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 The motions come from a CSV file, from a saved design, or from a study made here. A playback is one
 motion as the page shows it, with its label and colour. ``say`` is the callback that receives the
 name of each step.
+
+``Playback`` is one motion of a whole robot, as the page plays it: label, configurations, times.
 """
 
 from __future__ import annotations

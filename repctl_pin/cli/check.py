@@ -3,6 +3,9 @@
 A controller is repeatable if every closed path of the frame ends in the configuration it began in.
 Repeatability is tested in the region Ω, a part of joint space. If the test fails, the controller
 may still be repeatable on a stable surface: a set of configurations that its motions do not leave.
+
+``_Case`` is a controller to test, its problem with the region Ω, and notes. ``Surfaces`` are the
+points found where the defects of an inverse are 0, of the surfaces on which it is repeatable.
 """
 
 from __future__ import annotations

@@ -3,6 +3,9 @@
 The region Ω is the part of joint space for which the design is made: a box around the start, or a
 tube around a motion. The design is fitted at some configurations (nodes) and evaluated at others
 (held-out nodes). The design approximates the desired inverse, usually J⁺.
+
+``_Made`` is a design with the data of its report: problem, name of the desired inverse, costs by
+degree, baselines, notes.
 """
 
 from __future__ import annotations

@@ -5,6 +5,10 @@ the motion. A leaf is the set of configurations on which a repeatable controller
 potentials are constant there. Ω is the region of joint space of a design. Within the closing radius
 of a start, every closed path is proved to end in the configuration it began in. ``say`` is the
 callback that receives the name of each step.
+
+``_Case`` is a controller, the problem with its path, and known data of its design, each None if
+unknown. ``_Followed`` is a simulated motion, the same motion with the commanded joint velocities,
+and notes on it.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 WHAT and ROBOT are the positional arguments of commands. A saved design is a .json file of ``repctl
 design``, ``study`` or ``cell``. A problem is a task with a start, a closed path and a region. The
 region Ω is the part of joint space for which a design was made.
+
+``TaskFile`` is the stored robot and task of a design, by which a file is refused for another robot.
 """
 
 from __future__ import annotations

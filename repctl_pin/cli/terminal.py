@@ -1,4 +1,7 @@
-"""Terminal output: progress on one line, results as text or JSON, and stop signals."""
+"""Terminal output: progress on one line, results as text or JSON, and stop signals.
+
+``Span`` is a piece of text with its tone, which is shown as colour.
+"""
 
 from __future__ import annotations
 

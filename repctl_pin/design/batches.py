@@ -4,6 +4,10 @@ A node is a configuration of the region at which the cost of a design is evaluat
 the matrices of some nodes, see :class:`.criterion.Batch`, from which their terms of a sum follow.
 Terms are always added in the order of the nodes, so that a sum is the same whether or not its
 batches are stored.
+
+``Builder`` is a function that makes a batch (the terms of the cost at some nodes) from
+configurations and their weights. ``Batches`` are the nodes (configurations with weights) of a fit,
+over which functions are summed.
 """
 
 from __future__ import annotations

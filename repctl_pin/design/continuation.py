@@ -13,6 +13,14 @@ So Ω is searched for singularities after each descent. A configuration with det
 to the cost as a barrier point, and the descent starts again from a regular candidate. If no regular
 candidate of the full degree is found, the degree is raised from 1 step by step, and each fit starts
 from the optimum of the degree below.
+
+``BarrierCost`` is the cost over the nodes of a fit and over barrier points, configurations that
+repel singularities. ``FitProblem`` holds the arguments of a fit: desired inverse, potentials,
+region Ω and options. ``LeafMargin`` is the signed distance from an algorithmic singularity, as a
+function of q. ``Descent`` is the result of a descent: coefficients A, cost, gradient norm, steps,
+and whether it converged. ``Start`` is a starting point of a descent: coefficients A and their cost,
+with the data of the penalty. ``Lowest`` is the smallest value of a measure that a search found, and
+its configuration; 0 or less is a singularity.
 """
 
 from __future__ import annotations

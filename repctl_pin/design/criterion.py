@@ -14,6 +14,9 @@ sum over the nodes; the sum over all batches is the mean. If A has fewer rows th
 potentials, only the first potentials are used. B (N, N) is a basis of coefficients: the gradients D
 B are orthonormal in the mean over Ω. An argument ``desired`` is G_d, and ``task`` gives the names
 of the joints in error messages.
+
+``PotentialBasis`` is a basis of N functions of q, whose combinations are the potentials h of a
+design. ``SignCount`` is the numbers of nodes with det(Nᵀ V) above 0 and at most 0.
 """
 
 from __future__ import annotations

@@ -8,6 +8,14 @@ centre of Ω. In shapes, K is the number of nodes, N the number of potentials of
 number of potentials h. N' is the number of potentials that a fit uses, the first of the basis. B
 (N, N) is a basis of coefficients: the gradients D B are orthonormal in the mean over Ω. A fit works
 with the coordinates x = B⁻¹ A.
+
+``Batches`` are the nodes (configurations with weights) of a fit, over which functions are summed.
+``Start`` is a starting point of a descent: coefficients A and their cost, with the data of the
+penalty. ``BarrierCost`` is the cost over the nodes of a fit and over barrier points, configurations
+that repel singularities. ``Descent`` is the result of a descent: coefficients A, cost, gradient
+norm, steps, and whether it converged. ``Point`` is the objective at one x, with the intermediate
+values from which its model is computed. ``Step`` is a damped Gauss–Newton step dx, with its
+predicted decrease and its damping.
 """
 
 from __future__ import annotations

@@ -3,6 +3,10 @@
 G_r is the repeatable inverse of the design, G_d the desired one, and Ω the region of joint space.
 The maps also show the defect of G_d, by which it violates the Lie bracket condition: where the
 defect is large, G_d drifts.
+
+``DesignMap`` is the distance from the desired inverse and the leaf margin of a design on a grid
+over two joints. ``ReportMaps`` are the maps and curves of a design for a report: its grid over two
+joints, costs by degree, baselines.
 """
 
 from __future__ import annotations

@@ -3,6 +3,9 @@
 The repeatable inverse G_r is near the desired inverse G_d. N and V̂ are orthonormal bases of the
 null space of J and of the gradients of the potentials; σ_min(Nᵀ V̂) is the leaf margin, the
 distance from an algorithmic singularity. Numbers such as (26) are equations of the paper.
+
+``Baseline`` is a simpler repeatable inverse over the same Ω: its name, its figures, or why it was
+refused.
 """
 
 from __future__ import annotations

@@ -6,6 +6,11 @@ sets, whose spread gives the standard error of the cost. G_r is the repeatable i
 desired one. N and V̂ are orthonormal bases of the null space of J and of the gradients of the
 potentials; σ_min(Nᵀ V̂) is the leaf margin, the distance from an algorithmic singularity. Numbers
 such as (26) are equations of the paper.
+
+``LeafMargin`` is the signed distance from an algorithmic singularity, as a function of q.
+``_Replicate`` is the means over one set of nodes, and its nodes with the lowest leaf margins.
+``Baseline`` is a simpler repeatable inverse over the same Ω: its name, its figures, or why it was
+refused.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 
 A certificate (a proof of bounds over the region) holds for one design only. The fingerprint, a hash
 of all numbers on which the proof depends, shows whether a design or a robot has changed since.
+
+``PotentialBasis`` is a basis of N functions of q, whose combinations are the potentials h of a
+design.
 """
 
 from __future__ import annotations

@@ -6,6 +6,15 @@ are configurations of the region Ω at which the cost is evaluated. A barrier po
 configuration at which an earlier fit had an algorithmic singularity; it is added to the nodes, so
 that the next fit has none there. An argument ``problem`` has the desired inverse, the basis of
 potentials, Ω and the options of the fit.
+
+``FitProblem`` holds the arguments of a fit: desired inverse, potentials, region Ω and options.
+``Batches`` are the nodes (configurations with weights) of a fit, over which functions are summed.
+``Independent`` are the independent potentials of a basis: their indices, and the names of the
+dropped ones. ``Continuation`` is the sequence of descents of one fit, from low degrees to high
+ones. ``BarrierCost`` is the cost over the nodes of a fit and over barrier points, configurations
+that repel singularities. ``Descent`` is the result of a descent: coefficients A, cost, gradient
+norm, steps, and whether it converged. ``PotentialBasis`` is a basis of N functions of q, whose
+combinations are the potentials h of a design.
 """
 
 from __future__ import annotations

@@ -4,6 +4,10 @@ With dependent potentials, the coefficients of a fit are undetermined. The modul
 coordinates in which the gradients of the potentials are orthonormal, so that the fit is well
 conditioned. As sizes, N is the number of potentials of the basis, and N' that of the independent
 ones; N is also a matrix whose columns span the null space of J.
+
+``PotentialBasis`` is a basis of N functions of q, whose combinations are the potentials h of a
+design. ``Independent`` are the independent potentials of a basis: their indices, and the names of
+the dropped ones.
 """
 
 from __future__ import annotations

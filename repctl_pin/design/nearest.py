@@ -3,6 +3,10 @@
 Nodes are the configurations of the region Ω at which the cost, the mean squared distance from the
 desired inverse, is evaluated; held-out nodes are others. Numbers such as (26) are equations of the
 paper.
+
+``PotentialBasis`` is a basis of N functions of q, whose combinations are the potentials h of a
+design. ``FitProblem`` holds the arguments of a fit: desired inverse, potentials, region Ω and
+options.
 """
 
 from __future__ import annotations

@@ -5,6 +5,10 @@ J has full rank, because J_V = [J; Vᵀ] loses rank, with V the gradients of the
 is valid only in a region without either. A measure is a function of configurations (K, n) → (K,).
 It is 0 at a singularity, positive around the centre of Ω, and negative only beyond an algorithmic
 singularity. The search minimises a measure.
+
+``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``Lowest`` is the
+smallest value of a measure that a search found, and its configuration; 0 or less is a singularity.
+``Dexterity`` is the measure ``σ_min(J) / σ_max(J)``, 0 at a singularity of the arm.
 """
 
 from __future__ import annotations

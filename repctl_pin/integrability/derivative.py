@@ -2,6 +2,8 @@
 
 An inverse G (n, m) of the Jacobian J (m, n) has J G = I; J⁺ is the pseudoinverse. A repeatable
 inverse keeps r potentials, functions h(q), constant. An argument ``strategy`` is the inverse G.
+
+``_Derivative`` is an inverse G and its derivative ∂G/∂q at K configurations.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 On a robot with two arms on one waist, the task of one arm also moves the other arm; a study reports
 that displacement.
+
+``Mechanism`` is the movable joints of a robot and their limits.
 """
 
 from __future__ import annotations

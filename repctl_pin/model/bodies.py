@@ -3,6 +3,9 @@
 A pair is two bodies, one of them on a link of the robot. A measured pair has a distance; other
 pairs are checked for collisions only, or not at all. The P pairs that are checked are numbered from
 0. n is the number of joints of the task, N that of the collision model, mimic joints included.
+
+``Nearest`` is the closest pair of bodies at a configuration, and its distance, m. ``Clearance`` is
+the minimum body distance of a motion, and its first collision.
 """
 
 from __future__ import annotations

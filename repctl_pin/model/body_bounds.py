@@ -2,6 +2,8 @@
 
 Exact distances take long. The bounds show which of the many pairs can be the closest one, so that
 few distances are computed. They also let a proof cover a whole box of configurations.
+
+``Joint`` is a joint of a URDF as plain data: its kind, links, axis, limits and mimic.
 """
 
 from __future__ import annotations

@@ -1,4 +1,9 @@
-"""Collision geometry for coal: primitives, meshes with convex hulls, and points inside meshes."""
+"""Collision geometry for coal: primitives, meshes with convex hulls, and points inside meshes.
+
+``_MeshInterior`` is a test of whether points lie inside a mesh. ``_MeshParts`` are the connected
+parts of a mesh: points, faces, the part of each, and which parts are closed. ``BodyShape`` is a
+collision body: a convex shape, or a mesh and its convex hull.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
 """Catalogue of known robots: URDF, task frames and reference pose of each.
 
 The table is ``arms.toml`` beside this file; it is not read on import.
+
+``Entry`` is a robot of the catalogue: its files, its frames and its reference pose.
 """
 
 from __future__ import annotations

@@ -11,6 +11,10 @@ j. On the piece,
 
 for every configuration x at which d was measured. If this bound neither excludes a collision nor a
 new minimum, d is measured at c, and the piece is halved.
+
+``_CollisionModel`` is the bodies of a robot and its surroundings, and the pairs that a task moves.
+``Clearance`` is the minimum body distance of a motion, and its first collision. ``_Pieces`` are M
+pieces of a motion on which a pair is undecided, with bounds on its distance.
 """
 
 from __future__ import annotations

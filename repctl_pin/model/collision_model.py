@@ -4,6 +4,10 @@ A pair is two bodies between which a joint moves, given by its index 0 to P − 
 robot is represented by its convex hull. A measured pair has a distance. A collision-only pair, such
 as neighbouring links, is tested for collisions without a distance, because its bodies are always
 close. The model has N joints, mimic joints included.
+
+``BodyShape`` is a collision body: a convex shape, or a mesh and its convex hull.
+``_CollisionModel`` is the bodies of a robot and its surroundings, and the pairs that a task moves.
+``Description`` is the content of a validated URDF as plain data.
 """
 
 from __future__ import annotations

@@ -2,6 +2,10 @@
 
 They are offered as task frames if the user names none. A URDF does not mark them, so they are found
 by the shape of the tree, the ranges of its joints and the names of its links.
+
+``Description`` is the content of a validated URDF as plain data. ``_Body`` is a rigid body: links
+connected by fixed joints, in the tree of a robot. ``Joint`` is a joint of a URDF as plain data: its
+kind, links, axis, limits and mimic.
 """
 
 from __future__ import annotations

@@ -2,6 +2,11 @@
 
 ``θ = S q + offset`` maps the positions q of the n independent joints to those of all joints, mimic
 joints included.
+
+``JointChain`` is the serial chain of joints from the base to the frame of a task, as arrays.
+``_JointTree`` is the tree of all joints that a task moves, as arrays. ``CarriedFrame`` is a frame
+of a robot: the joints that move it, and its placement after the last of them. ``SeveralFrames`` is
+the task of controlling several frames of a robot, stacked.
 """
 
 from __future__ import annotations

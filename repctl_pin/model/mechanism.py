@@ -2,6 +2,9 @@
 
 A mimic joint follows another joint: its position is a multiple of that of the other joint, plus an
 offset. A locked joint is held at the reference pose.
+
+``Coupling`` is the map ``θ = S q + offset`` from the free joints q to all joints θ, mimic joints
+included. ``Range`` is the limits of a joint: lower, upper, velocity, acceleration and jerk.
 """
 
 from __future__ import annotations

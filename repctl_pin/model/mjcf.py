@@ -6,6 +6,8 @@ shifts ranges by ``ref``.) The tree of bodies is then written as links and joint
 turns about the axis a through an anchor p, from its reference q₀. So it places its body in the
 parent at ``X(q) = P T(p) R(a, q − q₀) T(−p)``, with P the placement at q₀, translations T and
 rotations R. Bodies, joints and constraints have numbers in MuJoCo's model.
+
+``_Part`` is a link, and the joint from its parent to it, as they are written in the URDF.
 """
 
 from __future__ import annotations

@@ -2,6 +2,10 @@
 
 Frames and joints are given by their ids, Pinocchio's indices into ``model.frames`` and
 ``model.joints``. A link is a frame of type BODY.
+
+``Shape`` is a shape of a URDF as plain data: its kind, size, link and place, or its mesh file.
+``Description`` is the content of a validated URDF as plain data. ``Joint`` is a joint of a URDF as
+plain data: its kind, links, axis, limits and mimic.
 """
 
 from __future__ import annotations

@@ -1,6 +1,12 @@
 """Robot from a URDF: joints, limits, frames and a reference pose.
 
 A mimic joint follows another joint; a locked joint is held at the reference pose.
+
+``Description`` is the content of a validated URDF as plain data. ``Entry`` is a robot of the
+catalogue: its files, its frames and its reference pose. ``Range`` is the limits of a joint: lower,
+upper, velocity, acceleration and jerk. ``Kind`` is the kind of a task, such as ``pose``, with the
+coordinates that it commands. ``FrameSpec`` is one of several frames: its link, its kind of task,
+its base, and the joints that move it.
 """
 
 from __future__ import annotations

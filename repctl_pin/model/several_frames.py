@@ -2,6 +2,10 @@
 
 The F frames are in a fixed order, and the rows of the first are on top. A frame can be controlled
 relative to a base of its own, another link. J is the Jacobian, and H its derivative by q.
+
+``Mechanism`` is the movable joints of a robot and their limits. ``FrameSpec`` is one of several
+frames: its link, its kind of task, its base, and the joints that move it. ``Placements`` is the
+target of several frames: a tuple of pinocchio.SE3.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Visual and collision shapes of a checked URDF as plain data."""
+"""Visual and collision shapes of a checked URDF as plain data.
+
+``Shape`` is a shape of a URDF as plain data: its kind, size, link and place, or its mesh file.
+"""
 
 from __future__ import annotations
 

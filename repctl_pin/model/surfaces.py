@@ -1,4 +1,9 @@
-"""Mesh files as compact triangle meshes, smoothly shaded, in the colours of the file."""
+"""Mesh files as compact triangle meshes, smoothly shaded, in the colours of the file.
+
+``Surface`` is a triangle mesh: points, normals, colours (V, 3) and faces (F, 3). ``Shape`` is a
+shape of a URDF as plain data: its kind, size, link and place, or its mesh file. ``_Beside`` is a
+resolver by which trimesh reads only files near the mesh.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,9 @@
 
 Numbers in parentheses are equations of the paper (docs/notation.md). The base frame is that of the
 robot's ``base`` link, or of its root.
+
+``Kind`` is the kind of a task, such as ``pose``, with the coordinates that it commands.
+``Mechanism`` is the movable joints of a robot and their limits.
 """
 
 from __future__ import annotations

@@ -7,6 +7,8 @@ task of the tool then has
 
 in base axes, with R the frame's rotation and t the position in T. A is invertible, so J' has the
 null space of J: regular configurations and repeatable motions do not depend on the tool.
+
+``ToolTask`` is the task of a tool that is fixed in a link of the robot.
 """
 
 from __future__ import annotations

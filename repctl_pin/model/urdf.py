@@ -2,7 +2,11 @@
 
 Pinocchio reports most bad files as "not a valid URDF model", silently accepts others (a zero axis,
 a link with two parents) and crashes on a few. Here every error is one line with the element, its
-line, the fact and the remedy."""
+line, the fact and the remedy.
+
+``Description`` is the content of a validated URDF as plain data. ``Joint`` is a joint of a URDF as
+plain data: its kind, links, axis, limits and mimic.
+"""
 
 from __future__ import annotations
 

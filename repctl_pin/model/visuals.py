@@ -5,6 +5,11 @@ are drawn from the kinematics: links as tubes, revolute joints as cylinders, and
 sliders on rails. Surroundings are drawn by their collision shapes. An argument ``surfaces`` has the
 contents of the mesh files, by file; if it is None, the files are read. A placed shape is (shape,
 its placement on its link).
+
+``Mechanism`` is the movable joints of a robot and their limits. ``Description`` is the content of a
+validated URDF as plain data. ``Shape`` is a shape of a URDF as plain data: its kind, size, link and
+place, or its mesh file. ``Joint`` is a joint of a URDF as plain data: its kind, links, axis, limits
+and mimic.
 """
 
 from __future__ import annotations

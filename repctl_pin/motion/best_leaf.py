@@ -6,6 +6,10 @@ path of all cycles. The leaf margin ``σ_min(Nᵀ V̂)`` is the distance from a 
 inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised. Ω is the region of
 joint space for which the inverse was designed, and the desired inverse G_d the one that it
 approximates, usually the pseudoinverse J⁺.
+
+``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.
+``_LeafCandidate`` is a start configuration, with the margins of the cycle that begins there.
+``_Search`` is a search among starts on one path.
 """
 
 from __future__ import annotations

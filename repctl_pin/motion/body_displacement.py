@@ -2,6 +2,10 @@
 
 The **most displaced part** is the arm link whose drawn body contains the point with the largest
 displacement. That point gives the displacement of the part, in every text, table, page and figure.
+
+``JointMotion`` is a joint motion over several cycles: q, q̇ (T, n) at times t, without the path of
+the frame. ``Shape`` is a shape of a URDF as plain data: its kind, size, link and place, or its mesh
+file.
 """
 
 from __future__ import annotations

@@ -1,6 +1,9 @@
 """Motions as CSV: columns strategy, cycle, time, joints and joint velocities.
 
 ``repctl`` writes these files. The animation reads them, and files of other programs.
+
+``_Recorded`` is a motion as read from a file: joint positions and, if given, times. ``CsvTable`` is
+a CSV file that was read: its header and its lines of cells.
 """
 
 from __future__ import annotations

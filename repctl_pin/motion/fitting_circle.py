@@ -2,6 +2,8 @@
 
 A study takes such a circle if the user names no path. J⁺ is the pseudoinverse of the Jacobian J:
 the usual controller, of minimum joint speed.
+
+``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.
 """
 
 from __future__ import annotations

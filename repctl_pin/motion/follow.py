@@ -5,6 +5,9 @@ parameter s runs from 0 to 1 in each cycle; a cycle is divided into steps, which
 A repeatable strategy keeps its potentials h constant, and so the arm on a leaf, the set h(q) = c of
 the level c. J⁺ is the pseudoinverse, the usual strategy. T = cycles · steps is the number of all
 steps of a motion.
+
+``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle. ``_Method``
+is an integration method: the functions that take its steps.
 """
 
 from __future__ import annotations

@@ -2,6 +2,11 @@
 
 A violation is a joint beyond its limit, or a collision of two bodies. A time in cycles has
 fractions: 2.5 is the middle of the third cycle.
+
+``Clearance`` is the minimum body distance of a motion, and its first collision. ``Nearest`` is the
+closest pair of bodies at a configuration, and its distance, m. ``JointMotion`` is a joint motion
+over several cycles: q, q̇ (T, n) at times t, without the path of the frame. ``Violation`` is the
+first violation of a joint limit or the first collision, with its time and its joint or links.
 """
 
 from __future__ import annotations

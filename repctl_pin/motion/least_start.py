@@ -5,6 +5,9 @@ closed motion of :mod:`least_motion` from each start shows what the best control
 motions here are such closed motions of minimum joint speed, of 24 points. A start is *freed* if it
 is optimised together with the motion, along its self-motions. J⁺ is the pseudoinverse of the
 Jacobian J.
+
+``_LeastStart`` is three closed motions on one path: of lowest joint speed, from the given start,
+and with the largest limit margin.
 """
 
 from __future__ import annotations

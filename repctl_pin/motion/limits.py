@@ -1,4 +1,8 @@
-"""Limits of a motion in time, as given by the user and as numbers per joint of a task."""
+"""Limits of a motion in time, as given by the user and as numbers per joint of a task.
+
+``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
+numbers.
+"""
 
 from __future__ import annotations
 

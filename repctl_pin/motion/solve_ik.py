@@ -2,6 +2,8 @@
 
 The task error is the difference of two placements in the coordinates of the task, m and rad; J⁺ is
 the pseudoinverse of the Jacobian.
+
+``_Attempt`` is the result of Newton's method from one start: the last configuration, and its error.
 """
 
 from __future__ import annotations

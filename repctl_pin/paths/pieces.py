@@ -2,6 +2,8 @@
 
 Python functions of a path cannot be saved or sent to another process, but polynomial pieces can. s
 runs from 0 to 1 along a cycle.
+
+``Piece`` is a polynomial piece of a closed path between two values of s.
 """
 
 from __future__ import annotations

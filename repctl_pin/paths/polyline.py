@@ -2,6 +2,8 @@
 
 A blend is a curve of continuous curvature that rounds a corner, so that the arm need not stop
 there. Knots are the times, in any unit, at which the lines and blends begin.
+
+``Bend`` is a plane curve of length 1 that rounds a corner.
 """
 
 from __future__ import annotations

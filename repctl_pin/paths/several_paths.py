@@ -1,4 +1,7 @@
-"""Closed paths of several frames at once, such as of both hands, with one period."""
+"""Closed paths of several frames at once, such as of both hands, with one period.
+
+``SeveralPaths`` is a closed path of several frames: one path per frame.
+"""
 
 from __future__ import annotations
 

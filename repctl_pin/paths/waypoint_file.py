@@ -1,4 +1,7 @@
-"""Reading of waypoints from a CSV file, and the closed path through them."""
+"""Reading of waypoints from a CSV file, and the closed path through them.
+
+``CsvTable`` is a CSV file that was read: its header and its lines of cells.
+"""
 
 from __future__ import annotations
 

@@ -5,6 +5,10 @@ design chooses the coefficients A (N, r). V = ∂hᵀ/∂q (n, r) are their grad
 potential. q (n,) is one configuration, Q (K, n) are K configurations. A class named ``…Map`` has r
 potentials whose coefficients are fixed; the method ``weighted`` of a basis makes it. A joined basis
 ``a + b`` has the potentials of a, then those of b.
+
+``CurvedPotentials`` are potentials with second derivatives. ``PotentialBasis`` is a basis of N
+functions of q, whose combinations are the potentials h of a design. ``SumMap`` is a sum of maps h
+with r potentials each.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 A potential is a function of the configuration q. A repeatable controller keeps r potentials h(q)
 constant, weighted sums of the N potentials of a basis.
+
+``FourierMap`` is r potentials h(q) as Fourier series.
 """
 
 from __future__ import annotations

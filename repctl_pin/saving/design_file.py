@@ -3,6 +3,9 @@
 The content of a file is an object of :mod:`.schema`, which holds texts, numbers and lists only. A
 kind of file (:class:`FileKind`) converts a design to such content and back. Its name is the value
 of ``format`` in the file.
+
+``Sealed`` is the fields that every design file has: format, version, checksum and task.
+``DesignFile`` is the stored design of a repeatable inverse.
 """
 
 from __future__ import annotations

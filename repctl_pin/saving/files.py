@@ -2,6 +2,9 @@
 
 One kind is the design of a repeatable inverse over a region of joint space. The other, from an
 extension, is a function over a cell, a box of poses.
+
+``FileKind`` is one kind of design file: for a design over a region, or for the function of a cell.
+``Sealed`` is the fields that every design file has: format, version, checksum and task.
 """
 
 from __future__ import annotations

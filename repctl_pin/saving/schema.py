@@ -4,6 +4,12 @@ The decoder uses these classes, and ``docs/design.schema.json`` is made from the
 that a design contains, there are two functions: ``…_file`` converts the object to its part of a
 file, and ``…_of`` creates the object from that part. A part that an older file lacks is UNSET,
 msgspec's value for a missing key.
+
+``ProofFile`` is the stored bounds that are proved over a region or cell. ``PotentialBasis`` is a
+basis of N functions of q, whose combinations are the potentials h of a design. ``Cycle`` is one
+cycle of a motion that ends in its start: start configuration, path and period, s. ``CycleFile`` is
+the stored cycle of a design: start configuration, path and period. ``PathFile`` is the stored
+closed path of a frame, as polynomial pieces.
 """
 
 from __future__ import annotations

@@ -5,6 +5,10 @@ the frame, joint limits, the frames of arm angles, masses, and collision bodies.
 compared if the design has the period of a cycle. Geometry and masses are compared at the check
 configurations, a few configurations that the file contains. An argument ``made_for`` is the part of
 the file that describes the task.
+
+``TaskFile`` is the stored robot and task of a design, by which a file is refused for another robot.
+``FrameFile`` is the stored frame of a task: link, kind of task, and base link. ``JointRange`` is
+the stored limits of one joint: position and speed.
 """
 
 from __future__ import annotations

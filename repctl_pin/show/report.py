@@ -1,6 +1,9 @@
 """Report of a study as one HTML page: verdict, figures, and all data for repeating the study.
 
 J⁺ is the pseudoinverse, the usual controller, and Ω the region of joint space of the design.
+
+``ReportMaps`` are the maps and curves of a design for a report: its grid over two joints, costs by
+degree, baselines.
 """
 
 from __future__ import annotations

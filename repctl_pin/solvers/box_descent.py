@@ -1,6 +1,8 @@
 """Minimisation of a function over a box, by descents from S starting points at once.
 
 A point has n coordinates. Each descent has its own step length, which adapts to its success.
+
+``StepLengths`` are the parameters of the adaptive step lengths.
 """
 
 from __future__ import annotations

@@ -3,6 +3,12 @@
 Designs and cells minimise their costs with this method. The merit is what steps must decrease, the
 cost plus penalties; g is its gradient, and H the Gauss–Newton matrix. μ is the damping: a large μ
 makes a step short and safe.
+
+``Point`` is the objective at one x, with the intermediate values from which its model is computed.
+``Step`` is a damped Gauss–Newton step dx, with its predicted decrease and its damping.
+``_LeastSquares`` is a least-squares problem: functions for merit, gradient with Gauss–Newton
+matrix, and step. ``_Solution`` is the point reached, and how the minimisation ended. ``Damping``
+are the parameters of the damping μ and of the acceptance of steps.
 """
 
 from __future__ import annotations

@@ -6,6 +6,11 @@ rests: q̇ = N ż with J N = 0, where z (r,) are coordinates of the self-motion.
 origin of a link. Ω is the design region of the inverse. The ratio of a configuration is the scale
 of Ω at which the boundary passes through it: 1 at the edge, below 1 inside. An argument ``inverse``
 is the repeatable inverse, and ``lower`` and ``upper`` (n,) are joint limits, rad or m.
+
+``_Bounded`` is a region Ω of joint space, with the distance of q from its edge. ``_OnLeaves`` is a
+repeatable inverse, as far as the search for an elbow needs it. ``ElbowLevel`` is the level c at
+which the elbow is nearest to a point, and the configuration there. ``_Regular`` is bounds on
+singular values, leaf margin and Ω that a search must keep.
 """
 
 from __future__ import annotations

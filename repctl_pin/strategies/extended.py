@@ -3,6 +3,9 @@
 U(q) is a function that is kept stationary, and N (n, r) a basis of the null space of J. The r
 potentials h are constant in a motion, which so stays on a leaf, the set h(q) = c. For r > 1, N is
 the basis closest to N_ref, the one at a reference configuration.
+
+``_Given`` is a potential U given as a function, with its derivatives. ``_Posture`` is the potential
+``U = ½ ‖q − posture‖²``.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 The leaf is the set h(q) = c, with h the r potentials that the inverse keeps constant; c is its
 level. f(q) is the pose of the frame. Pose x = f(q) and level c determine q (n,), up to the solution
 branch. J_V = [J; Vᵀ], with V = ∂hᵀ/∂q, is the derivative of (f, h).
+
+``Potentials`` are r functions h(q) that a repeatable controller holds constant.
 """
 
 from __future__ import annotations

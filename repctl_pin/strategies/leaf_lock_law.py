@@ -4,6 +4,9 @@ The leaf is the set h(q) = c on which the potentials h keep the arm; the leaf lo
 as a controller corrects the task error. J_V = [J; Vᵀ] is the augmented Jacobian, with V = ∂hᵀ/∂q.
 The law is written twice: in C (:mod:`.native_law`), the default, and here. This version is the
 reference, and is used for what C does not support: user-defined potentials, more than 64 joints.
+
+``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``StepLimits`` are
+the limits of a step: joint speeds (n,), and the maximum damping.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 The native library, exported C code and their Python callers share this struct, so that all compute
 the same.
+
+``Potentials`` are r functions h(q) that a repeatable controller holds constant.
 """
 
 from __future__ import annotations

@@ -3,6 +3,9 @@
 The arguments of the C functions are in one block of memory, the struct Call, which is allocated
 once: a control loop then allocates nothing but its result. The inverse keeps r potentials h(q)
 constant, with the gradients V = ∂hᵀ/∂q; a leaf is the set h(q) = c, and c (r,) its level.
+
+``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``StepLimits`` are
+the limits of a step: joint speeds (n,), and the maximum damping.
 """
 
 from __future__ import annotations

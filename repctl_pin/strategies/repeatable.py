@@ -5,6 +5,10 @@ closed paths whose motions all stay in Ω, the region of joint space of the desi
 potentials, functions of q, with the gradients V = ∂hᵀ/∂q; the set h(q) = c is a leaf, and c its
 level. The augmented Jacobian is J_V = [J; Vᵀ]. Numbers in parentheses, such as (31), are equations
 of the paper. A self-motion moves the joints while the frame rests.
+
+``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``Bounded`` is a
+region of joint space that computes how far inside or outside configurations lie. ``NativeLaw`` is
+the control law in C. ``NumPyLaw`` is the control law in NumPy.
 """
 
 from __future__ import annotations

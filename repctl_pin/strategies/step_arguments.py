@@ -4,6 +4,8 @@ Arrays of doubles of the right size are passed on as they are; other values are 
 refused by an error that names the argument. Python's function calls take as long as the arithmetic
 of a step, so the tests come first. A level c is the value of the potentials h(q) at which a
 repeatable inverse keeps the arm.
+
+``StepLimits`` are the limits of a step: joint speeds (n,), and the maximum damping.
 """
 
 from __future__ import annotations

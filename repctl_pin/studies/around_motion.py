@@ -4,6 +4,8 @@ A problem is an arm, its task, a start and a closed path. The region Ω is the p
 for which a design is made. If none is given, Ω is a tube: all configurations within a radius of the
 motion. G_d is the desired inverse, usually J⁺, which the design approximates. A function ``say``
 receives the name of each step when it begins.
+
+``Cycle`` is one cycle of a motion that ends in its start: start configuration, path and period, s.
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ robot (reference, ready, mid-range), then poses found by a search. A dexterous c
 from a singularity. The measure of this distance, ``dexterity_at``, is the ratio of the smallest to
 the largest singular value of J, with lengths divided by that of the arm. J⁺ is the pseudoinverse,
 the usual controller.
+
+``PathStart`` is a start configuration that the search found, and the path that begins there.
 """
 
 from __future__ import annotations

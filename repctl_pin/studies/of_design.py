@@ -2,6 +2,9 @@
 
 The region Ω is the part of joint space for which the design was made. A self-motion moves the
 joints while the frame rests.
+
+``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle. ``Cycle`` is
+one cycle of a motion that ends in its start: start configuration, path and period, s.
 """
 
 from __future__ import annotations

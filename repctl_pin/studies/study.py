@@ -5,6 +5,8 @@ one strategy: its motion, or the reason why it stopped. The design is the repeat
 for the problem. Ω is the region of joint space for which the design is made; its potentials are the
 functions of the joints that its motions keep constant. A self-motion moves the joints while the
 frame rests.
+
+``Row`` is the result of one strategy in a study: its motion and figures, or why it stopped.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 A path loss means that the frame leaves its path. Joint speed is compared with that of J⁺, and with
 the minimum over closed motions. The notes are texts that a table prints below its rows.
+
+``Row`` is the result of one strategy in a study: its motion and figures, or why it stopped.
 """
 
 from __future__ import annotations

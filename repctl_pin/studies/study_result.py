@@ -3,6 +3,10 @@
 A strategy is one of the compared controllers, such as J⁺. The region Ω is the part of joint space
 for which the repeatable inverse was designed. The desired inverse G_d is the one that the design
 approximates. A potential is a function of the joints that the repeatable inverse keeps constant.
+
+``Row`` is the result of one strategy in a study: its motion and figures, or why it stopped.
+``Mechanism`` is the movable joints of a robot and their limits. ``JointMotion`` is a joint motion
+over several cycles: q, q̇ (T, n) at times t, without the path of the frame.
 """
 
 from __future__ import annotations

@@ -8,6 +8,13 @@ the pose, n_ref the null space of J there. s is the position along the self-moti
 measured from q_ref. The controller of the function holds s constant; a leaf is the set of
 configurations with one value of s. G_d is the desired inverse, such as J⁺. Extra joint speed is the
 joint speed relative to that of G_d, minus 1. Held-out poses are poses that the fit did not use.
+
+``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
+along its self-motion. ``FailureReason`` is one reason why a function fails at some poses of its
+cell: cause, share of the poses, worst pose. ``Evaluation`` is the figures of a function over a
+cell: its cost, joint speeds and margins. ``Slice`` is a map of a function's limit margin and joint
+speed over two coordinates of its cell. ``ClosedPath`` is a closed path as a function of s, which
+goes from 0 to 1 in a cycle.
 """
 
 from __future__ import annotations

@@ -4,6 +4,12 @@ A cell is a box of poses; its design is a function q = F(x) with one configurati
 sector is a cell in cylindrical coordinates; one of its coordinates is symmetric if a single joint
 moves the frame along it. The classes describe the objects of the JSON file, with attributes named
 like the keys. A fingerprint is a hash, or numbers, that differ if the described thing has changed.
+
+``_CellFile`` is the content of the file of an inverse kinematic function over a cell.
+``_BodiesFile`` is a fingerprint of the collision bodies: a hash of their shapes, and numbers for
+their places. ``Description`` is the content of a validated URDF as plain data. ``Shape`` is a shape
+of a URDF as plain data: its kind, size, link and place, or its mesh file. ``_SectorFile`` is the
+stored coordinates of a sector: its axis, free and symmetric coordinates, and profile.
 """
 
 from __future__ import annotations

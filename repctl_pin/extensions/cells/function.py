@@ -5,6 +5,10 @@ F(x; c) of a pose x has a level c (r,), the position along the self-motion; a le
 configurations F(x; c) with one level c. The chart of the function consists of two polynomials in u:
 q_ref approximates a configuration, and n_ref the null space of J. Letters: n joints, m task
 coordinates, r = n − m components of c, K targets.
+
+``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
+along its self-motion. ``ToolFunction`` is the inverse kinematic function of a tool, made from that
+of the frame that carries it. ``_NativeFunction`` is an inverse function in C.
 """
 
 from __future__ import annotations

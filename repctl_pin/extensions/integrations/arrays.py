@@ -13,6 +13,12 @@ radius, angle and height about an axis, two tilts of the tool, and its spin.
 Letters: n joints, m task coordinates, r = n − m components of c, k coordinates u, N monomials of u.
 The offsets y are the m task coordinates of a pose relative to the middle of its cell, m and rad.
 Private functions that have ``xp`` as first argument compute in that namespace.
+
+``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
+along its self-motion. ``JointChain`` is the serial chain of joints from the base to the frame of a
+task, as arrays. ``Kind`` is the kind of a task, such as ``pose``, with the coordinates that it
+commands. ``FourierMap`` is r potentials h(q) as Fourier series. ``PolynomialMap`` is r potentials
+h(q) as polynomials.
 """
 
 from __future__ import annotations

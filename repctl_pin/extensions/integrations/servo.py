@@ -5,6 +5,8 @@ keeps the arm; its level c is the position of the elbow along the self-motion. T
 is engaged, makes the arm's target move with an operator's hand; while it is released, the hand
 moves freely. A tracker measures hand and elbow of the operator in a frame of its own. The age of a
 message is the present time minus its time stamp, s.
+
+``ElbowLevel`` is the level c at which the elbow is nearest to a point, and the configuration there.
 """
 
 from __future__ import annotations

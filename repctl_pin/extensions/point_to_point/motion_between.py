@@ -3,6 +3,12 @@
 A cell is a box of poses, and F its function, which gives one configuration q for each pose x. A
 part of the motion is the lines from one rest to the next, and a segment is that part with its
 times. Letters: P poses, T samples, n joints.
+
+``ToolFunction`` is the inverse kinematic function of a tool, made from that of the frame that
+carries it. ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques
+and jerks, as numbers. ``Segment`` is a smooth part of a joint path between two stops, with its
+speed at each stage. ``Part`` is a part of a motion between two rests: one line, or several with
+blends.
 """
 
 from __future__ import annotations

@@ -1,4 +1,8 @@
-"""``repctl move``: time a motion through poses of a cell, and write it to files."""
+"""``repctl move``: time a motion through poses of a cell, and write it to files.
+
+``JointMotion`` is a joint motion over several cycles: q, q̇ (T, n) at times t, without the path of
+the frame.
+"""
 
 from __future__ import annotations
 

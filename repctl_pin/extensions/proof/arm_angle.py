@@ -20,6 +20,9 @@ entry is the moment about a revolute joint's axis, or the force along a prismati
 
 The reference direction r defines the angle 0 of a conventional arm angle; t is the singular
 direction of a stereographic one. docs/theory.md derives this.
+
+``_GradientBounds`` are first-order expansions of the gradient of an arm angle on K boxes, with
+their errors.
 """
 
 from __future__ import annotations

@@ -28,6 +28,12 @@ orthonormal bases of the null space and of V. The reciprocal of the leaf margin,
 extra joint speed in the worst direction, relative to J⁺.
 
 docs/theory.md derives this.
+
+``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses, with the kinematics
+there. ``Chain`` is a serial chain of joints, with the screws (twists per joint speed) in the frame
+of a middle link. ``CellBounds`` are proved bounds on the margins of a function F on K boxes of
+poses. ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the
+position along its self-motion.
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 The cell is a box of poses with coordinates u from −1 to 1. F gives one configuration for each pose.
 Boxes of poses are halved until their bounds suffice. c is a continuous function of u near F, see
 :class:`.CellProof`.
+
+``CellBounds`` are proved bounds on the margins of a function F on K boxes of poses.
 """
 
 from __future__ import annotations

@@ -6,6 +6,10 @@ levels. The leaf margin, from 0 to 1, is the distance from an algorithmic singul
 controller fails. Within the closing radius of a start or a path, each closed path of the frame ends
 in the configuration it began in. An argument ``field`` has the r potentials of a design, and
 ``report`` is the progress callback (step, fraction).
+
+``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle. ``_Closing``
+is a request for a closing radius: its path, and the level range within which it must hold.
+``Potentials`` are r functions h(q) that a repeatable controller holds constant.
 """
 
 from __future__ import annotations

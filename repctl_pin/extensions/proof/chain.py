@@ -6,6 +6,9 @@ revolute joints at the tool, an axis task has one. Each position coordinate that
 has a prismatic joint at the base. The screws of all joints, which are twists (v, ω) per unit of
 joint speed, are the columns of a (6, N) matrix. The null space of this matrix, restricted to the
 first n entries, is the null space of J.
+
+``Chain`` is a serial chain of joints, with the screws (twists per joint speed) in the frame of a
+middle link.
 """
 
 from __future__ import annotations

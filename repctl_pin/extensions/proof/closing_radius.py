@@ -7,6 +7,12 @@ prove over. A lift is the joint motion on a leaf over a path of the frame, such 
 A place is a box of configurations in which lifts begin, see :mod:`.lifts`. A :class:`Reach` is the
 length of lines whose lifts stay in Ω. An argument ``problem`` has bounds on J_V, the task Jacobian
 stacked on the potentials' gradients, over boxes of joints.
+
+``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle.
+``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
+of joint space. ``Enclosure`` is boxes of joints that contain a motion, their half-widths, and
+whether this is proved. ``Places`` are K boxes of joint space in which lifts begin: centres,
+half-widths and clearances.
 """
 
 from __future__ import annotations

@@ -15,6 +15,13 @@ A closed path is sampled at K + 1 path parameters s_i, which divide it into K ar
 joints at the samples. Half-widths of boxes are in rad or m. The task has n joints, r potentials and
 F frames, such as two hands. An argument ``inverse`` is the repeatable inverse with the potentials
 h, and ``problem`` has bounds on its J_V over boxes of joints.
+
+``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
+of joint space. ``Enclosure`` is boxes of joints that contain a motion, their half-widths, and
+whether this is proved. ``_Samples`` are K configurations of a lift, with bounds on their errors and
+on the arcs between them. ``_ProvedArcs`` are the proved half-widths of the boxes that contain a
+lift between its samples. ``JointChain`` is the serial chain of joints from the base to the frame of
+a task, as arrays.
 """
 
 from __future__ import annotations

@@ -3,6 +3,13 @@
 The leaf margin, from 0 to 1, is the distance from an algorithmic singularity. At such a singularity
 the matrix J_V is singular: the task Jacobian J stacked on the gradients V of the potentials.
 docs/theory.md, "Proved, not sampled", derives the bounds.
+
+``LeafMarginBounds`` are bounds on the leaf margin and on σ_min(J) over K boxes of joint space.
+``Potentials`` are r functions h(q) that a repeatable controller holds constant.
+``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
+of joint space. ``Chain`` is a serial chain of joints, with the screws (twists per joint speed) in
+the frame of a middle link. ``Features`` are r potentials as sums of features (products, sines,
+cosines), with bounds on a box Ω.
 """
 
 from __future__ import annotations

@@ -14,6 +14,10 @@ cells, so they agree on common faces: one continuous function F(x₀, c). The th
 elbow", has the theorem. Ω is the region of joint space of the design. An argument ``inverse`` is
 the repeatable inverse with the potentials h, ``problem`` has bounds on its J_V over boxes of
 joints, and ``start`` (n,) is the start.
+
+``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
+of joint space. ``Enclosure`` is boxes of joints that contain a motion, their half-widths, and
+whether this is proved.
 """
 
 from __future__ import annotations

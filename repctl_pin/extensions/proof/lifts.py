@@ -21,6 +21,12 @@ joint is its motion per metre of a line, rad or m per m. J_V is the task Jacobia
 potentials' gradients; G_r exists where J_V is regular. An argument ``field`` has the potentials,
 ``problem`` has bounds on J_V over boxes of joints, and ``ratio`` is α/ρ, 0 for lines without
 rotation.
+
+``Potentials`` are r functions h(q) that a repeatable controller holds constant.
+``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
+of joint space. ``Reach`` is the length of lines whose lifts are proved to stay near every place,
+and what limits it. ``Places`` are K boxes of joint space in which lifts begin: centres, half-widths
+and clearances.
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ configuration locally. The straight lines from the start pose to the poses of th
 surface, a cone. If J_V is regular along all these lines, each pose of the cone has one
 configuration on the leaf. Shrinking the path within the cone to the start then shows that it
 closes.
+
+``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle.
 """
 
 from __future__ import annotations

@@ -13,6 +13,10 @@ they are added. An argument ``field`` has the r potentials.
 .. math:: z = Z q - z_0, \quad φ_f = 1,\; φ_{parent} z,\; \sin z,\; \cos z, \qquad
           V = G φ, \quad ∂V = C φ,
           \quad |∂²V - C_3 φ| ≤ T, \quad |∂(C_3 φ)| ≤ T_4 \text{ on the whole of } Ω
+
+``Features`` are r potentials as sums of features (products, sines, cosines), with bounds on a box
+Ω. ``_Feature`` is one feature of a potential: 1, a product, a sine or a cosine. ``PolynomialMap``
+is r potentials h(q) as polynomials. ``FourierMap`` is r potentials h(q) as Fourier series.
 """
 
 from __future__ import annotations

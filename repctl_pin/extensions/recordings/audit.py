@@ -4,6 +4,11 @@ Drift is here a steady change of the configuration at the pose from visit to vis
 time at which the hand is at the pose; every visit but the first is a return. The hand is the frame
 that the task controls; if the task controls several frames, all must be at their poses. Letters: N
 visits, n joints, L links, T rows of the log.
+
+``Trend`` is robust lines through columns of values over time: their slopes, and the half-widths of
+the slopes' confidence intervals. ``JointLog`` is recorded joint positions q (T, n) and their times
+t (T,). ``Visits`` are the visits of the hand at one pose: their times and configurations.
+``LinkPoints`` is the most displaced point of each link of an arm.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 A Span is a piece of text with a style, such as "bad" for red. Drift is a steady change of the
 joints at one hand pose. A visit is a time at which the hand is at the pose.
+
+``Headline`` is a sentence on the drift, and notes on joint speed, limits and bodies.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Texts of the dialog of an audit's page: how to use an audit, and what its words mean."""
+"""Texts of the dialog of an audit's page: how to use an audit, and what its words mean.
+
+``Dialog`` is the texts of a page's dialog, by name.
+"""
 
 from __future__ import annotations
 

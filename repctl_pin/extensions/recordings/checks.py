@@ -5,6 +5,9 @@ would later give wrong joints without an error. So each check raises an InputErr
 mistake. A session is one run of the recorder, such as a demonstration. Letters: Q (K, n),
 configurations of n joints at K frames; p (K, 3), m, and R (K, 3, 3), positions and rotations of the
 recorded poses. A difference, or miss, is a pair (m, rad).
+
+``_Explanation`` is an explanation of a constant offset, its remedy, and the difference that
+remains.
 """
 
 from __future__ import annotations

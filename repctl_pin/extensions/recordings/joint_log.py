@@ -4,6 +4,9 @@ Logs come from many recorders. So names of columns, the unit of time and the ord
 inferred; a log with several possible readings is refused. Levels are what was commanded beside the
 pose: positions along the self-motion, such as the position of the elbow. Letters: T rows, n joints,
 k levels.
+
+``JointLog`` is recorded joint positions q (T, n) and their times t (T,). ``Table`` is the columns
+of a file by name, all of one length, with one row per frame of a recording.
 """
 
 from __future__ import annotations

@@ -1,6 +1,8 @@
 """Plausibility checks of a joint log: units, times, and order of the joints.
 
 A log in degrees, or with its columns in another order, would give a wrong verdict without an error.
+
+``JointLog`` is recorded joint positions q (T, n) and their times t (T,).
 """
 
 from __future__ import annotations

@@ -3,6 +3,9 @@
 A frame is one row of a recording, but *the* frame of a task is the link whose poses are recorded. A
 session is one run of the recorder, such as a demonstration. Large arrays are processed in blocks of
 rows. Letters: K frames, n joints.
+
+``Table`` is the columns of a file by name, all of one length, with one row per frame of a
+recording.
 """
 
 from __future__ import annotations

@@ -4,6 +4,11 @@ A cell is a box of poses, or a sector around the base, over which a function q =
 joints. The level c selects the leaf, the set of configurations F(x; c), and so the position of the
 elbow along the self-motion. A frame is one row of a recording. A session is one run of the
 recorder, such as a demonstration. Letters: K frames, n joints, r components of c.
+
+``DataSet`` is the demonstrations of a data set as one table, with the names of its special columns.
+``Columns`` are the columns of a relabelled recording: new numbers, removed and recomputed columns.
+``_Gap`` is a range of consecutive frames of one session that could not be relabelled, and the
+reason.
 """
 
 from __future__ import annotations

@@ -3,6 +3,9 @@
 Columns that depend on the old joints, such as velocities or actions, would contradict the new
 joints and are removed. Columns of the gripper, of cameras and of times stay. A session is one run
 of the recorder, such as a demonstration. Letters: K frames (rows), n joints.
+
+``Table`` is the columns of a file by name, all of one length, with one row per frame of a
+recording.
 """
 
 from __future__ import annotations

@@ -4,6 +4,9 @@ A visit is a time at which the hand is at the pose. Differences are compared wit
 has two parts: the scatter of a reading, and a bias, which bounds its systematic errors. Drift is a
 steady change. Letters: N visits, n joints, k columns. A group is the visits in one configuration,
 within the noise; groups are numbered from 0 in the order of their first visits.
+
+``Trend`` is robust lines through columns of values over time: their slopes, and the half-widths of
+the slopes' confidence intervals.
 """
 
 from __future__ import annotations

@@ -9,6 +9,11 @@ self-motion, such as the position of the elbow. A pass is a run of consecutive r
 
 Letters: T rows of the log, n joints, N visits, d coordinates of a pose as a point, m task
 coordinates; e is the task error.
+
+``_Pass`` is consecutive rows of a log near one pose. ``Visits`` are the visits of the hand at one
+pose: their times and configurations. ``Kind`` is the kind of a task, such as ``pose``, with the
+coordinates that it commands. ``_Estimate`` is the configuration of a visit, corrected by J⁺ to
+reach the pose, with data on its errors.
 """
 
 from __future__ import annotations

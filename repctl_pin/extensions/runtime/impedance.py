@@ -3,6 +3,11 @@
 A leaf is the set h(q) = c on which the r potentials h of a repeatable inverse have the level c.
 Letters: q (n,), joint positions; J (m, n), the task Jacobian; V (n, r), the gradients of h; F
 frames of the task.
+
+``Observer`` is the state of a disturbance observer, which estimates what moves the joints off their
+leaf. ``Kind`` is the kind of a task, such as ``pose``, with the coordinates that it commands.
+``Gains`` are the gains of the torque law: stiffness, damping ratios, leaf frequency, and those of
+the observer. ``NativeTorques`` is the torque law in C. ``NumPyTorques`` is the torque law in NumPy.
 """
 
 from __future__ import annotations

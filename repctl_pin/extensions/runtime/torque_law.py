@@ -5,6 +5,11 @@ h(q) = c. C is fast enough for a loop at 1 kHz; NumPy is the reference, and repl
 cannot be used. The r potentials h are those that a repeatable inverse keeps constant, and c (r,) is
 the level of the leaf. Letters: x, the pose of the frame; ẋ (m,), its task velocity; J (m, n), the
 task Jacobian; V (n, r), the gradients of h; J_V = [J; Vᵀ] (n, n).
+
+``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``Observer`` is the
+state of a disturbance observer, which estimates what moves the joints off their leaf. ``Gains`` are
+the gains of the torque law: stiffness, damping ratios, leaf frequency, and those of the observer.
+``NumPyTorques`` is the torque law in NumPy.
 """
 
 from __future__ import annotations

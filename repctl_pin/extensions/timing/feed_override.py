@@ -2,6 +2,8 @@
 
 The override o is the speed on the motion's clock: 1 as timed, 0 at rest, -1 backwards. A change of
 the override is a curve o(t) from one value to another.
+
+``_Change`` is K alternative changes of the override over time, of which one is chosen.
 """
 
 from __future__ import annotations

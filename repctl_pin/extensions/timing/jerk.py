@@ -24,6 +24,11 @@ them, a cycle, can be repeated; empty if there is no such cycle. ``weights``, on
 multiply the times of the intervals: by the number of traversals of this cycle between the ties, by
 1 elsewhere. ``tight``, one number per interval, at least 1, divides the limits of acceleration and
 jerk there; it is raised where a solution exceeds them between two stages.
+
+``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
+numbers. ``_JerkSegment`` is a smooth part of a joint path, from rest to rest, timed with bounded
+jerk. ``_Path`` is a joint path q(s) and its derivatives at its K stages. ``_Rows`` are rows ``A z ≤
+b`` of a linear program, each with four coefficients.
 """
 
 from __future__ import annotations

@@ -4,6 +4,9 @@ Own times are the times of the waypoints, such as the column ``time`` of a file.
 with another machine must keep them. They give s(t), the length of the joint path over time, whose
 speed ṡ jumps, at least at both ends. So s(t) is smoothed: convolved with a triangle of width r, the
 smoothing time.
+
+``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
+numbers. ``_OwnTimes`` is a smooth part of a joint path, timed as the motion itself was.
 """
 
 from __future__ import annotations

@@ -4,6 +4,11 @@ s is the length of the joint path q(s), and ′ = d/ds. A profile is the speed �
 grid points of s at which the limits are imposed. A segment is the part of the path between two
 stops, with its profile. The linear program has the unknowns x = ṡ² at the stages; n is the number
 of joints, and T a number of points or times.
+
+``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
+numbers. ``Segment`` is a smooth part of a joint path between two stops, with its speed at each
+stage. ``_Program`` is the linear program of a profile: bounds on ``x = ṡ²``, and rows for
+acceleration and torque.
 """
 
 from __future__ import annotations

@@ -4,6 +4,11 @@ The joint path is cut at the stops into segments. Each segment is timed, and the
 A cycle is one traversal of the closed path; the steady cycle is the one between those that speed up
 and slow down. ``JointLimits`` are the limits of all n joints, as arrays. s is the length of the
 joint path. An argument ``laps`` is the joint path of a few cycles, see :class:`_Laps`.
+
+``Profile`` is the bend and the stretch of a sector as functions of the height. ``Segment`` is a
+smooth part of a joint path between two stops, with its speed at each stage. ``JointMotion`` is a
+joint motion over several cycles: q, q̇ (T, n) at times t, without the path of the frame. ``Row`` is
+the result of one strategy in a study: its motion and figures, or why it stopped.
 """
 
 from __future__ import annotations

@@ -21,6 +21,8 @@ is the colour of displaced bodies.
 
 Times are in shown cycles: 1.25 is a quarter into the second cycle. A page whose address ends in
 ``#paused`` does not start by itself.
+
+``Dialog`` is the texts of a page's dialog, by name.
 """
 
 from __future__ import annotations

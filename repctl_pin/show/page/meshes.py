@@ -4,6 +4,9 @@ meshcat is a viewer of three.js scenes in the browser. Each distinct body is def
 ``/library/k``, and the page places copies of it. The commands equal those of meshcat's Python
 package, which is not used because it would import IPython and a web server. A surface is the
 content of a mesh file: points, normals, colours and triangles.
+
+``Shape`` is a shape of a URDF as plain data: its kind, size, link and place, or its mesh file.
+``Surface`` is a triangle mesh: points, normals, colours (V, 3) and faces (F, 3).
 """
 
 from __future__ import annotations

@@ -4,6 +4,9 @@ A visitor of the page can draw a closed path, a loop, and see how the arm follow
 numbers, the page's ``law.js`` evaluates forward kinematics, J, and two controllers: ``q̇ = J⁺ ẋ``
 and ``[J; Vᵀ] q̇ = [ẋ; 0]``. V holds the gradients of the potentials, which the second controller
 keeps constant.
+
+``CarriedFrame`` is a frame of a robot: the joints that move it, and its placement after the last of
+them. ``Potentials`` are r functions h(q) that a repeatable controller holds constant.
 """
 
 from __future__ import annotations

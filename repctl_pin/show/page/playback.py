@@ -3,6 +3,16 @@
 A playback, or track, is one motion of all joints of the robot, as the page shows it. A traced chain
 consists of the joints that move one frame; the page draws traces of that frame and of the chain's
 elbow, the joint in the middle of the arm that moves most during self-motion.
+
+``TracedChain`` is a kinematic chain whose frame and elbow leave traces. ``Playback`` is one motion
+of a whole robot, as the page plays it: label, configurations, times. ``Dialog`` is the texts of a
+page's dialog, by name. ``Kind`` is the kind of a task, such as ``pose``, with the coordinates that
+it commands. ``Visuals`` are the shapes to draw of a robot and its surroundings. ``Frames`` are the
+samples of a motion that the page shows. ``JointMotion`` is a joint motion over several cycles: q,
+q̇ (T, n) at times t, without the path of the frame. ``Arm`` is the arm in one pane of the page, and
+its motion under one controller. ``FirstViolation`` is the first violation of a limit or the first
+collision, which the page marks. ``MotionSummary`` is the quantities of one motion that headlines
+and short tables report.
 """
 
 from __future__ import annotations

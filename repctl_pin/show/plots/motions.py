@@ -2,6 +2,8 @@
 
 A figure shows several motions from one start; ``motions`` lists a label, the motion and a colour
 for each. The drift is the distance of the joints from the start after a cycle.
+
+``_Curve`` is the line of one motion in a figure: its values per cycle, its name and its colour.
 """
 
 from __future__ import annotations

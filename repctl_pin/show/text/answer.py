@@ -4,6 +4,10 @@ A span is a piece of text with a tone (``bad``, ``good``, ``near``), which a ter
 colour. A row is the result of one strategy, such as J⁺, in the study; a summary holds the numbers
 of its motion. The displacement of a part is the distance between its positions at the start and
 after all cycles.
+
+``Row`` is the result of one strategy in a study: its motion and figures, or why it stopped.
+``Span`` is a piece of text with its tone, which is shown as colour. ``MotionSummary`` is the
+quantities of one motion that headlines and short tables report.
 """
 
 from __future__ import annotations

@@ -2,6 +2,9 @@
 
 The descriptions are alternative texts, for readers who cannot see the figures. J⁺ is the
 pseudoinverse, the usual controller.
+
+``ReportMaps`` are the maps and curves of a design for a report: its grid over two joints, costs by
+degree, baselines.
 """
 
 from __future__ import annotations

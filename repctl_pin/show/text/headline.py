@@ -6,6 +6,8 @@ part is back if its displacement is below 0.1 mm. The hand is the task's frame. 
 (:class:`.MotionSummary`) has the numbers of one motion; the label of a controller is its name in a
 study, such as ``J⁺``. A :class:`.Span` is a piece of text with a tone (``bad``, ``good`` or
 ``near``), which a page and a terminal show as colour; lists of spans are joined to one text.
+
+``Row`` is the result of one strategy in a study: its motion and figures, or why it stopped.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Text wrapped to the width of the terminal, and its colours."""
+"""Text wrapped to the width of the terminal, and its colours.
+
+``Span`` is a piece of text with its tone, which is shown as colour.
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,10 @@
 The displacement of a part of the arm is the distance between its positions at the start and at the
 end of all cycles. The outlook is the cycle in which a joint leaves its range if every further
 cycle drifts like the last one.
+
+``JointMotion`` is a joint motion over several cycles: q, q̇ (T, n) at times t, without the path of
+the frame. ``MotionSummary`` is the quantities of one motion that headlines and short tables report.
+``Row`` is the result of one strategy in a study: its motion and figures, or why it stopped.
 """
 
 from __future__ import annotations

@@ -3,6 +3,11 @@
 A span is a piece of text with a tone, which a terminal shows as colour. A strategy is a controller
 that a study compares; each strategy has a column. J⁺ is the pseudoinverse, the usual strategy, and
 Ω the region of joint space of the design.
+
+``Span`` is a piece of text with its tone, which is shown as colour. ``JointMotion`` is a joint
+motion over several cycles: q, q̇ (T, n) at times t, without the path of the frame. ``Quantity`` is
+one number per controller in a study, such as the drift: how to compute, name and mark it. ``Row``
+is the result of one strategy in a study: its motion and figures, or why it stopped.
 """
 
 from __future__ import annotations

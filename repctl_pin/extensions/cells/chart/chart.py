@@ -9,6 +9,9 @@ x(u) is the pose.
 Letters: n joints, m task coordinates, r = n − m components of s, k coordinates in u, K poses, N
 monomials. Each of l further coordinates of the cell is symmetric: a single joint moves the frame
 along it, so u leaves it out; :attr:`Cell.along` has these joints. G_d is the desired inverse.
+
+``_Goals`` are the terms q_ref, n_ref, p and R of the chart's equations at K poses. ``Points`` are
+the configurations Q (K, n) of a function q = F(u) at K poses, with the kinematics there.
 """
 
 from __future__ import annotations

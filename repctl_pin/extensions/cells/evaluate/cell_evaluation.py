@@ -18,6 +18,13 @@ fails.
 Letters: n joints, m task coordinates, r = n − m components of s, k coordinates u; K and L are
 numbers of poses or configurations. N spans the null space of J; N, V̂ and n̂_ref have orthonormal
 columns.
+
+``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the label ``s(u) =
+Σ_t a_t T_t(u)``. ``Sample`` is a function F evaluated at K poses of its cell: configurations, joint
+speeds and margins. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses,
+with the kinematics there. ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the
+label s (r,) the position along its self-motion. ``FailureReason`` is one reason why a function
+fails at some poses of its cell: cause, share of the poses, worst pose.
 """
 
 from __future__ import annotations

@@ -4,6 +4,9 @@ The causes are: out of reach, singularity, joint limit, fold, collision. U (K, k
 poses in the cell, from −1 to 1, and Q (K, n) configurations of the function there, for n joints. A
 share is a fraction of all sampled poses, 0 to 1. A leaf is the set of configurations q = F(x) of
 one function, on which its controller stays.
+
+``FailureReason`` is one reason why a function fails at some poses of its cell: cause, share of the
+poses, worst pose.
 """
 
 from __future__ import annotations

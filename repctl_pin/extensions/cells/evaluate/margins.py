@@ -11,6 +11,11 @@ chart are equal to s, and its leaf is the set s = 0.
 
 Letters: n joints, r components of s, k coordinates u, K poses or configurations, P margins of one
 kind per configuration, such as one per joint.
+
+``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the label ``s(u) =
+Σ_t a_t T_t(u)``. ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s
+(r,) the position along its self-motion. ``Quantity`` is a margin, or a joint speed, that a search
+minimises over the cell of a function.
 """
 
 from __future__ import annotations

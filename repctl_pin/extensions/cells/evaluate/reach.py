@@ -7,6 +7,10 @@ of a joint from its limits, rad or m. G_d is the desired inverse, J⁺ the pseud
 Jacobian J.
 
 Letters: n joints, m task coordinates, r = n − m, K poses, rays or middles.
+
+``Rays`` are the results of following K straight rays from the middle of a cell: end poses, last
+configurations, fraction followed. ``Grown`` is how far a box of poses grows around each of K
+middles.
 """
 
 from __future__ import annotations

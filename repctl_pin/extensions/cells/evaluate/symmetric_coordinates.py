@@ -8,6 +8,11 @@ is a cell in cylindrical coordinates, numbered from 0: radius, angle and height 
 tilts of the tool, and its spin. A chart is the pair of polynomials of u in which the function is
 written: q_ref approximates its configurations, n_ref the null space of J. K poses are the rows of
 U (K, k).
+
+``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
+along its self-motion. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses,
+with the kinematics there. ``Turn`` is the range of a function along a symmetric coordinate, which
+one joint alone changes, rad.
 """
 
 from __future__ import annotations

@@ -11,6 +11,18 @@ A quick design has a lower degree, fewer nodes and a quick evaluation, without s
 worst joint speeds, leaf margins and body distances. A coordinate of a sector, angle or spin, is
 symmetric if a single joint moves the frame along it; its range can be given as ``"all"``. Extra
 joint speed is the joint speed relative to that of the desired inverse, minus 1.
+
+``Candidate`` is a configuration in the middle of a cell, with the share of corners that rays from
+there reach, and its margins. ``Chart`` is coordinates (u, s) of configurations: u gives the pose,
+the label s (r,) the position along its self-motion. ``Descent`` is the result of a descent:
+coefficients A, cost, gradient norm, steps, and whether it converged. ``Turn`` is the range of a
+function along a symmetric coordinate, which one joint alone changes, rad. ``ActiveConstraint`` is
+one kind of margin, with the poses at which it is checked and those at which it is penalised.
+``Margin`` is a kind of margin, such as joint limits, with its required minimum. ``Monomials`` are
+all monomials ``u^α`` up to a degree in the coordinates u, the constant 1 first. ``Cost`` is the
+cost of a candidate function: mean distance from the desired inverse, plus penalties on margins.
+``FailureReason`` is one reason why a function fails at some poses of its cell: cause, share of the
+poses, worst pose.
 """
 
 from __future__ import annotations

@@ -12,6 +12,16 @@ null space.
 Letters: n joints, r components of s, N monomials of u in which s is written, K nodes, L penalised
 poses, P margins of one kind per configuration. The residual is (∂F − G_d E) C. A hinge is
 max(0, asked − margin), by which a margin falls short of the asked value.
+
+``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
+along its self-motion. ``Penalty`` is a kind of margin that the cost penalises, and the poses at
+which it does. ``Monomials`` are all monomials ``u^α`` up to a degree in the coordinates u, the
+constant 1 first. ``_Value`` is the cost of a candidate function, with the configurations at which
+it was evaluated. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses, with
+the kinematics there. ``Descent`` is the result of a descent: coefficients A, cost, gradient norm,
+steps, and whether it converged. ``Point`` is the objective at one x, with the intermediate values
+from which its model is computed. ``Step`` is a damped Gauss–Newton step dx, with its predicted
+decrease and its damping.
 """
 
 from __future__ import annotations

@@ -3,6 +3,10 @@
 A cell is a box of poses; the function q = F(x) gives one configuration for each of them. It covers
 a pose if this configuration is inside the joint limits. A coordinate of a sector is symmetric if a
 single joint moves the frame along it.
+
+``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
+``FailureReason`` is one reason why a function fails at some poses of its cell: cause, share of the
+poses, worst pose.
 """
 
 from __future__ import annotations

@@ -8,6 +8,13 @@ A leaf is the set of configurations with one value of s; nearby leaves are those
 different values. Nodes are the poses at which the cost is evaluated. A chart consists of
 polynomials of u that approximate a configuration, from which s is measured, and the null space. The
 label is s, with r components.
+
+``Monomials`` are all monomials ``u^α`` up to a degree in the coordinates u, the constant 1 first.
+``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the label ``s(u) =
+Σ_t a_t T_t(u)``. ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s
+(r,) the position along its self-motion. ``ActiveConstraint`` is one kind of margin, with the poses
+at which it is checked and those at which it is penalised. ``Descent`` is the result of a descent:
+coefficients A, cost, gradient norm, steps, and whether it converged.
 """
 
 from __future__ import annotations

@@ -10,6 +10,16 @@ is the joint speed relative to that of the desired inverse, such as J⁺, minus 
 
 The argument ``fit`` has the arguments of the design, ``limits`` what a function must meet. K poses
 are the rows of U (K, k). A corner, low or high (k,), has the ends of all ranges, from −1 to 1.
+
+``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
+``Required`` holds the limits of a function: mean and maximum extra joint speed relative to G_d
+(0.05 is 5 %), and body distance, m. ``Sample`` is a function F evaluated at K poses of its cell:
+configurations, joint speeds and margins. ``Symmetry`` is a joint that changes only one coordinate
+of the frame: the numbers of both, and the sign. ``Window`` is a range of the angle around the arm:
+the direction of its middle, and its half-width, rad. ``Chart`` is coordinates (u, s) of
+configurations: u gives the pose, the label s (r,) the position along its self-motion.
+``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the label ``s(u) =
+Σ_t a_t T_t(u)``.
 """
 
 from __future__ import annotations

@@ -8,6 +8,9 @@ symmetric if a single joint moves the frame along it; it can be removed from the
 :class:`Cell`, which also has the letters. The range of angle or spin can be ``"all"``, as far as
 the limits of that joint. The profile of a sector is its range of radius as a function of the height
 η above the middle.
+
+``Symmetry`` is a joint that changes only one coordinate of the frame: the numbers of both, and the
+sign.
 """
 
 from __future__ import annotations

@@ -5,6 +5,9 @@ tilts of the tool, and its spin. A joint that turns the whole arm about this axi
 angle of the frame's pose; a joint that turns the tool about its own z axis, only the spin. So a
 function F, which gives one configuration per pose, need not be designed along that coordinate. An
 axis (2, 3) is a point, m, and a unit direction.
+
+``Symmetry`` is a joint that changes only one coordinate of the frame: the numbers of both, and the
+sign.
 """
 
 from __future__ import annotations

@@ -5,6 +5,10 @@ is a cell in cylindrical coordinates around an axis. One joint may turn the whol
 angle, another the tool along its spin. Their ranges are given in rad or as ``"all"``, which extends
 to the limits of that joint. Extra joint speed is the joint speed relative to that of the desired
 inverse, such as J⁺, minus 1.
+
+``Dialog`` is the texts of a page's dialog, by name. ``Headline`` is a sentence on the drift, and
+notes on joint speed, limits and bodies. ``Span`` is a piece of text with its tone, which is shown
+as colour.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 A sector is a cell in cylindrical coordinates around an axis; its angle is that about the axis.
 Extra joint speed is the joint speed relative to that of the desired inverse, such as J⁺, minus 1.
+
+``Slice`` is a map of a function's limit margin and joint speed over two coordinates of its cell.
 """
 
 from __future__ import annotations

@@ -10,6 +10,12 @@ at each and the size to which a box grew there. A :class:`Candidate` is one conf
 middle of a box, with figures of the motions from there to the corners. A sector is a cell in
 cylindrical coordinates around the arm: radius, angle and height, two tilts of the tool, and its
 spin.
+
+``Approach`` is the axis of the tool that points at the work, and why it was chosen. ``_Fitting`` is
+the largest box that one function covers: its cell, the configuration in its middle, and what limits
+it. ``CellFit`` holds the arguments of a design over a cell, and the methods that compute the
+design. ``FailureReason`` is one reason why a function fails at some poses of its cell: cause, share
+of the poses, worst pose.
 """
 
 from __future__ import annotations

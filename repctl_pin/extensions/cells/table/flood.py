@@ -8,6 +8,10 @@ limits, at singularities, and where a joint would jump. All floods are computed 
 
 Letters: n joints, m task coordinates, I radii, J heights, S floods or masks; K and L are numbers of
 nodes. ``held`` is True for joints that are locked.
+
+``Table`` is a grid of poses (nodes) over radius and height around an axis, at the angle 0 and one
+orientation. ``Rectangles`` are the largest rectangles of nodes in S masks: areas, first and last
+indices of radius and height.
 """
 
 from __future__ import annotations

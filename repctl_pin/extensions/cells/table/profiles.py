@@ -6,6 +6,9 @@ inside the runs. A linear program finds the two polynomials with the largest are
 table is a grid of radius and height around the arm, whose nodes have the indices (i, j) of I radii
 and J heights. A flood is the set of nodes that the arm reaches from one configuration without a
 change of branch, one of the separate solutions of inverse kinematics.
+
+``Between`` is a set of nodes between two polynomials of the height: its area, first and last
+height, and both polynomials.
 """
 
 from __future__ import annotations

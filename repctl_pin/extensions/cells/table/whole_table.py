@@ -15,6 +15,24 @@ A locked flood is that of an arm with r of its joints locked, which is therefore
 Masks (I, J) have one entry per node, for I radii and J heights. S is the number of floods, n that
 of joints, K that of openings, nodes or configurations. A node is a pair of indices (radius,
 height). The argument ``fit`` has the arguments of a design, ``report`` is the progress callback.
+
+``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
+``Required`` holds the limits of a function: mean and maximum extra joint speed relative to G_d
+(0.05 is 5 %), and body distance, m. ``_Place`` is a candidate sector: its cell, the configuration
+in its middle, an upper bound of its rating (m²), and a quick design. ``Rectangles`` are the largest
+rectangles of nodes in S masks: areas, first and last indices of radius and height. ``WholeTable``
+is the result of the search for the largest sector: its design, area and comparison with locked
+joints. ``_Floods`` are S floods: each is a set of neighbouring nodes with one configuration per
+node, so that q changes continuously. ``LockedJoints`` is an arm with r joints locked: the joints,
+their values, and the part of a sector that it covers. ``Symmetry`` is a joint that changes only one
+coordinate of the frame: the numbers of both, and the sign. ``Table`` is a grid of poses (nodes)
+over radius and height around an axis, at the angle 0 and one orientation. ``_Openings`` are K
+ranges of the angle of floods, with the nodes free of collisions at all their angles. ``Between`` is
+a set of nodes between two polynomials of the height: its area, first and last height, and both
+polynomials. ``Straight`` are the sectors with one range of radius, and the function over the
+largest that one covers. ``Shut`` is masks of the nodes that cannot be used at M angles: ``near``, a
+body is too near, and ``out``, a limit is exceeded. ``_Larger`` is an arm with locked joints that
+covers a larger sector than a design.
 """
 
 from __future__ import annotations

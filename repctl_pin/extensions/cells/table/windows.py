@@ -7,6 +7,10 @@ is a grid of radius and height around the arm, whose nodes have the indices (i, 
 heights. A flood is the set of nodes that the arm reaches from one configuration without a change of
 branch, one of the separate solutions of inverse kinematics; as an array (I, J, n), it has the
 configurations of n joints, NaN at nodes that it does not reach.
+
+``Shut`` is masks of the nodes that cannot be used at M angles: ``near``, a body is too near, and
+``out``, a limit is exceeded. ``Table`` is a grid of poses (nodes) over radius and height around an
+axis, at the angle 0 and one orientation.
 """
 
 from __future__ import annotations

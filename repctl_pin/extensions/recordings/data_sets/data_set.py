@@ -2,6 +2,9 @@
 
 Its demonstrations are read as one table with a row per frame; K is their number. It is written
 whole or not at all, and a new data set never replaces one that exists.
+
+``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
+replace.
 """
 
 from __future__ import annotations

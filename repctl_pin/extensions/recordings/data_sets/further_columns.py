@@ -4,6 +4,8 @@ Next observations are those of the following frame. Relabelling evaluates the sa
 same level, the position c along the self-motion, for these columns as for the joints, so that all
 columns agree. K is the number of frames, n that of joints; the indices of joints, ``places``, count
 the numbers in a row of a column, from 0.
+
+``DataSet`` is the demonstrations of a data set as one table, with the names of its special columns.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Opening of a data set, and the joints of a task in one of its columns, found by their names."""
+"""Opening of a data set, and the joints of a task in one of its columns, found by their names.
+
+``DataSet`` is the demonstrations of a data set as one table, with the names of its special columns.
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,9 @@
 
 An array's name is its path below the demonstration, such as ``obs/robot0_joint_pos``. The file is
 copied, and only the arrays that change are written.
+
+``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
+replace.
 """
 
 from __future__ import annotations

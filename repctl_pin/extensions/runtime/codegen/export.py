@@ -4,6 +4,10 @@ Test vectors, which are inputs with Python's results for them, are also exported
 on the robot's computer. Ω is the region of joint space, or the cell of poses, of the design. The
 function of a cell is q = F(x; c), with the pose x and the level c (r,), which is the position along
 the self-motion. n is the number of joints.
+
+``Source`` is the texts of the C header and of the C source file, and parts of the C++ header.
+``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.
+``Vector`` is a test vector: a configuration, and the other inputs of the exported C functions.
 """
 
 from __future__ import annotations

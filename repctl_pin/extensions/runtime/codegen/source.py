@@ -3,6 +3,9 @@
 The files are templates filled with sizes, numbers and code of the native library. Ω is the region
 of joint space, or the cell of poses, for which the inverse was designed. The function of a cell is
 q = F(x; c), with the pose x and the level c, which is the position along the self-motion.
+
+``Source`` is the texts of the C header and of the C source file, and parts of the C++ header.
+``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.
 """
 
 from __future__ import annotations

@@ -6,6 +6,11 @@ singularity), BAD_NUMBER (an input is invalid) or OUTSIDE (q is outside the regi
 A leaf is the set h(q) = c of r potentials h, which the inverse keeps constant; c (r,) is its level.
 The torque law is that of :class:`LeafImpedance`; its observer estimates a disturbance. n is the
 number of joints, m that of task coordinates.
+
+``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.
+``Vector`` is a test vector: a configuration, and the other inputs of the exported C functions.
+``Gains`` are the gains of the torque law: stiffness, damping ratios, leaf frequency, and those of
+the observer.
 """
 
 from __future__ import annotations
