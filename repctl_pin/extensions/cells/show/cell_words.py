@@ -32,7 +32,7 @@ def shape_word(design: CellDesign) -> str:
 
 
 def cell_uses(design: CellDesign) -> dict[str, str]:
-    """Tell how to use the function, its file and the command with an arm of one's own."""
+    """Explain how to use the function: with another arm, in ROS 2 and as CSV; and its units."""
     size = "--down" if shape_word(design) == "sector" else "--half-width 0.1"
     return {
         "Your own arm": f"`repctl cell my_arm.urdf {size}`, on Linux or macOS, after `pip install` "
