@@ -162,7 +162,8 @@ def read_csv(
     Parameters
     ----------
     file, known
-        See :func:`read_table`.
+        The file; column names to take from its header as they are, without the removal of ``#`` and
+        quotes.
     largest
         Maximum size, bytes.
     unnamed
@@ -290,7 +291,7 @@ class CsvTable(Table):
         return np.array(cells, object)
 
     def numbers(self, names: Sequence[str], *, finite: bool = True) -> Array:
-        """Read columns of numbers, see :meth:`Table.numbers`; the message names line and cell."""
+        """Read columns of numbers side by side (K, columns); the message names line and cell."""
         places = [self.names.index(name) for name in names]
         values = self._loaded(places)
         if values is None:
@@ -325,7 +326,7 @@ class CsvTable(Table):
             yield line, row
 
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
-        """Write the file again, see :meth:`Table.save`; lines, quotes and line ends stay."""
+        """Write the file with new cells, without ``removed``; lines, quotes and line ends stay."""
         names = [*self.names, *(name for name in new if name not in self.names)]
         cells = [
             (names.index(name), cells.rows, _texts(cells.values)) for name, cells in new.items()
@@ -496,7 +497,7 @@ class _Arrays(Table):
         return np.asarray(self._arrays[name])
 
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
-        """Write the file again, see :meth:`Table.save`; other arrays keep their type."""
+        """Write the file with new cells, without ``removed``; other arrays keep their type."""
         made = {name: array for name, array in self._arrays.items() if name not in removed}
         for name, cells in new.items():
             made[name] = replaced(made.get(name), cells)
@@ -554,7 +555,7 @@ class _Parquet(Table):
         return arrow_numbers(self._table[name], self.widths[name])
 
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
-        """Write the file again, see :meth:`Table.save`; types and metadata stay."""
+        """Write the file with new cells, without ``removed``; types and metadata stay."""
         return write_whole(path, _parquet_bytes(arrow_replaced(self._table, new, removed)))
 
 

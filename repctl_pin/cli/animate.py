@@ -92,8 +92,9 @@ def _drawn(
 ) -> _Shown:
     """Draw the motions ``tracks`` of one robot on a page.
 
-    ``more`` are further arguments of :func:`playback_page`. Return the HTML of the page, the task,
-    the number of cycles, and the drift after each cycle (cycles,), rad or m, by controller.
+    ``more`` are options of the page by name: the title, the paths to draw, and the data for a path
+    of the visitor's. Return the HTML of the page, the task, the number of cycles, and the drift
+    after each cycle (cycles,), rad or m, by controller.
     """
     from ..show.page.playback import playback_page, traced_chains
     from ..studies.quantities import KEYS
@@ -119,7 +120,8 @@ def _check(options: Options) -> None:
 def _from_csv(options: Options, say: Callable[[str], None]) -> _Shown:
     """Read the motions of the CSV file ``--motion``, and draw them on a page.
 
-    The motions are those that ``--only`` names, or all. Return the result of :func:`_drawn`.
+    The motions are those that ``--only`` names, or all. Return the HTML of the page, the task, the
+    number of cycles, and the drift after each cycle (cycles,), rad or m, by controller.
     """
     from ..show.page.playback import read_playbacks
 
@@ -169,7 +171,8 @@ def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]
     """Follow the path with a saved design and with its desired inverse, and show both motions.
 
     The design approximates the desired inverse, usually J⁺, so the page shows what repeatability
-    changes. Return the result of :func:`_drawn`.
+    changes. Return the HTML of the page, the task, the number of cycles, and the drift after each
+    cycle (cycles,), rad or m, by controller.
     """
     from ..paths.several_paths import paths_of
     from ..show.page.own_loop import own_loop
@@ -196,8 +199,9 @@ def _from_design(design: rp.Design, options: Options, say: Callable[[str], None]
 def _from_study(options: Options, say: Callable[[str], None]) -> _Shown:
     """Run a study, and show its motions under J⁺ and the nearest repeatable inverse.
 
-    This is the default of the command for a robot without ``--motion``. The result has the members
-    of that of :func:`_drawn`.
+    This is the default of the command for a robot without ``--motion``. Return the HTML of the
+    page, the task, the number of cycles, and the drift after each cycle (cycles,), rad or m, by
+    controller.
     """
     from ..show.study_files import study_page
 

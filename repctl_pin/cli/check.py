@@ -235,8 +235,8 @@ def _as_dict(
 ) -> dict[str, Any]:
     """Convert the result of a test to plain Python types, for the output of ``--json``.
 
-    ``verdict`` is the test's result: the defect, and whether it is 0. ``drift`` is the joint drift
-    per m² of a small loop by plane, see :func:`_in_planes`. ``surfaces`` are the stable surfaces;
+    ``verdict`` is the test's result: the defect, and whether it is 0. ``drift`` is the joint drift,
+    rad or m, per m² of a small loop, by plane such as ``xy``. ``surfaces`` are the stable surfaces;
     None if they were not searched for.
     """
     from ..studies.study_result import picked, region_dict
@@ -260,9 +260,11 @@ def _as_dict(
 def _lines(
     case: _Case, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> list[str]:
-    """Write the report of a test, as lines of text for a terminal; arguments of :func:`_as_dict`.
+    """Write the report of a test, as lines of text for a terminal.
 
-    The drift and the surfaces appear only if the controller is not repeatable.
+    ``verdict`` is the test's result: the defect, and whether it is 0. ``drift``, by plane, is the
+    joint drift per m² of a small loop, and ``surfaces`` are the stable surfaces, or None. Both
+    appear only if the controller is not repeatable.
     """
     task, problem = case.strategy.task, case.problem
     robot = task.robot

@@ -263,8 +263,8 @@ def _problem(options: Options, degree: Any) -> rp.Problem:
     """Make the problem to design for, from the options.
 
     With ``--path``, the problem has no region yet: it becomes a tube around the motion. Without a
-    path, its region Ω is the result of :func:`_region`. ``degree`` is ``auto`` or a number;
-    InputError is raised if this degree requires too many polynomials.
+    path, its region Ω is a box of joints around the start, cut at the joint limits. ``degree`` is
+    ``auto`` or a number; InputError is raised if this degree requires too many polynomials.
     """
     from ..studies.design_choice import check_degree
 

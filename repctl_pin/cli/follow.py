@@ -228,7 +228,7 @@ def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) ->
 def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
     """Collect the figures of the motion ``rest``, timed from rest to rest, by key.
 
-    They replace those in the dictionary of :func:`_result`, or are added to it.
+    They replace the figures of the motion before it was timed, or are added to them.
     """
     return {
         "duration": rest.duration,
@@ -437,7 +437,7 @@ def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
     """Collect the figures of the motion in plain Python types, for JSON output and for the text.
 
     ``slowed`` is the motion slowed down to meet the speed limits, and ``q0`` (n,) the start.
-    ``followed`` is the result of :func:`_followed`, before the motion was slowed down.
+    ``followed`` has the motion before it was slowed down, and its notes.
     """
     from ..studies.study_result import bodies_dict, limits_dict
 
@@ -463,7 +463,7 @@ def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
 
 
 def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files: list[Path]) -> str:
-    """Write the report of a motion as text, from its figures ``result`` of :func:`_result`.
+    """Write the report of a motion as text, from its figures ``result``, by key as in ``--json``.
 
     A warning on leaving Ω, and ``searched``, the lines on the leaf that --best-leaf found, come
     first. ``slowed`` is the motion, and ``files`` are the written files.
@@ -475,7 +475,7 @@ def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files:
 
 
 def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Iterator[str]:
-    """Yield the lines of text that report a motion, from its figures ``result`` of :func:`_result`.
+    """Yield the lines of text that report a motion, from its figures ``result``, by key.
 
     If ``written`` is True, because files were written, a note on the speed at both ends of the
     motion is added.

@@ -130,8 +130,8 @@ def _with_bodies(robot: rp.Robot) -> dict[str, int]:
 def _text(found: Mapping[str, Any]) -> str:
     """Format the contents of a robot file for a terminal, as one text of several lines.
 
-    ``found`` is the result of :func:`_inspection`. The text is a table of joints, then locked and
-    mimic joints, chains, frames, and notes.
+    ``found`` has the contents by key, as in ``--json``. The text is a table of joints, then locked
+    and mimic joints, chains, frames, and notes.
     """
     from ..show.text.table import table
 
@@ -165,8 +165,8 @@ def _text(found: Mapping[str, Any]) -> str:
 def _chains(found: Mapping[str, Any]) -> list[str]:
     """Write the joints of the longest kinematic chains, and r by task kind: two lines per chain.
 
-    Chains with as many joints as that of the default frame are listed, each once. ``found`` is the
-    result of :func:`_inspection`.
+    Chains with as many joints as that of the default frame are listed, each once. ``found`` has the
+    contents of the file by key, as in ``--json``.
     """
     frames = found["frames"]
     lines: list[str] = []
@@ -186,7 +186,7 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
 def _frames(found: Mapping[str, Any]) -> list[str]:
     """Format a table of the frames with their positions, m, and a legend: a list of two texts.
 
-    ``found`` is the result of :func:`_inspection`.
+    ``found`` has the contents of the file by key, as in ``--json``.
     """
     from ..show.text.table import table
 

@@ -109,8 +109,8 @@ class Options(argparse.Namespace):
     def problem_of(self, design: rp.Design | rp.CellDesign, **parts: Any) -> rp.Problem:
         """Make the problem of a saved design: its task and region, with a start and a path.
 
-        Start and path are those of the options or, if these are not given, of the design; the
-        arguments ``parts`` of :func:`repctl_pin.studies.of_design.problem_of` replace both.
+        Start and path are those of the options or, if these are not given, of the design; ``parts``
+        (``start=``, ``path=``, ``plane=``) replace both.
         """
         from ..studies.of_design import problem_of
 

@@ -117,9 +117,10 @@ class Continuation:
     def regular(self) -> Iterator[Descent]:
         """Yield regular optima on the coarse nodes, the best first.
 
-        The first one uses all independent potentials, if such an optimum is regular. With
-        :attr:`FitProblem.warm`, the second and last one is that design of lower degree. Without it,
-        the optima reached by raising the degree step by step follow, the highest degree first.
+        The first one uses all independent potentials, if such an optimum is regular. If the fit was
+        given the coefficients of a design of lower degree, the second and last one is that design.
+        Without it, the optima reached by raising the degree step by step follow, the highest degree
+        first.
         """
         whole = len(self.chosen.kept)
         warm = self.problem.warm
@@ -142,10 +143,11 @@ class Continuation:
     def fit_degree(self, size: int, below: Array | None) -> Descent | None:
         """Minimise the cost with the first ``size`` independent potentials on the coarse nodes.
 
-        There are two starting points: the result of :func:`start`, and ``below``, the coefficients
-        of an optimum with fewer potentials, if given. The one of lower cost is tried first, and the
-        other one only if the first leads to no regular optimum. With random restarts, the best
-        optimum is returned. Return None if neither starting point leads to a regular optimum.
+        There are two starting points: a linear least-squares solution that brings V near the null
+        space of J, and ``below``, the coefficients of an optimum with fewer potentials, if given.
+        The one of lower cost is tried first, and the other one only if the first leads to no
+        regular optimum. With random restarts, the best optimum is returned. Return None if neither
+        starting point leads to a regular optimum.
         """
         begin = self._start(size)
         starts = (
@@ -169,8 +171,8 @@ class Continuation:
         After each descent, singular configurations that a search of Ω finds become barrier points,
         and the descent is repeated from A. Return None if A itself is singular at one of them, if
         the optimum is singular between the nodes, or after the last repetition. ``penalty`` is the
-        relative weight of the penalty of :func:`descend`, and ``tolerance`` the relative decrease
-        of the cost that ends a descent.
+        relative weight of the penalty that keeps V near the null space of J, and ``tolerance`` the
+        relative decrease of the cost that ends a descent.
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         begin = self._start(len(A))
@@ -191,9 +193,9 @@ class Continuation:
     def refusal(self, Q: Array, error: SingularRegionError | None) -> SingularRegionError:
         """Make the error that no regular candidate was found.
 
-        The message names a configuration at which the result of :func:`start` is singular or, if
-        there is none, that of the given ``error``. Without either, it says that the nodes Q (K, n)
-        are too few.
+        The message names a configuration at which the initial design is singular or, if there is
+        none, that of the given ``error``. Without either, it says that the nodes Q (K, n) are too
+        few.
         """
         begin = self._start(len(self.chosen.kept))
         measure = self.margin(begin.A)
@@ -217,8 +219,8 @@ class Continuation:
     def _between_nodes(self, Q: Array) -> SingularRegionError:
         """Make the error that the nodes Q (K, n) are too few to determine the potentials.
 
-        This is so if the result of :func:`start` is regular, but every descent ends in a
-        singularity between the nodes. The message calls nodes samples, as the option does.
+        This is so if the initial design is regular, but every descent ends in a singularity between
+        the nodes. The message calls nodes samples, as the option does.
         """
         task = self.problem.desired.task
         kept = self.chosen.kept
@@ -254,7 +256,7 @@ class Continuation:
                 yield found
 
     def _start(self, size: int) -> Start:
-        """Return the result of :func:`start` for the first ``size`` independent potentials."""
+        """Find the initial design, by linear least squares, with the first ``size`` potentials."""
         if size not in self._starts:
             self._starts[size] = start(
                 self.coarse.batches, self.chosen.basis[:size, :size], self.moments

@@ -117,8 +117,8 @@ class Builder:
 def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate N (K, n, r), G_d (K, n, m) and D (K, n, N) at the nodes Q (K, n).
 
-    N are oriented null-space bases, see :func:`oriented_nullspace`. The gradients D and J G_d = I
-    are checked.
+    N are orthonormal null-space bases of J, oriented such that ``det [J; Nᵀ] > 0``. The gradients D
+    and J G_d = I are checked.
 
     Raises
     ------
@@ -155,9 +155,10 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
 
 
 def null_space_and_inverse(J: Array, task: Task, Q: Array) -> tuple[Array, Array]:
-    """Evaluate the null-space bases of :func:`oriented_nullspace` (K, n, r), and J⁺ (K, n, m).
+    """Evaluate orthonormal null-space bases N (K, n, r) of J, and J⁺ (K, n, m).
 
-    One factorisation of J (K, m, n) gives both. Error messages name the configurations Q (K, n).
+    One factorisation of J (K, m, n) gives both; N is oriented such that ``det [J; Nᵀ] > 0``. Error
+    messages name the configurations Q (K, n).
     """
     N, basis, R = _oriented(J, task, Q)
     return N, basis[..., : J.shape[-2]] @ np.swapaxes(np.linalg.inv(R), -1, -2)
@@ -216,7 +217,7 @@ class SignCount:
 
 
 def linear(b: Batch) -> tuple[Array, Array, Array]:
-    """Evaluate this batch's parts of three means for the linear problem of :func:`descend.start`.
+    """Evaluate this batch's parts of three means, which determine the initial coefficients A.
 
     Return the parts of the means of ``EᵀE`` and ``FᵀF``, (N, N) each, and ``Eᵀ NᵀN(center)``
     (N, r), with N(center) the null-space basis at the centre of Ω.
@@ -242,9 +243,9 @@ def cost(b: Batch, A: Array) -> tuple[float, SignCount]:
 class Differential:
     """First-order change ``dX = L dA P⁻¹`` of ``X = F A P⁻¹`` (38), ``P = E A``, at K nodes.
 
-    X is the difference of the null-space components of G_d and G_r, see :class:`Batch`; dA (N, r)
-    is a change of the coefficients. The mean square of dX is the Gauss–Newton model of the cost:
-    ``Σ_jj' dA[:, j]ᵀ (mean S[j, j'] LᵀL) dA[:, j']``, with ``S = P⁻¹ P⁻ᵀ`` (r, r).
+    X is the difference of the null-space components G_dᵀ N and G_rᵀ N; dA (N, r) is a change of the
+    coefficients. The mean square of dX is the Gauss–Newton model of the cost: ``Σ_jj' dA[:, j]ᵀ
+    (mean S[j, j'] LᵀL) dA[:, j']``, with ``S = P⁻¹ P⁻ᵀ`` (r, r).
 
     Attributes
     ----------
@@ -300,11 +301,11 @@ class Differential:
 def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differential, float]:
     """Estimate the Gauss–Newton matrix from ``count`` randomly drawn nodes, without bias.
 
-    ``model`` are the differentials of all batches, and ``basis`` is B (N, N). Traces are those of
-    the matrix for the coordinates ``B⁻¹ A``. The probability of drawing a node is half constant,
-    half in proportion to the trace of its part, so that nodes near a singularity are seldom missed.
-    Each drawn part is divided by its probability. Return the :class:`Differential` of the drawn
-    nodes, and the trace of the matrix of all nodes.
+    ``model`` are the first-order changes of X = W_d − W_r at the nodes of all batches, and
+    ``basis`` is B (N, N). Traces are those of the matrix for the coordinates ``B⁻¹ A``. The
+    probability of drawing a node is half constant, half in proportion to the trace of its part, so
+    that nodes near a singularity are seldom missed. Each drawn part is divided by its probability.
+    Return the first-order change of X at the drawn nodes, and the trace of the matrix of all nodes.
     """
     traces = [one.traces(basis) for one in model]
     every = np.concatenate(traces)
@@ -354,8 +355,8 @@ def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], Si
 def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
     """Evaluate this batch's parts of the cost C(A), of half its gradient, and of its model.
 
-    The results are those of :func:`linearised`, but the model is the Gauss–Newton matrix
-    (r, N, r, N) of :meth:`Differential.matrix`.
+    Return the part of C(A), that of ½ ∂C/∂A (N, r), the Gauss–Newton matrix (r, N, r, N), and the
+    numbers of nodes with either sign of det(E A).
     """
     total, gradient, (differential,), sides = linearised(b, A)
     return total, gradient, differential.matrix(), sides
@@ -371,8 +372,8 @@ def named(task: Task, q: Array) -> str:
 def _difference(b: Batch, A: Array) -> tuple[Array, Array, SignCount]:
     """Evaluate ``X = F A P⁻¹ = W_d − W_r`` (38), with P = E A, for coefficients A (N, r).
 
-    W_d and W_r are the null-space components, see :class:`Batch`. Return X (K, m, r), P⁻¹ (K, r,
-    r), and the numbers of nodes with either sign of det P.
+    W_d = G_dᵀ N and W_r = G_rᵀ N are the null-space components. Return X (K, m, r), P⁻¹ (K, r, r),
+    and the numbers of nodes with either sign of det P.
     """
     K, n, size = b.EF.shape
     EFA = (b.EF.reshape(-1, size) @ A).reshape(K, n, -1)

@@ -124,7 +124,7 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
     basis : (N', N') array
         B for the first N' potentials; only these are used.
     moments
-        The three means that :func:`criterion.linear` evaluates, for all potentials.
+        Means of EᵀE and FᵀF (N, N), and of ``Eᵀ NᵀN(center)`` (N, r), over all potentials.
     """
     size = len(basis)
     EE = moments[0][:size, :size]
@@ -169,7 +169,7 @@ def descend(
     basis : (N', N') array
         B for the first N' potentials.
     begin
-        Result of :func:`start`, with the data of the penalty.
+        Initial design by linear least squares, with the data of the penalty.
     A : (N', r) array
         Initial coefficients.
     penalty
@@ -251,7 +251,7 @@ class _PenalisedCost:
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Any]:
         """Evaluate half the gradient (N, r) and the Gauss–Newton matrix (r N, r N) in x.
 
-        ``at`` is the result of :meth:`evaluate`, whose sums over the nodes are used again.
+        ``at`` is the evaluation at x, whose sums over the nodes are used again.
         """
         basis, r = self.basis, range(self.r)
         blocks = at.data[1]
@@ -264,8 +264,8 @@ class _PenalisedCost:
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
         """Solve ``(H + μ I) dx = −g`` with μ = ``damping`` · mean(diag H).
 
-        ``model`` is (g, H), the result of :meth:`model`. The damping in the returned step is larger
-        than ``damping`` if the matrix would not be positive definite.
+        ``model`` is (g, H): half the gradient and the Gauss–Newton matrix. The damping in the
+        returned step is larger than ``damping`` if the matrix would not be positive definite.
         """
         gradient, H = model
         g = gradient.T.ravel()
@@ -296,8 +296,8 @@ class _MatrixFree(_PenalisedCost):
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Any]:
         """Evaluate half the gradient (N, r), and three data of the Gauss–Newton matrix H in x.
 
-        They are the differentials (:class:`criterion.Differential`) of all nodes, H estimated from
-        a sample of the nodes, and mean(diag H).
+        They are the first-order changes of X = F A (E A)⁻¹ at all nodes, H estimated from a sample
+        of the nodes, and mean(diag H).
         """
         gradient, differentials, sides = at.data
         count = _SAMPLE * len(self.basis) // len(differentials[0].L)
@@ -307,7 +307,7 @@ class _MatrixFree(_PenalisedCost):
         return g, ([one.rounded() for one in differentials], H, level)
 
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
-        """Solve ``(H + μ I) dx = −g`` by conjugate gradients; see :meth:`_PenalisedCost.step`.
+        """Solve ``(H + μ I) dx = −g``, μ = ``damping`` · mean(diag H), by conjugate gradients.
 
         The residual is at most 1e-3 of ``‖g‖``; it changes the steps, but not the optimum, because
         g is exact.

@@ -182,7 +182,8 @@ def spectral_cost(
 ) -> float:
     """Evaluate the mean over Ω of ‖G_r − G_d‖₂² on held-out nodes.
 
-    The spectral norm is that of the paper. The parameters are those of :func:`evaluate_design`.
+    The spectral norm is that of the paper. ``samples`` is the number of held-out nodes and ``seed``
+    their random seed, another than that of the fit. Ω is ``region``.
     """
     costs = []
     for replicate in range(REPLICATES):
@@ -240,7 +241,8 @@ def baselines(
 
     They are the augmented Jacobian with constant rows (linear potentials), and the extended
     Jacobian of ``U = ½ ‖q − center‖²``; ``center`` is the centre of Ω. ``report`` is the progress
-    callback (step, fraction); the other parameters are those of :func:`evaluate_design`.
+    callback (step, fraction), ``samples`` is the number of held-out nodes and ``seed`` their random
+    seed, another than that of the fit.
     """
     from ..strategies.extended import ExtendedJacobian
 

@@ -187,8 +187,8 @@ def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
     The searches end when one of them reaches a value of 0 or below, or when no search can lower its
     value. A step goes down the gradient, at most to where the measure would be 0 to first order.
     The bound on the step length is doubled after a step that lowered the measure, and quartered
-    after one that did not. If the measure is a :class:`Dexterity` and no search has reached 0, up
-    to 12 Newton steps follow, each at most half the half-widths of Ω long.
+    after one that did not. If the measure is σ_min(J) / σ_max(J) and no search has reached 0, up to
+    12 Newton steps follow, each at most half the half-widths of Ω long.
 
     Parameters
     ----------

@@ -57,8 +57,9 @@ def design_for(
 
     Default starts are tried until the repeatable motion keeps the joint limits, no bodies collide,
     and its extra joint speed relative to J⁺ is at most 5 %. If there is no such start, the one with
-    the smallest key of :func:`_merit` is used; if its motion violates a limit or bodies collide, a
-    note is added to the problem. A given region or start is not replaced.
+    the fewest kinds of violation and, among equals, the lowest extra joint speed is used; if its
+    motion violates a limit or bodies collide, a note is added to the problem. A given region or
+    start is not replaced.
 
     Parameters
     ----------
@@ -208,8 +209,8 @@ def _around_motion(
 
     The motion of a design depends on its tube, and the tube on the motion. The first tube is
     therefore around the motion of a design of degree 1. If the motion of the new design leaves its
-    tube, the design is repeated in a tube around that motion, at most twice. The arguments are
-    those of :func:`design_for`.
+    tube, the design is repeated in a tube around that motion, at most twice. ``make`` designs in a
+    given region, ``seed`` is that of the nodes, and ``say`` is called with the name of each step.
     """
     path, q0 = problem.cycle, problem.start
     say("finding where the motion will be")
@@ -232,7 +233,8 @@ def _tube_of_linear(
 
     This motion is closed, and so nearer to that of the final design than the motion of G_d, which
     drifts. If the design of degree 1 cannot follow the path, the tube is around one cycle of G_d.
-    ``width`` is the radius of the tube, see :func:`.problem.tube_around`.
+    ``width`` is the radius of the tube, rad or m; None for 0.1 rad (revolute joints) and 0.05 m
+    (prismatic ones).
 
     Raises
     ------
@@ -254,8 +256,7 @@ def _own_cycle(design: Design, path: TaskPath, q0: Array, **options: Any) -> Mot
     Raises
     ------
     SingularityError
-        If the design cannot follow the path; if J⁺ can, the message names the design as the cause
-        (see :func:`own_failure`).
+        If the design cannot follow the path; if J⁺ can, the message names the design as the cause.
     """
     try:
         return followed(design.inverse, path, q0, cycles=1, **options)

@@ -191,7 +191,8 @@ class InverseFunction:
         leaf: ArrayLike | None,
         missing: Literal["raise", "nan"],
     ) -> Array:
-        """Evaluate F at targets as :meth:`batch` does, (K, n), in NumPy instead of C.
+        """Evaluate F at K targets, placements or coordinates of the cell: (K, n), in NumPy, not in
+        C.
 
         It is used without the native library, and to find out why a target has no configuration.
         """
@@ -258,7 +259,8 @@ class InverseFunction:
     def _matrices(self, targets: Array) -> Array:
         """Convert targets to homogeneous matrices (K, 4, 4); NaN for coordinates outside the cell.
 
-        Targets have any of the forms of :meth:`batch`, as an array.
+        Targets are homogeneous matrices (K, 4, 4), positions with quaternions (K, 7), or
+        coordinates of the cell (K, k).
         """
         if targets.shape[1:] == (4, 4) and targets.dtype == float:
             return np.ascontiguousarray(targets)
@@ -334,7 +336,7 @@ class InverseFunction:
 
         The search begins at F(x), so the result is a function c*(x, p_e) of pose and point: the
         same pose and point give the same configuration. The result has the level, the configuration
-        and the elbow there, see :class:`ElbowLevel` and :meth:`RepeatableInverse.leaf_toward`.
+        there, and the distance of the elbow from the point, m.
 
         Parameters
         ----------
@@ -352,9 +354,10 @@ class InverseFunction:
     def _coordinates(self, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
         """Convert targets to coordinates U (K, k), and their deviations (K,) from the cell.
 
-        Targets have any of the forms of :meth:`batch`. A deviation, m or rad, is the largest along
-        a coordinate of width 0, which the cell holds constant. Targets that are coordinates of the
-        cell are returned, with deviations 0.
+        Targets are a list of placements, matrices (K, 4, 4), positions with quaternions (K, 7), or
+        coordinates (K, k). A deviation, m or rad, is the largest along a coordinate of width 0,
+        which the cell holds constant. Targets that are coordinates of the cell are returned, with
+        deviations 0.
         """
         if isinstance(targets, np.ndarray) and targets.ndim != 3 and targets.shape[-1:] != (7,):
             (U,) = as_matrices(

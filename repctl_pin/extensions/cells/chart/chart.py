@@ -159,7 +159,7 @@ class Chart:
         return self.monomials.differentiated(self.coefficients)
 
     def goals(self, U: Array) -> _Goals:
-        """Evaluate q_ref, n_ref and the placements at coordinates U (K, k), for :meth:`solve`."""
+        """Evaluate q_ref, n_ref and the poses (p, R) of the chart at coordinates U (K, k)."""
         return _Goals(*self.reference(U), *self.cell.placements(U))
 
     def solve(
@@ -184,7 +184,7 @@ class Chart:
         Q : (K, n) array, optional
             Initial configurations; by default q_ref + n_ref s.
         goals
-            Result of :meth:`goals` at U, if it is known.
+            q_ref, n_ref and the poses at U, if they are known.
         iterations
             Maximum number of Newton steps.
 
@@ -261,9 +261,11 @@ class Chart:
         Q: Array,
         iterations: int,
     ) -> tuple[Array, Array, Array, Array, Array]:
-        """Solve the equations of the chart as :meth:`_newton` does, with the same results, in C.
+        """Solve ``f(q) = goal``, ``n_refᵀ (q − q_ref) = s`` from Q (K, n) by Newton's method, in C.
 
-        ``arm`` is the C struct of the task's joint chain.
+        ``arm`` is the C struct of the task's joint chain, ``goal`` positions and rotations,
+        ``chart`` q_ref, n_ref and s. Return Q, R, J there, and the largest entries (K,) of the task
+        error and of the last step.
         """
         K, task = len(Q), self.cell.task
         Q = np.array(Q, float, order="C")
@@ -290,11 +292,11 @@ class Chart:
         Parameters
         ----------
         at
-            Configurations, from :meth:`solve`.
+            Configurations that solve the chart's equations.
         ds : (K, r, k) array, optional
             ∂s/∂u; by default 0.
         E : (K, m, k + l) array, optional
-            Result of :meth:`Cell.twists` at the configurations, if it is known.
+            ∂x/∂u at the configurations, if it is known.
 
         Returns
         -------
@@ -332,9 +334,9 @@ class Chart:
         desired
             G_d.
         at, ds
-            See :meth:`derivative`.
+            Configurations of F; and ∂s/∂u (K, r, k), by default 0.
         C : (K, k + l, k + l) array, optional
-            Result of :meth:`Cell.speeds` at the poses, if it is known.
+            (EᵀE)^(−1/2) at the poses, if it is known.
 
         Returns
         -------

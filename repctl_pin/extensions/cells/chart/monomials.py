@@ -63,7 +63,7 @@ class Monomials:
     def slopes(self, T: Array) -> Array:
         """Evaluate the derivatives (K, N, k) of the monomials with respect to u at K points.
 
-        T (K, N) are the values of the monomials at the same points, from :meth:`values`.
+        T (K, N) are the values of the monomials at the same points.
         """
         return np.swapaxes(T[:, self.lower] * self.exponents.T, 1, 2)
 

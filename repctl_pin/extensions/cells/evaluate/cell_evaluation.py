@@ -362,7 +362,7 @@ def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
     """Evaluate cost and extra joint speed: means over ``inside``, maxima over ``tested``.
 
     ``inside`` are the covered held-out poses. ``tested`` are all covered poses, including corners
-    and poses found by searches. Return the attributes of :class:`Evaluation` by name.
+    and poses found by searches. Return the figures by name, such as ``cost`` and ``extra_speed``.
     """
     root = np.sqrt(len(inside.U))
     desired_square = inside.desired_square.mean()
@@ -382,8 +382,8 @@ def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
 def _limit_figures(candidate: CandidateFunction, held_out: Sample, low: Sample) -> dict[str, Any]:
     """Evaluate the smallest limit margins, at held-out poses and at the poses ``low`` of a search.
 
-    At both poses, evaluate also the largest limit margin on any leaf. Return the attributes of
-    :class:`Evaluation` by name.
+    At both poses, evaluate also the largest limit margin on any leaf. Return the figures by name,
+    such as ``limit_margin`` and ``attainable_margin``.
     """
     chart = candidate.chart
     worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))
@@ -403,8 +403,8 @@ def _searched(desired: Inverse, candidate: CandidateFunction, at: Sample, quick:
     """Search for the poses of a cell at which a function's margins or joint speeds are worst.
 
     The margins are the limit margin, σ_min(J) and the leaf margin. Searches start from the worst of
-    the sampled poses ``at``. Return the coordinates (L, k) of all poses that the searches visited,
-    see :func:`searched`. With ``quick``, neither leaf margins nor joint speeds are searched.
+    the sampled poses ``at``. Return the coordinates (L, k) of all poses that the descents visited.
+    With ``quick``, neither leaf margins nor joint speeds are searched.
     """
     chart, at = candidate.chart, rows_of(at, at.sheet)
     limits, singular = limits_of(chart.cell), singular_values_of(chart.cell.task)

@@ -270,9 +270,9 @@ class CellFit:
         """Add to a design over a sector the extra joint speed that its requested angle costs.
 
         The user thus sees what a smaller angle would save. The cost is the difference from a second
-        design with the angle ``"all"``, from the configuration q (n,) in the middle. It is
-        :attr:`Turn.price` in the result. The design is returned unchanged if its angle is not
-        requested in rad, or if the joint stays far from its limits at both ends of the angle.
+        design with the angle ``"all"``, from the configuration q (n,) in the middle. It is stored
+        with the range of the angle. The design is returned unchanged if its angle is not requested
+        in rad, or if the joint stays far from its limits at both ends of the angle.
         """
         sector = found.function.chart.cell
         names = found.cell.coordinate_names
@@ -508,9 +508,9 @@ def _rank(found: _Found, limit_margin: float) -> tuple[float, bool, bool, float,
 
     Its entries are: coverage of the held-out poses (0 to 1); True if every evaluated pose is
     covered; True without collisions; the limit margin, or 0.4 ``limit_margin`` if that is smaller;
-    the range of the symmetric coordinates, see :func:`_share`; and the negative cost.
-    ``limit_margin`` is the requested one, rad or m. Reasons for failure, in place of a design, have
-    the lowest key.
+    the range of the symmetric coordinates, as a fraction of their joints' ranges; and the negative
+    cost. ``limit_margin`` is the requested one, rad or m. Reasons for failure, in place of a
+    design, have the lowest key.
     """
     if not isinstance(found, CellDesign) or found.coverage == 0:
         return 0.0, False, False, -np.inf, -np.inf, -np.inf

@@ -184,8 +184,8 @@ class Cost:
     def model(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
 
-        ``at`` is the result of :meth:`value` at the coefficients a. The residual (∂F − G_d E) C at
-        a node depends on a only through s and ∂s/∂u there. It is linear in ∂s/∂u, with the matrix
+        ``at`` is the evaluated cost at the coefficients a (N, r). The residual (∂F − G_d E) C at a
+        node depends on a only through s and ∂s/∂u there. It is linear in ∂s/∂u, with the matrix
         ∂F/∂s; its derivative with respect to s is taken by central differences. A margin depends on
         s only.
         """
@@ -364,7 +364,7 @@ class _Problem:
         self.cost = cost
 
     def evaluate(self, x: Array) -> Point[_Value]:
-        """Evaluate the cost at coefficients x (N, r), with the values that :meth:`model` needs.
+        """Evaluate the cost at coefficients x (N, r), with the configurations of the function.
 
         It is infinite if the function does not exist at some node.
         """
@@ -378,8 +378,9 @@ class _Problem:
     def model(self, at: Point[_Value]) -> tuple[Array, Array, Array]:
         """Evaluate g (N r,), H (N r, N r), and the diagonal (N r,) of D.
 
-        ``at`` is the result of :meth:`evaluate`. Terms are added to H that hold components of the
-        label which hardly change the cost, see :func:`_held`. D is from :func:`_scaling`.
+        ``at`` is the evaluated cost. g is its gradient, H its Gauss–Newton Hessian. Terms are added
+        to H that hold components of the label which hardly change the cost. D is the diagonal of H,
+        with no entry of 0; it scales the damping.
         """
         gradient, H = self.cost.model(at.data)
         return gradient, _held(H, at.data), _scaling(H)
@@ -387,7 +388,7 @@ class _Problem:
     def step(self, model: tuple[Array, Array, Array], damping: float) -> Step:
         """Solve ``(H + μ D) dx = −g`` with μ = ``damping``, for one step of the minimisation.
 
-        ``model`` is (g, H, D), from :meth:`model`.
+        ``model`` is (g, H, D): gradient, Gauss–Newton Hessian, and the diagonal of the scaling D.
         """
         gradient, H, scale = model
         matrix = H + np.diag((damping + _REGULAR) * scale)

@@ -362,7 +362,7 @@ def _cut_until_good(
 
 
 def _weights(cell: Cell, coordinates: Sequence[int]) -> Array:
-    """Return one weight per coordinate, for :func:`cut_sides`: how much a loss of its range counts.
+    """Return one weight per coordinate: how much a loss of its range counts in the choice of a cut.
 
     Radius, height and tilts have the weight 1. A sector over a fraction s of a full turn counts as
     (1 + s) / 2 of a whole one, so a loss of a symmetric angle or spin weighs s / (1 + s).
@@ -393,7 +393,9 @@ def _uncovered(
 ) -> NDArray[np.bool_]:
     """Test at which poses U (K, k), in all coordinates, a function fails or is too fast: (K,).
 
-    :func:`_too_dear` tests the joint speed, and explains ``dear``.
+    A pose is too fast where the extra joint speed exceeds the maximum. With ``dear``, for a
+    function that exceeds the limit of the mean, so do the 3 % of the poses with the highest joint
+    speed.
     """
     at = sampled(fit.desired, CandidateFunction.zero(chart), chart.cell._split(U)[0])
     return np.asarray(~at.covered | _too_dear(at, limits, dear=dear))

@@ -314,7 +314,8 @@ class Cell:
     def _contains(self, U: Array, off: Array) -> NDArray[np.bool_]:
         """Test which of K placements lie in the cell: (K,).
 
-        U (K, k) and off (K,) are the results of :meth:`coordinates` for the placements.
+        U (K, k) are the coordinates of the placements: |u_i| ≤ 1 in the cell. off (K,) are their
+        deviations along coordinates of width 0, m or rad.
         """
         within: NDArray[np.bool_] = np.all(np.abs(U) <= self._bounds + EDGE, axis=1)
         return within & (off <= TURNED)
@@ -322,7 +323,8 @@ class Cell:
     def inside(self, U: ArrayLike, off: ArrayLike) -> Array:
         """Return the coordinates U if all placements lie in the cell; else raise an InputError.
 
-        U (K, k) and off (K,) are the results of :meth:`coordinates` for the placements.
+        U (K, k) are the coordinates of the placements: |u_i| ≤ 1 in the cell. off (K,) are their
+        deviations along coordinates of width 0, m or rad.
 
         Raises
         ------
@@ -509,8 +511,8 @@ class Cell:
         U : (K, k) array
             Coordinates u.
         R : (K, 3, 3) array
-            Actual rotations of the frame. For an axis task they may differ from those of
-            :meth:`placements` by a rotation about the tool's axis.
+            Actual rotations of the frame. For an axis task they may differ from those of the cell's
+            poses by a rotation about the tool's axis.
         """
         U, R = as_matrices(("U", U, f"K {self.k}"), ("R", R, "K 3 3"), exact=True, finite=False)
         E = self._all_twists(self.spread(U), R)
@@ -521,8 +523,8 @@ class Cell:
     def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
         """Evaluate u (K, k) and ∂u/∂x (K, k + l, m) at placements p (K, 3), m, and R (K, 3, 3).
 
-        The last l rows of ∂u/∂x belong to the removed coordinates, as in :meth:`twists`. They enter
-        the gradient of a potential that is a function of u.
+        The last l rows of ∂u/∂x belong to the removed coordinates, rad. They enter the gradient of
+        a potential that is a function of u.
         """
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self._active
@@ -534,9 +536,9 @@ class Cell:
     def speeds(self, U: ArrayLike) -> Array:
         """Evaluate the matrices ``C = (EᵀE)^(−1/2)`` (K, k + l, k + l) at the coordinates U (K, k).
 
-        E = ∂x/∂u is the result of :meth:`twists`. For a function q = F(u), ∂F/∂u C is the joint
-        speed per unit of task speed, 1 m/s or 1 rad/s, so that cells of different sizes can be
-        compared.
+        E = ∂x/∂u is the task velocity per unit of each coordinate u, from −1 to 1 in the cell. For
+        a function q = F(u), ∂F/∂u C is the joint speed per unit of task speed, 1 m/s or 1 rad/s, so
+        that cells of different sizes can be compared.
         """
         _, R = self.placements(U)
         return unit_speeds(self.twists(U, R))
@@ -596,7 +598,7 @@ class Cell:
     def rim(self) -> Array:
         """Return the coordinates (K, k) of corners, face centres and, if k = 3, edge middles.
 
-        If k = 3 they are in the order of (u_1, u_2, u_3), else in that of :meth:`corners`.
+        If k = 3 they are in the order of (u_1, u_2, u_3), else the corners come first.
         """
         if self.k != 3:
             return self.corners()

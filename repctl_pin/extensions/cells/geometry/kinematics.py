@@ -148,9 +148,9 @@ def bases(J: Array, near: Array | None = None) -> tuple[Array, Array, Array]:
 
 
 def inverses(J: Array) -> tuple[Array, Array]:
-    """Evaluate J⁺ (K, n, m) and the singular values (K, m) as :func:`bases` does, but faster.
+    """Evaluate J⁺ (K, n, m) and the singular values (K, m) of J (K, m, n), the largest first.
 
-    They are computed from the eigenvectors of J Jᵀ, which is less exact near a singularity.
+    They are computed fast, from the eigenvectors of J Jᵀ; this is less exact near a singularity.
     """
     squares, U = np.linalg.eigh(J @ np.swapaxes(J, 1, 2))
     s = np.sqrt(np.maximum(squares, 0.0))
@@ -161,7 +161,7 @@ def inverses(J: Array) -> tuple[Array, Array]:
 def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
     """Evaluate null-space bases N, aligned to ``near``, both (K, n, r), and singular values (K, m).
 
-    The results are those of :func:`bases`, but for r = 1 in half the time: N is then the normalised
+    The bases are orthonormal. For r = 1 this takes half the time: N is then the normalised
     projection of ``near`` onto the null space, computed from the eigenvectors of J Jᵀ. Near
     singularities, and where the projection is short, a singular value decomposition is used.
     """

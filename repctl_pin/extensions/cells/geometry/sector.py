@@ -329,7 +329,8 @@ class Sector(Cell):
     def _profiled(self, eta: Array) -> tuple[Array, Array, Array, Array]:
         """Evaluate bend b, stretch s, ∂b/∂η and ∂s/∂η at heights η (K,), m: four arrays (K,).
 
-        η is the height above the middle, see :class:`Profile`.
+        η is the height above the middle of the sector. The bend b, m, shifts the range of radius
+        there, and s scales it.
         """
         half = self.widths[HEIGHT] * (1 + EDGE) if self.task.m > 2 else 0.0
         return self.profile.at(eta, half)
@@ -401,8 +402,8 @@ class Sector(Cell):
     def _profiled_by(self, coefficients: Array) -> Sector:
         """Return the sector with another profile.
 
-        ``coefficients`` (2, D + 1), from a file, are those of bend and stretch, see
-        :class:`Profile`. InputError is raised if they are invalid.
+        ``coefficients`` (2, D + 1), from a file, are those of bend and stretch: polynomials of the
+        height that shift and scale the range of radius. InputError is raised if they are invalid.
         """
         good = coefficients.ndim == 2 and len(coefficients) == 2 and self.widths[HEIGHT:3].any()
         good = good and coefficients.shape[1] <= MOST_DEGREE + 1

@@ -55,7 +55,8 @@ def _in_the_middle(cell: Cell, Q: Array, *, inward: bool = False) -> tuple[Array
     """Move configurations Q (K, n), of any poses, to the middle of a cell by inverse kinematics.
 
     Return the new configurations (K, n), rad or m, and the norms of the task errors that remain
-    (K,), m and rad. With ``inward``, joints also move away from their limits, see :func:`reached`.
+    (K,), m and rad. With ``inward``, joints also move away from their limits along their
+    self-motions.
     """
     return reached(cell, *cell.placements(np.zeros((len(Q), cell.k))), Q, inward=inward)
 
@@ -229,8 +230,8 @@ def _at_corners(
     """Evaluate squared joint speeds, and distances of the bodies' convex hulls, m, at ends of rays.
 
     Return two arrays (K,), for K rays. ``good`` (K,) is True for rays that reached their corners;
-    for the others, the speed is 0 and the distance infinite. For the squared speed ``‖G_d E C‖_F²``
-    see :class:`Candidate`.
+    for the others, the speed is 0 and the distance infinite. The squared speed is ``‖G_d E C‖_F²``,
+    with E = ∂x/∂u and C = (EᵀE)^(−1/2): per unit of task speed.
     """
     speeds, nearest = np.zeros(len(good)), np.full(len(good), np.inf)
     if good.any():

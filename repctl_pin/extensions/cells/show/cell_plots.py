@@ -31,9 +31,9 @@ def _slice_of_cell(
 ) -> None:
     """Draw one quantity over one slice of a cell as a map; poses that are not covered are grey.
 
-    A slice has two coordinates of the cell, see :class:`Slice`. ``what`` is ``limit_margin``,
-    ``extra_speed`` or ``turn``, the range of a sector's angle inside the limits. ``ends`` are the
-    values at the lower and upper end of the colour scale.
+    A slice is a grid over two coordinates of the cell; all others are 0. ``what`` is
+    ``limit_margin``, ``extra_speed`` or ``turn``, the range of a sector's angle inside the limits.
+    ``ends`` are the values at the lower and upper end of the colour scale.
     """
     _, colours, scale = _WHAT[what]
     values = scale * getattr(cut, what)

@@ -491,9 +491,10 @@ def _best_place(
 ) -> tuple[tuple[Cell, Candidate] | None, FailureReason | None]:
     """Choose the best of some places for a box of ``size`` tenths, three places at a time.
 
-    ``places`` are numbers of rows of ``free``. Each three are compared by :func:`_best_of`; the
-    search ends when one of them fits. Return its results: the box with its :class:`Candidate`, or
-    None, and the first reason for failure, or None.
+    ``places`` are numbers of rows of ``free``. Each three are compared by quick designs, and the
+    best one is confirmed by a full design; the search ends when one of them fits. Return the box at
+    the best place with the configuration in its middle, or None, and the first reason for failure,
+    or None.
     """
     stop: FailureReason | None = None
     for first in range(0, min(len(places), _BATCHES * _JUDGED), _JUDGED):
@@ -547,8 +548,8 @@ def _best_of(
     and orientation. The places are compared by quick designs: by limit margin, body distance and
     joint speed. With ``search``, other configurations are searched for at the first place. A design
     of full accuracy confirms the choice. Return the box at the best place, with the configuration
-    in its middle as a :class:`Candidate`, or None if no design covers a box; and the reason why the
-    first design failed, None if none did.
+    in its middle, or None if no design covers a box; and the reason why the first design failed,
+    None if none did.
     """
     desired, reason = fit.desired, None
     cells = [_box_at(box, p, size / STEPS) for p in places.p]
@@ -590,8 +591,8 @@ def _repeats(task: Task, one: Candidate, others: list[Candidate]) -> bool:
 def _largest_steps(desired: Inverse, box: Cell, found: Grown, k: int) -> int:
     """Find the largest number of steps to which a box grows around middle k and still fits.
 
-    A step is a tenth of the requested size. The box fits if J⁺ reaches all corners, see
-    :func:`_fits`.
+    A step is a tenth of the requested size. The box fits if J⁺ reaches all corners, inside the
+    limits and without collisions.
     """
     low, high = 0, int(found.steps[k])
     middle = high

@@ -129,10 +129,11 @@ def _overlapping(edges: NDArray[np.intp], low: int, high: int) -> tuple[int, int
 def largest_between(ends: Array, least: float = 0.0) -> Between:
     """Find the two polynomials with the largest area between them, inside the runs ``ends`` (J, 2).
 
-    ``ends`` is the result of :func:`runs`. The polynomials may extend over any range of heights.
-    The area of the runs over a range is an upper bound of the area between polynomials. Ranges are
-    tried in the order of this bound, until it is at most the best area or ``least``. So an area of
-    at most ``least``, in units of the spacing squared, may be missed.
+    A row of ``ends`` has the first and the last index of the radius at one height, or −1 twice. The
+    polynomials may extend over any range of heights. The area of the runs over a range is an upper
+    bound of the area between polynomials. Ranges are tried in the order of this bound, until it is
+    at most the best area or ``least``. So an area of at most ``least``, in units of the spacing
+    squared, may be missed.
     """
     there = np.flatnonzero(ends[:, 0] >= 0)
     if len(there) <= _SHORT:

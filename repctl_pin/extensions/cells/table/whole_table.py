@@ -285,7 +285,7 @@ class Straight:
 
     @property
     def most(self) -> float:
-        """Upper bound of the worth of the function, see :func:`_worth`, m²."""
+        """Upper bound of the function's area times (1 + s) / 2, m²; s is its share of a turn."""
         return max((place.most for place in self._places), default=0.0)
 
     @property
@@ -540,8 +540,9 @@ class _Place(NamedTuple):
     """Sector, and configuration (n,) in its middle, for which a function can be designed.
 
     ``most`` is an upper bound of its rating. ``window`` is the range of the sector's angle in which
-    bodies keep their distance; None for a whole turn. ``design`` is a quick design with the rating
-    ``rating``, see :func:`_rating`; None and 0 before.
+    bodies keep their distance; None for a whole turn. ``design`` is a quick design; its ``rating``,
+    m², is its area, reduced for a small angle, high joint speed and near bodies. They are None and
+    0 before.
     """
 
     cell: Cell
@@ -631,8 +632,9 @@ def _shaped_places(
 ) -> list[_Place]:
     """Choose the best sectors whose range of radius depends on the height, the best first.
 
-    They contain only nodes at which joint speed can meet its limits, as in :func:`_affordable`.
-    Those whose rating is below that of the best one by more than 5 % may be missed.
+    They contain only nodes at which joint speed can meet its limits. ``speeds`` (2, S, I, J) are
+    the minimum squared joint speeds, of a function and then of J⁺. Sectors whose rating is below
+    that of the best one by more than 5 % may be missed.
     """
     own, usual = speeds[:, openings.flood]
     every = [Between.none()] * len(openings.mask)
@@ -731,7 +733,7 @@ def _larger_design(
 
 
 def _larger_of(found: CellDesign, design: CellDesign) -> CellDesign:
-    """Return the design ``found`` if it is larger in area, and in :func:`_worth`, or ``design``."""
+    """Return ``found`` if it is larger in area and in area · (1 + s) / 2, else ``design``."""
     larger = _worth(found) > _worth(design) and area_of(found.cell) > area_of(design.cell)
     return found if larger else design
 
@@ -741,7 +743,8 @@ def _first_design(
 ) -> CellDesign | None:
     """Design the places in turn; return the first design, or None.
 
-    Places that cannot be worth more than ``worth``, m², are left out; see :func:`_worth`.
+    Places that cannot be worth more than ``worth`` are left out. The worth, m², is the area of the
+    sector times (1 + s) / 2, with s the fraction of a full turn that the angle or the spin covers.
     """
     for place in places:
         if place.most <= worth:
@@ -787,7 +790,8 @@ def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectang
     No function through the configurations of a flood has a lower joint speed than ``G E``, with E =
     ∂x/∂u. G is J⁺, except in the columns of symmetric coordinates, along which one joint moves
     alone. Nodes with the highest joint speed are left out until the mean over the rectangle meets
-    its limit. ``speeds`` (2, S, I, J) is the result of :func:`_speeds`.
+    its limit. ``speeds`` (2, S, I, J) are the minimum squared joint speeds at the nodes, of a
+    function first and then of J⁺; NaN outside a flood.
     """
     own, usual = speeds[:, openings.flood]
     with np.errstate(invalid="ignore"):
@@ -804,7 +808,7 @@ def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectang
 
 
 def _speeds(floods: _Floods, cell: Cell) -> Array:
-    """Evaluate minimum squared joint speeds in S floods, of a function and of J⁺: (2, S, I, J).
+    """Evaluate minimum squared joint speeds in S floods, of a function, then of J⁺: (2, S, I, J).
 
     They are per unit of task speed along the coordinates of ``cell``; NaN outside a flood.
     """
@@ -872,7 +876,8 @@ def _farther_from_bodies(
     """Design a function that keeps away from bodies; return it if it is better, else ``design``.
 
     The given ``design`` was made for minimum joint speed only, and its sector ends at bodies. The
-    better one has the larger :func:`_worth`.
+    better one has the larger worth, m²: area times (1 + s) / 2, with s the fraction of a full turn
+    that its angle or spin covers.
     """
     away = replace(fit, body_distance=_AWAY * limits.distance)
     with suppress(InputError):
@@ -934,7 +939,7 @@ def _turns(
     """Rate the range around the arm of one rectangle per opening: (1 + s) / 2, (K,).
 
     s is the smallest of three fractions of a full turn: that of the window, and those that are left
-    to the angle and the spin, see :func:`_turn_share`. ``found`` has the rectangles.
+    to the angle and the spin by the ranges of their joints. ``found`` has the rectangles.
     """
     task, share = table.task, openings.half / np.pi
     for k, flood in enumerate(openings.flood):
@@ -1133,8 +1138,9 @@ def _best_clear(
 ) -> tuple[float, _Openings]:
     """Choose the body distance to keep, 5 mm or 1 mm; return it, m, with the openings that keep it.
 
-    1 mm is chosen if the best rating with 5 mm is below 85 % of that with 1 mm, see
-    :func:`_values`. ``bound`` (S,) is the rating of each flood without regard to bodies.
+    1 mm is chosen if the best rating with 5 mm is below 85 % of that with 1 mm. A rating is the
+    area of an opening's largest rectangle, in units of the spacing squared, times (1 + s) / 2 for a
+    range s of a full turn. ``bound`` (S,) is the rating of each flood without regard to bodies.
     """
     known: dict[int, Shut] = {}
     wide = _opened(table, floods, bound, _CLEAR, symmetries, known)
@@ -1185,9 +1191,10 @@ def _opened(
 def _values(
     table: Table, floods: _Floods, openings: _Openings, symmetries: tuple[Symmetry, ...]
 ) -> Array:
-    """Rate K openings: the area of the largest rectangle, times the factor of :func:`_turns`.
+    """Rate K openings: the area of the largest rectangle, times (1 + s) / 2.
 
-    The area is in units of the nodes' spacing squared.
+    The area is in units of the nodes' spacing squared; s is the fraction of a full turn that is
+    left to the window, the angle and the spin.
     """
     found = rectangles(openings.mask)
     return found.area * _turns(table, floods, openings, found, symmetries)
@@ -1279,7 +1286,7 @@ def _shaped_sector(
     found: Between,
     turns: tuple[float, float],
 ) -> Cell:
-    """Make the sector between two polynomials of the height, see :func:`_sector`."""
+    """Make the sector between two polynomials of the height, turned by angles ``turns``, rad."""
     first, last = (np.array([0, j]) for j in (found.first, found.last))
     return _sector(table, line, symmetries, first, last, turns, found)
 

@@ -118,9 +118,9 @@ def free_nodes(
 ) -> NDArray[np.bool_]:
     """Find the nodes (I, J) of a flood at which bodies keep a distance at all angles of a range.
 
-    The result is that of :meth:`Shut.free`, in less time: a node at which bodies are near at one
-    angle is not tested at others. If the nodes that are left are not ``enough``, the search ends,
-    and the result can have too many.
+    Angles beyond the limits of the joint that turns the arm are left out; a node with no other
+    angle is False. A node at which bodies are near at one angle is not tested at others. If the
+    nodes that are left are not ``enough``, the search ends, and the result can have too many.
     """
     on = np.argwhere(np.isfinite(flood[..., 0]))
     nodes = _Nodes(table, flood[on[:, 0], on[:, 1]], on, distance, np.ones(len(on), bool))
