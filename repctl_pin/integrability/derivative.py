@@ -134,7 +134,7 @@ def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
 
 
 def inside_limits(task: Task, Q: Array) -> Array:
-    """Compute the argument ``scale`` of :func:`differentiate` at Q (K, n): (K, n), rad or m.
+    """Compute the scale of the steps of difference quotients at Q (K, n): (K, n), rad or m.
 
     It is 1 rad, or the arm length for a prismatic joint. Near joint limits it is smaller, because
     the inverse may not be defined beyond a limit: no step exceeds half the distance to a limit.
@@ -229,11 +229,11 @@ def differentiate(
 
 
 def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> tuple[Array, Array]:
-    """Differentiate as :func:`differentiate` does, once, with given first steps.
+    """Differentiate by extrapolated central differences, once, with given first steps.
 
-    ``function`` and ``Q`` are the arguments of that function. ``first`` (K, n) is the first and
-    longest step along each joint, rad or m. Return the slopes (K, …, n) and their estimated errors
-    (K, n).
+    ``function`` maps Q (P, n) to values (P, …), and ``Q`` (K, n) are the configurations. ``first``
+    (K, n) is the first and longest step along each joint, rad or m. Return the slopes (K, …, n) and
+    their estimated errors (K, n).
     """
     K, n = Q.shape
     steps = first[:, None] * 2.0 ** -np.arange(_LEVELS)[:, None]  # (K, L, n)

@@ -48,8 +48,8 @@ def defects(J: Array, G: Array, dG: Array) -> Array:
     """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` (5), (24): (..., m, m, n).
 
     All defects are 0 if and only if the Lie bracket condition holds. Without redundancy, n = m,
-    exact zeros are returned. J (..., m, n) is the Jacobian, and G and dG are as in
-    :func:`brackets`.
+    exact zeros are returned. J (..., m, n) is the Jacobian, G (..., n, m) the inverse, and dG (...,
+    n, m, n) its derivative by q, the last index.
     """
     m, n = J.shape[-2:]
     outside = np.eye(n) - G @ J if n > m else np.zeros((n, n))
@@ -67,7 +67,7 @@ class _Defects:
         Δ_ab, in the joints' units per unit of task coordinate a and of b.
     relative : (K, m, m, n) array
         Relative defects Λ_cd, per rad, which do not depend on units and task axes: those of an
-        orthonormal basis of G's column space (see :func:`measure`).
+        orthonormal basis of G's column space.
     error : (K,) array
         Estimated error of ``norm``, which follows from the error of ∂G/∂q.
     exact : bool

@@ -106,15 +106,15 @@ _Surface = Callable[[Array], tuple[Array, Array]]
 def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     """Evaluate s(q), the stacked defects of all pairs a < b: (K, pairs · n), and its error (K,).
 
-    s consists of the relative defects (see :func:`measure`), multiplied by ``det(BᵀB)`` with
-    ``B = L⁻¹ G J M⁻¹ Jᵀ``. L is the diagonal matrix of the joints' units, and M is the weight of a
-    weighted inverse, else I. For J⁺, n = 3 and m = 2, B is Jᵀ and s is the paper's scalar (6) times
-    the unit null vector n̂.
+    s consists of the relative defects, the drifts per area of a loop in joint motion, multiplied by
+    ``det(BᵀB)`` with ``B = L⁻¹ G J M⁻¹ Jᵀ``. L is the diagonal matrix of the joints' units, and M
+    is the weight of a weighted inverse, else I. For J⁺, n = 3 and m = 2, B is Jᵀ and s is the
+    paper's scalar (6) times the unit null vector n̂.
 
     Without the factor, s contains the unit normal of G's column space. On an arm whose prismatic
     travel differs much from 1 m, the unit normal reverses over a very short distance, which
     Newton's method steps across. With the factor, s is as smooth as J. The entries of s are
-    dependent, because each defect lies in the null space of J; :func:`_newton_step` projects them.
+    dependent, because each defect lies in the null space of J.
     """
     found = measure(strategy, Q)
     task = strategy.task
@@ -128,7 +128,7 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
 
 
 def _scaled_surface_function(strategy: Inverse, Q: Array) -> _Surface:
-    """Create the function of :func:`_surface_function`, with s divided by its median norm.
+    """Create the function s(q), the stacked defects of an inverse, divided by its median norm.
 
     The median is over those rows of Q (K, n) at which J is not singular. So tolerances of s do not
     depend on the arm's size. The function maps P (·, n) to s (·, pairs · n) and its error (·,).

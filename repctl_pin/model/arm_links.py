@@ -100,7 +100,7 @@ def base_moves(task: Task) -> bool:
 def on_base(placements: Array, points: Array) -> Array:
     """Transform points (T, ..., 3), m, from the base frame to the root frame.
 
-    ``placements`` (T, 4, 4) is the result of :func:`base_placements`.
+    ``placements`` (T, 4, 4) are those of the base in the root frame.
     """
     R, p = placements[:, :3, :3], placements[:, :3, 3]
     flat = points.reshape(len(points), -1, 3)

@@ -261,8 +261,7 @@ class Bodies:
     ) -> NDArray[np.bool_]:
         """Test at every row of Q (K, n) whether a body distance is below ``distance``, m: (K,).
 
-        ``among`` (P,) marks the pairs to test, such as the result of :meth:`_moved_by`; by default,
-        all pairs are tested.
+        ``among`` (P,) is a mask of the pairs to test; by default, all pairs are tested.
         """
         Q = as_configurations(Q, self.task.n, repr(self.task))
         return np.asarray(self._model.nearer(self._drive.joints(Q), distance, among))

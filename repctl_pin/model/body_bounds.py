@@ -241,14 +241,14 @@ class BodyBounds:
 class KnownApart:
     r"""Memory of measured surface distances, which rule out contact at nearby configurations.
 
-    Two surfaces with the distance d at a configuration x do not touch at any q with
-    ρ·\|q − x\| < d, where ρ (N,) is the pair's row of :meth:`BodyBounds.reach`. They do not touch
-    on the straight line from x to q either, so no body gets inside another one.
+    Two surfaces with the distance d at a configuration x do not touch at any q with ρ·\|q − x\| <
+    d, where ρ (N,) bounds how fast each joint changes the pair's distance. They do not touch on the
+    straight line from x to q either, so no body gets inside another one.
 
     Parameters
     ----------
     reach
-        Result of :meth:`BodyBounds.reach` (P, N), m per rad or m.
+        Bounds (P, N) on how fast each joint changes the distance of each pair, m per rad or m.
     strokes
         Absolute joint positions (N,) up to which ``reach`` holds, m; infinite for revolute joints.
     """

@@ -71,10 +71,10 @@ def axis_turn(R: Array, goal: Array) -> Array:
 
 
 def axis_turns(R: Array, goals: Array) -> Array:
-    """Compute :func:`axis_turn` of K tools R (K, 3, 3) and goals (K, 3, 3): (K, 2), rad.
+    """Compute the rotations (K, 2), rad, from the z axes of tools R (K, 3, 3) to those of goals.
 
-    This is the orientation error of an axis task, which commands only the direction of the tool's z
-    axis.
+    They are the components along the x and y axes of the tool. This is the orientation error of an
+    axis task, which commands only the direction of the tool's z axis.
     """
     aim = np.einsum("Kab,Ka->Kb", R, goals[..., :, 2])  # the goal's axis in tool axes
     sine = np.hypot(aim[:, 0], aim[:, 1])

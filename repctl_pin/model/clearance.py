@@ -180,7 +180,8 @@ class _Search:
     ) -> None:
         """Decide by measurement whether undecided pairs collide or are the closest.
 
-        ``undecided`` is the result of :meth:`look_at` for ``rows``.
+        ``undecided`` is two index arrays, of the pairs and of the pieces on which bounds do not
+        decide. Piece k is the motion from sample ``rows[k]`` to ``rows[k + 1]``.
         """
         pairs, pieces = undecided
         order = np.argsort(pairs, kind="stable")
@@ -191,7 +192,8 @@ class _Search:
             self._settle_pair(pair, begin, end)
 
     def _settle_pair(self, pair: int, begin: Array, end: Array) -> None:
-        """Measure a pair on M pieces until lower bounds decide that :meth:`_settled` holds on all.
+        """Measure a pair on M pieces until lower bounds rule out a collision and a new minimum on
+        all.
 
         The pieces extend from the positions ``begin`` (M,) to ``end`` (M,).
         """

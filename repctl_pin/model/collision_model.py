@@ -146,8 +146,9 @@ class _CollisionModel:
     def nearer(self, Q: Array, distance: float, among: _Mask | None = None) -> NDArray[np.bool_]:
         """Test at every row of Q (K, N) whether any two bodies are nearer than a distance, m: (K,).
 
-        This takes a fraction of the time of :meth:`least`, because the first pair that is nearer
-        ends the test. ``among`` (P,) is a mask of the pairs to test; by default, all are tested.
+        This takes a fraction of the time of the minimum distances, because the first pair that is
+        nearer ends the test. ``among`` (P,) is a mask of the pairs to test; by default, all are
+        tested.
         """
         found = np.zeros(len(Q), bool)
         for start, block, bounds in self._bounded(Q) if len(self.pairs) else ():
@@ -174,7 +175,7 @@ class _CollisionModel:
         """Bound how fast each joint changes the distance of each pair: (P, N), m per rad or m.
 
         The bound holds while prismatic joints are within ±``strokes`` (N,), m; by default, within
-        their limits. See :meth:`BodyBounds.reach`.
+        their limits.
         """
         return self._bounds.reach(self._joints, self._strokes if strokes is None else strokes)
 
@@ -228,7 +229,7 @@ class _CollisionModel:
         """Yield (index of the first row, bounds, distances) for blocks of B rows of Q (K, N).
 
         ``bounds`` (B, P) are lower bounds on the distances of all pairs, m, and ``distances`` (B,)
-        the minimum distances of :meth:`least`.
+        the minimum distances over all pairs, m.
         """
         last = 0
         for start, block, bounds in self._bounded(Q):
@@ -309,7 +310,7 @@ class _CollisionModel:
         return np.inf if distance >= 0 and self._only_contact[k] else distance
 
     def _is_nearer(self, k: int, distance: float) -> bool:
-        """Test whether the distance of pair k, see :meth:`_exact`, is below ``distance``, m."""
+        """Test whether pair k, at the current placements, is nearer than ``distance``, m."""
         hulls_tell = distance > 0 and not self._only_contact[k]
         return (self._apart(k) if hulls_tell else self._exact(k)) < distance
 
@@ -674,7 +675,7 @@ def _key(task: Task) -> Hashable:
 def _mesh_files(description: Description, package_dirs: tuple[str, ...]) -> list[Path | None]:
     """List the collision mesh files of a URDF, each once; None for a missing file.
 
-    ``package_dirs`` are folders in which they are looked up, see :func:`find_mesh`.
+    ``package_dirs`` are folders in which packages are looked up.
     """
     names = dict.fromkeys(solid.filename for solid in description.collisions if solid.filename)
     return [find_mesh(name, description.path, package_dirs) for name in names]

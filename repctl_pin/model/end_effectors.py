@@ -95,9 +95,10 @@ class _Body:
         return 2 * sum(fingers) > len(fingers)
 
     def _is_finger(self, joint: Joint, tip: _Body) -> bool:
-        """Test whether a branch is a finger, by the criteria of :func:`arm_ends`.
+        """Test whether a branch is a finger: of small range, few joints, and with a sign of one.
 
-        ``joint`` is the first joint of the branch, and ``tip`` the body that it moves.
+        ``joint`` is the first joint of the branch, and ``tip`` the body that it moves. Signs are
+        other branches beside it, a mimic or prismatic joint, and names.
         """
         if not (_moves_little(joint, tip) and tip.narrow and 1 + tip.after <= self.before):
             return False
@@ -170,7 +171,7 @@ def _ends(root: _Body, *, whole: bool) -> list[_Body]:
 
 
 def task_links(body: _Body) -> list[str]:
-    """Sort a body's links, the best end effector first: by :func:`rank`, then the farthest out.
+    """Sort a body's links, the best end effector by its name first; then the farthest out.
 
     All links of a body move together; only their names show which of them is meant as the tool's
     frame. Links that only carry collision shapes are left out, unless the body has no others.

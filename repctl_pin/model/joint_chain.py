@@ -167,8 +167,8 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
     """Create the struct :data:`ARM` of a task, without potentials, for the native library.
 
     Return the struct, and the list of arrays that it points to, which must live as long as the
-    struct. Return None if a chain has more than 64 joints, the maximum of arm.c. Joint frames are
-    those of :func:`along_z`.
+    struct. Return None if a chain has more than 64 joints, the maximum of arm.c. Each joint moves
+    about or along the z axis of its frame.
     """
     if isinstance(task, SeveralFrames):
         return _native_frames(task)
@@ -195,7 +195,7 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
 
 
 def _native_frames(task: SeveralFrames) -> tuple[Any, list[NDArray[np.generic]]] | None:
-    """Create the result of :func:`native_chain` for several frames: one struct per chain."""
+    """Create the C structs of several frames, one per chain, and the list of their arrays."""
     made = [native_chain(part) for part in task.parts]
     frames = [each[0] for each in made if each is not None]
     if len(frames) < len(made):

@@ -250,7 +250,7 @@ def _narrowed(
     by: Sequence[str],
     slowed_by: Sequence[str],
 ) -> str:
-    """Write :attr:`Range.narrowed`: which mimic joints narrow which limits of a joint.
+    """Write which mimic joints narrow which limits of a joint.
 
     ``left`` is the new range and ``velocity`` the new speed limit; ``by`` and ``slowed_by`` name
     the mimic joints that narrow them. The result is empty if both are empty.

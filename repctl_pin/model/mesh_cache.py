@@ -117,8 +117,9 @@ def _kept(path: Path, stamp: _Stamp, variant: str, textures: bool) -> Path | Non
     """Return the path, in the cache, for the arrays of a mesh file; it need not exist yet.
 
     Return None for a file that must not be cached: its format can refer to other files, or it is
-    over 30 MB, or there is no home folder. ``stamp`` is the result of :func:`_stamp`; ``variant``
-    and ``textures`` are as in :func:`cached`.
+    over 30 MB, or there is no home folder. ``stamp`` is (inode, modification time, size) or None;
+    ``variant`` is a text of all else on which the arrays depend, and ``textures`` is True if they
+    depend on textures.
     """
     kind = path.suffix.lower()
     if kind not in _COMPLETE:

@@ -116,7 +116,8 @@ def _body_parts(
 ) -> list[_Part]:
     """Convert body number b to links: one per joint, the last one with the inertia.
 
-    ``names`` are the names of all bodies, and ``mimics`` is the result of :func:`_couplings`.
+    ``names`` are the names of all bodies, and ``mimics`` maps a mimic joint's name to (leading
+    joint, multiplier, offset).
     """
     place = _placed(model.body_pos[b], model.body_quat[b])
     above = names[int(model.body_parentid[b])]
@@ -307,7 +308,8 @@ def _mesh(model: Any, mesh: int, at: pin.SE3, folder: Path) -> list[tuple[pin.SE
     """Convert a MuJoCo mesh to a URDF shape, undoing MuJoCo's shift to the mesh's centre.
 
     ``mesh`` is the number of the mesh, ``at`` its placement on the body, and ``folder`` the folder
-    of the mesh files. Return a list as :func:`_shapes` does, empty for a mesh without a file.
+    of the mesh files. Return a list of one (placement, attributes), empty for a mesh without a
+    file.
     """
     begin = int(model.mesh_pathadr[mesh])
     if begin < 0:

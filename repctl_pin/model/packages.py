@@ -22,7 +22,7 @@ def package_folder(given: str | Path) -> tuple[str, Path]:
 def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> Path | None:
     """Find a mesh file by its name in a URDF; None if it is missing.
 
-    If :func:`named_mesh` finds no file, ever shorter ends of the name are looked up: for
+    If there is no file of that name, ever shorter ends of the name are looked up: for
     ``package://a/b/meshes/x.stl``, first ``b/meshes/x.stl``, then ``meshes/x.stl``, in the folder
     of the URDF, its parents and ``package_dirs``. The bare file name ``x.stl`` is looked up only
     beside the URDF, and in those of ``package_dirs`` that are not parents of it.
@@ -58,8 +58,8 @@ def named_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) ->
     ``package://name/rest`` is looked up as ``folder/name/rest``, then as ``folder/rest`` if the
     folder itself is called ``name`` or is given as ``name=folder``. ``model://``, and the
     misspelling ``package:///``, are read as ``package://``. ``file://`` and plain names are paths;
-    relative paths start at the URDF's folder, or at those of ``package_dirs``. The parameters are
-    those of :func:`find_mesh`.
+    relative paths start at the URDF's folder, or at those of ``package_dirs``. ``filename`` is the
+    name in the file ``urdf``.
     """
     scheme, mark, rest = filename.partition("://")
     folders = [package_folder(folder) for folder in package_dirs]

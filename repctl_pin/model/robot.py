@@ -306,10 +306,11 @@ class Robot(Mechanism):
         kind: KindName | Kind,
         joints: Sequence[str] | None,
     ) -> Task:
-        """Create the task of several frames, with the arguments of :meth:`task`.
+        """Create the task of several frames: names, or tuples (name, kind) or (name, kind, base).
 
-        ``kind`` is used for frames without a kind of their own. InputError is raised for a frame
-        given twice, and for a task that is not redundant.
+        ``joints`` are the names of those to use, by default all that move a frame. ``kind`` is used
+        for frames without a kind of their own. InputError is raised for a frame given twice, and
+        for a task that is not redundant.
         """
         from .several_frames import SeveralFrames  # few robots have two hands
 

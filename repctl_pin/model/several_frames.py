@@ -202,7 +202,8 @@ class SeveralFrames(Task):
     def axes(self, q: ArrayLike) -> Array:
         """Compute the joints' rotation axes: unit vectors (n, 3); 0 if prismatic.
 
-        They are in the same base frames as :meth:`joint_origins`.
+        They are in the robot's base frame or, if the joint moves only frames controlled relative to
+        another link, in the base frame of the frame that it moves.
         """
         return self._of_joints(q, "axes")
 

@@ -112,7 +112,7 @@ def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
 
 
 def _cached(path: Path, most: int) -> Surface:
-    """Return the result of :func:`_read`, from the mesh cache on disk if it is there."""
+    """Read a mesh file of at most ``most`` triangles, from the cache on disk if it is there."""
     arrays = cached(
         path,
         f"surface of at most {most} triangles",
@@ -202,7 +202,7 @@ def _scene(data: bytes, file_type: str, resolver: _Beside) -> Any:
 
 
 def _parsed(trimesh: Any, file: io.BytesIO, file_type: str, resolver: _Beside) -> Any:
-    """Parse an open file as :func:`_scene` does; ``trimesh`` is the imported module."""
+    """Parse an open mesh file to a scene of ``trimesh``, which is the imported library."""
     if file_type != "dae":
         return trimesh.load_scene(file, file_type=file_type, resolver=resolver, process=False)
     # load_scene does not pass process= on to the meshes of a COLLADA file
@@ -378,10 +378,11 @@ def _by_pairs(
 ) -> None:
     """Write averaged normals of K face corners into their rows of ``normals`` (3F, 3).
 
-    The average is that of :func:`smooth`, but each pair of corners at a point is compared.
-    ``corner`` (K,) are the numbers of the corners, and ``point`` (K,) those of the points at which
-    they lie. ``flat`` (F, 3) are the normals of the faces, weighted by area, and ``unit_normal``
-    (F, 3) the same with length 1.
+    A corner's normal is the average over those faces at its point whose normals differ from its own
+    by at most the crease angle; each pair of corners at a point is compared. ``corner`` (K,) are
+    the numbers of the corners, and ``point`` (K,) those of the points at which they lie. ``flat``
+    (F, 3) are the normals of the faces, weighted by area, and ``unit_normal`` (F, 3) the same with
+    length 1.
     """
     order = np.argsort(point, kind="stable")
     corner, point = corner[order], point[order]

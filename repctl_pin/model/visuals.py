@@ -162,7 +162,7 @@ class Visuals:
         return [*found]
 
     def _confirmed_corners(self, surfaces: Surfaces | None) -> list[Array]:
-        """Compute the result of :meth:`corners`, which is then cached."""
+        """List the corners (P, 3), m, of each shape's convex hull without stray points."""
         found = _corners(self.shapes, surfaces)
         hulls: dict[str, Array | None] = {}
         for k, (shape, place) in enumerate(zip(self.shapes, self._on_frame, strict=True)):
@@ -343,10 +343,10 @@ def _confirmed(
 ) -> Array:
     """Return the corners (P, 3), m, of the hull of a mesh without its stray points.
 
-    A stray point is outside ``hull``, the result of :func:`_widened_hull`. If many points are
-    outside, the collision shapes do not cover the link, so no point is left out. ``corners`` are
-    those of the hull of all points, scaled, and ``place`` (4, 4) is the shape's placement on its
-    link.
+    A stray point is outside ``hull``, the widened convex hull of the link's collision shapes. If
+    many points are outside, the collision shapes do not cover the link, so no point is left out.
+    ``corners`` are those of the hull of all points, scaled, and ``place`` (4, 4) is the shape's
+    placement on its link.
     """
 
     def inside(points: Array) -> NDArray[np.bool_]:

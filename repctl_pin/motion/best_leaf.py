@@ -346,7 +346,7 @@ class _Search:
                 yield candidate
 
     def clearer(self, one: _LeafCandidate, other: _LeafCandidate) -> bool:
-        """Test whether ``one`` is better than ``other`` by :attr:`_LeafCandidate.order`.
+        """Test whether ``one`` is better than ``other``: fewer violations, then larger margins.
 
         The limit margin of ``one`` must also be at least that of the given start.
         """
@@ -487,7 +487,7 @@ def _fast_starts(
 def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
     """Move configurations Q (K, n) towards a target by up to ``iterations`` Newton steps with J⁺.
 
-    Return them (K, n), also those that do not reach the target; :func:`_inside` tests this.
+    Return them (K, n), also those that do not reach the target.
     """
 
     def correction(Q: Array, on: NDArray[np.intp]) -> Array:

@@ -110,7 +110,7 @@ def csv_text(
 
 
 def with_run(text: str, run: str) -> str:
-    """Add a last column ``run`` to the text of :func:`csv_text`, with the same content in each row.
+    """Add a last column ``run`` to the text of a CSV file, with the same content in each row.
 
     InputError is raised if a joint is called ``run``.
     """
@@ -136,7 +136,7 @@ def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
 def read_motions(
     file: str | Path, known: Sequence[str], *, cycles: int | None = None
 ) -> list[_Recorded]:
-    """Read the motions of a CSV file with a column per joint, such as :func:`csv_text` writes.
+    """Read the motions of a CSV file with a column per joint, rad or m.
 
     Velocities are ignored.
 

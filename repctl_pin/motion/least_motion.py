@@ -275,8 +275,9 @@ class _Cost:
 
         The decrease is that of the cost. N spans the null space of J, and H = ∂J/∂q. Self-motions
         are ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so Newton's matrix is the Gauss–Newton matrix
-        plus the blocks of :meth:`_bent`. If ``exact`` is False, their positive semidefinite parts
-        are used, so that the matrix is positive definite.
+        plus one block (r, r) per configuration, the curvature of the self-motion times the
+        gradient. If ``exact`` is False, their positive semidefinite parts are used, so that the
+        matrix is positive definite.
 
         Raises
         ------

@@ -122,7 +122,7 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
 
 
 def _regular_polygon(corners: float, radius: float, text: str, blend: float) -> _Drawn:
-    """Create the result of :func:`_drawn` for a regular polygon on a circle of a radius, m.
+    """Create the function (task, q0, plane) → path of a regular polygon on a circle of a radius, m.
 
     ``corners`` is their number, ``text`` the whole name, for messages, and ``blend`` the radius of
     rounded corners, m.
@@ -138,7 +138,7 @@ def _regular_polygon(corners: float, radius: float, text: str, blend: float) -> 
 
 
 def _polygon(corners: list[tuple[float, float]], name: str, blend: float) -> _Drawn:
-    """Create the result of :func:`_drawn` for a polygon with corners (x, y) in the plane, m.
+    """Create the function (task, q0, plane) → path of a polygon with corners (x, y), m.
 
     The coordinates are relative to the start, which is the corner (0, 0); ``corners`` does not
     contain it. ``blend`` is the radius of rounded corners, m, and ``name`` describes the polygon in

@@ -332,7 +332,7 @@ def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
-    """Return the message of :func:`solve_near` if no solution is found from q (n,), else empty."""
+    """Return the message that no solution of f(q) = target is found from q (n,); else empty."""
     try:
         solve_near(task, q, target, tolerance=_THERE)
     except InputError as error:

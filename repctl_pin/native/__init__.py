@@ -228,9 +228,9 @@ def filled_struct(
 def point(made: Any, name: str, structs: list[Any]) -> None:
     """Set the pointer ``name`` of a struct to an array of other structs.
 
-    ``made`` is a result of :func:`filled_struct`; its attribute ``held`` keeps ``structs``, all of
-    one type, and the array in memory. The array holds copies: later changes of a member of
-    ``structs`` have no effect in C.
+    ``made`` is a filled C struct of ctypes; its attribute ``held`` keeps ``structs``, all of one
+    type, and the array in memory. The array holds copies: later changes of a member of ``structs``
+    have no effect in C.
     """
     row = (type(structs[0]) * len(structs))(*structs)
     setattr(made, name, ctypes.addressof(row))

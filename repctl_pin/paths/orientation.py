@@ -188,7 +188,7 @@ def facing(
     and T the shortest rotation. With ḋ = dd/ds, ``ω = d × ḋ − (d₀ × d)·ḋ / (1 + d₀·d) d``.
 
     The third result is the function (s, length) → upper bound of the rotation, rad, over an arc of
-    the path that begins at s and has at most this length, m; see :func:`_most_turn`.
+    the path that begins at s and has at most this length, m.
 
     Raises
     ------

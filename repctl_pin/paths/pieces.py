@@ -76,7 +76,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **attributes: Any) -> Task
     Parameters
     ----------
     pieces
-        Polynomial pieces in order, from s = 0 to 1, see :func:`pieces_of`.
+        Polynomial pieces in order, from s = 0 to 1.
     rotation : (3, 3) array
         Fixed orientation, used if the pieces have no quaternions.
     attributes

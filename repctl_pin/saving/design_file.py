@@ -247,7 +247,7 @@ def _checksum_of(content: dict[str, Any]) -> str:
 
 
 def _unchecked(content: DesignFile, task: Task) -> list[str]:
-    """Compare the robot with that of the file, as ``check`` of :class:`FileKind` requires.
+    """Compare the robot of a task with that of the file ``content``.
 
     Returns the names of the quantities that an older file lacks. InputError is raised if joint
     limits, frames of an arm angle or masses differ. Speed limits are compared only if the design

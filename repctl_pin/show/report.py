@@ -120,7 +120,8 @@ def _compared(study: Study) -> list[tuple[str, Motion, str]]:
 
 
 def _figures(study: Study, maps: ReportMaps | None) -> Iterable[tuple[str, dict[str, object]]]:
-    """Yield the heading of each figure of the report, and its picture, a result of :func:`framed`.
+    """Yield the heading of each figure of the report, and its picture: a dict of ``data`` (PNG in
+    base64), ``width``, ``height`` and ``words``.
 
     ``maps`` are values of the design over two joints; None leaves their figure out.
     """
@@ -165,7 +166,7 @@ def _maps_figure(study: Study, maps: ReportMaps) -> Figure:
 
 
 def picture(figure: Figure, text: str) -> dict[str, object]:
-    """Draw a figure, cropped to its contents, and encode it as :func:`framed` does.
+    """Draw a figure, cropped to its contents; return its PNG in base64, its size and ``words``.
 
     ``text`` is its description for readers who cannot see it.
     """

@@ -41,7 +41,7 @@ def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
     folder
         Output folder.
     run
-        Name of the run, see :func:`run_name`, to write into each file.
+        Name of the run, to write into each file.
 
     Returns
     -------

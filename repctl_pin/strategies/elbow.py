@@ -275,7 +275,8 @@ def _newton_step(
     are the gradient and the second derivatives of half the squared distance by z, and A (3, r) is
     the derivative of the elbow's position by z. ``lower`` and ``upper`` (n,) are the limits of q. A
     joint at or beyond its limit that would move farther outward is moved to the limit. The second
-    result is False if the minimum is not unique, see :func:`_model_step`.
+    result is False if the minimum is not unique, because slope and curvature vanish along a
+    direction.
     """
     held = np.zeros(len(q), bool)
     goal = np.clip(q, lower, upper)

@@ -139,7 +139,7 @@ class NativeLaw:
         gain: float | None,
         bounds: StepLimits | None,
     ) -> Array:
-        """Compute the next q (n,) of a control loop, as :meth:`NumPyLaw.step` does.
+        """Compute ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` (n,), the next q.
 
         ``target`` is the placement x, ``twist`` the feed-forward (v, ω), ``leaf`` the level c, and
         ``gain`` the feedback gain, 1/s; None removes the whole error in one step. ``bounds`` are

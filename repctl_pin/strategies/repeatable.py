@@ -398,7 +398,6 @@ class RepeatableInverse:
 
         A leaf is the set h(q) = c of the potentials h, on which pose x and level c determine q. On
         the solution branch of q0, the result depends on x and c alone, not on the motion before.
-        See :func:`leaf_ik.solve`.
 
         Parameters
         ----------

@@ -36,7 +36,7 @@ class StepLimits(NamedTuple):
 
 
 def step_limits(velocity_limit: ArrayLike | None, damping: float, n: int) -> StepLimits:
-    """Check the limits of a step, as :meth:`RepeatableInverse.step` takes them, and return them.
+    """Check the limits of a step of a control loop, and return them.
 
     ``velocity_limit`` is a number or n of them, rad/s or m/s, or None; ``damping`` is λ_max, 0 or
     more.

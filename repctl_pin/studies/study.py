@@ -181,8 +181,9 @@ def _designed(
 ) -> tuple[Problem, Design]:
     """Design the repeatable inverse nearest to ``desired``; return problem and design.
 
-    The solved problem can have another default start, see :func:`design_for`. ``degree`` is that of
-    the polynomials. ``say`` receives the name of each step; if ``quiet``, not those of the fit.
+    The solved problem can have another default start, if no motion from the first keeps the limits
+    at low joint speed. ``degree`` is that of the polynomials. ``say`` receives the name of each
+    step; if ``quiet``, not those of the fit.
     """
     designing = f"designing the nearest repeatable inverse, degree {degree}"
 
@@ -221,7 +222,8 @@ def _notes(
 ) -> list[str]:
     """Collect the notes of a study in their order.
 
-    ``long`` are those of :func:`choose_degree`, and ``slower`` those on the period and the start.
+    ``long`` are those on the choice of the degree, and ``slower`` those on the period and the
+    start.
     """
     task = problem.task
     return [

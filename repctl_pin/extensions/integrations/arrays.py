@@ -152,7 +152,7 @@ def pose_and_leaf(
     F
         Function of a cell, such as ``found.function``.
     xp
-        Namespace of the arrays, as for :func:`inverse_function`.
+        Namespace of the arrays: numpy, jax.numpy, torch, cupy, or another one of the standard.
 
     Returns
     -------
@@ -190,7 +190,7 @@ def velocity(inverse: RepeatableInverse, xp: Namespace) -> Callable[[Numbers, Nu
         ``design.inverse``, with polynomials, Fourier series or their sums as potentials, or
         ``found.inverse`` of a cell.
     xp
-        Namespace of the arrays, as for :func:`inverse_function`.
+        Namespace of the arrays: numpy, jax.numpy, torch, cupy, or another one of the standard.
 
     Returns
     -------
@@ -607,8 +607,8 @@ def _held(xp: Namespace, potentials: Any) -> Callable[..., tuple[Numbers, Number
     """Create the function (q, placement, ẋ) → (V (n, r, K), rates (r, K), inside (K,)).
 
     If ``Vᵀ q̇ = rates``, the potentials stay constant: V are their gradients, and the rates are 0,
-    except for a cell, see :func:`_held_by_cell`. ``inside`` is False for placements outside the
-    cell.
+    except for a cell, whose q_ref and n_ref move with the pose. ``inside`` is False for placements
+    outside the cell.
     """
     if type(potentials) is CellPotentials:
         return _held_by_cell(xp, potentials.chart)
@@ -646,10 +646,11 @@ def _gradients(xp: Namespace, one: PolynomialMap | FourierMap, q: Numbers) -> Nu
 
 
 def _held_by_cell(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbers, Any]]:
-    """Create the function of :func:`_held` for the potentials of a cell's function.
+    """Create the function (q, placement, ẋ) → (V, rates, inside) for a cell's potentials.
 
-    V is n_ref, and the rates are ``n_refᵀ dq_ref − dn_refᵀ (q − q_ref)``, with the time derivatives
-    dq_ref and dn_ref of q_ref and n_ref along the motion.
+    ``inside`` is False for placements outside the cell. V is n_ref, and the rates are ``n_refᵀ
+    dq_ref − dn_refᵀ (q − q_ref)``, with the time derivatives dq_ref and dn_ref of q_ref and n_ref
+    along the motion.
     """
     reference, cell = _reference(xp, chart), chart.cell
     _, slopes = chart._differentiated

@@ -240,8 +240,8 @@ def _timed_parts(
 ) -> tuple[list[Segment], list[float]]:
     """Time each part between two rests separately; return one segment and duration, s, per part.
 
-    The duration can be longer than the segment, see :meth:`Part.timed`. ``report`` is the progress
-    callback.
+    The duration is longer than the segment if the motion must be slowed down to meet a limit
+    between two grid points. ``report`` is the progress callback.
     """
     segments, durations = [], []
     for k, part in enumerate(parts):

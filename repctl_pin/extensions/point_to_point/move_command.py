@@ -147,7 +147,7 @@ def _result(moved: rp.MotionBetween, motion: JointMotion) -> dict[str, Any]:
 
 
 def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
-    """Yield the lines of text that report the motion; ``result`` is that of :func:`_result`."""
+    """Yield the lines of text that report the motion; ``result`` has its figures by key."""
     from ...model.bodies import bodies_of
     from ...motion.joint_motion import checked_words
     from ...show.text.table import margin_words

@@ -239,9 +239,9 @@ class _GradientBounds:
 def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> _GradientBounds:
     """Convert Taylor models of the gradient to first-order expansions on boxes.
 
-    ``P`` (K, k, M) and ``r`` (K, k) are the coefficients and error bounds that
-    :meth:`ArmAngleChain.models` returns; ``half`` (K, n) are the half-widths of the boxes. Bounds
-    on the terms of higher order are added to ``rest``.
+    ``P`` (K, k, M) are the coefficients of polynomials of degree 3 in ``(q − Q) / half``, one for
+    each of the k joints that move the angle, and ``r`` (K, k) their error bounds; ``half`` (K, n)
+    are the half-widths of the boxes. Bounds on the terms of higher order are added to ``rest``.
     """
     on, (K, n) = chain.moving, half.shape
     V, dV, rest = np.zeros((K, n)), np.zeros((K, n, n)), np.zeros((K, n))

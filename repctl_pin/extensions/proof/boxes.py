@@ -24,8 +24,8 @@ def cover(region: Region) -> tuple[Array, Array]:
     """Cover a region Ω of joint space by boxes: return their lower and upper corners, (K, n) each.
 
     A tube, the set of configurations near a sampled motion, is covered by one box per section of
-    its samples, see :func:`sections`. Where these boxes overlap, the later box is reduced. A
-    workspace box, which is the part of a box of joints whose poses lie in a box of poses, is
+    its samples, a few samples near each other. Where these boxes overlap, the later box is reduced.
+    A workspace box, which is the part of a box of joints whose poses lie in a box of poses, is
     covered by the whole box of joints.
 
     Raises
@@ -48,8 +48,9 @@ def cover(region: Region) -> tuple[Array, Array]:
 def _stretches(tube: Tube) -> tuple[Array, Array]:
     """Enclose a tube in boxes: return their lower and upper corners, (K, n) each.
 
-    Each box contains all configurations of the tube near one section of its samples, see
-    :func:`sections`. The boxes are enlarged by a bound on the rounding errors.
+    Each box contains all configurations of the tube near one section of its samples. On a section,
+    a slice of the samples, the joints move little compared with the tube's radius. The boxes are
+    enlarged by a bound on the rounding errors.
     """
     Q = tube.samples
     wide = tube.radius + 4 * U * np.abs(Q).max(axis=0)

@@ -222,7 +222,8 @@ class CellProof:
         Uc, half : (K, k) arrays
             Centres and half-widths of the boxes, in the cell's coordinates u.
         start : (K, n, 1 + k) array
-            Estimate of F − q_ref on each box, as :meth:`start` returns it.
+            Estimate of F − q_ref on each box: the value at the centre, then k slopes times
+            ``half``.
         gradients : (K, r, n, 2 + k) array, optional
             Array to fill with first-order expansions in u of the r gradients V along F. Its last
             axis holds V at the centre, the k slopes times ``half``, and a bound on the difference
@@ -408,8 +409,9 @@ class _Correction:
     def beside(self, Uc: Array, half: Array, start: Array) -> Array:
         """Bound ``|q_0 − c| = |η − Δ|`` on boxes Uc ± half, (K, k) each: (K, n).
 
-        ``start`` (K, n, 1 + k) is η, see :meth:`CellProof.start`. Where a box is cut by the lines
-        of the grid, η − Δ is linear along each coordinate on each part: it is largest at a corner.
+        ``start`` (K, n, 1 + k) is η: the value of F − q_ref at the centre, and k slopes times
+        ``half``. Where a box is cut by the lines of the grid, η − Δ is linear along each coordinate
+        on each part: it is largest at a corner.
         """
         if not self.values.any():
             return np.asarray(np.abs(start).sum(axis=2) * (1 + 1e-12))
@@ -427,7 +429,7 @@ class _Correction:
 
 
 def _nested(found: Array) -> Array:
-    """Make the distances d* (L, n), the largest first, from the result (n,) of :func:`farthest`."""
+    """Make the distances d* (L, n), the largest first, from sampled distances (n,), rad or m."""
     first = [factor * found + more for factor, more in _SLACKS]
     return np.array([*first, *np.outer(_NEARER, first[-1])])
 
@@ -512,11 +514,11 @@ class _Polynomials:
 def _pose_tables(cell: Cell) -> dict[str, Array]:
     r"""Return the arrays, by name, from which C computes the poses of a cell and their velocities.
 
-    The position at the coordinates u is ``p = o + R_a(φ) (d + D u)``, the rotation
-    ``R = R_a(φ) exp(\hat{Ω u}) R_0 R_z(ψ)``. R_a rotates about a sector's axis, R_z about the
-    tool's z axis; the angles φ and ψ are linear in u. If a sector's range of radius depends on the
-    height η, ``(b(η) + (s(η) − 1) y) e`` is added to ``D u``, see :class:`Profile`. Here y is the
-    radial coordinate, and e is the radial direction at the cell's centre.
+    The position at the coordinates u is ``p = o + R_a(φ) (d + D u)``, the rotation ``R = R_a(φ)
+    exp(\hat{Ω u}) R_0 R_z(ψ)``. R_a rotates about a sector's axis, R_z about the tool's z axis; the
+    angles φ and ψ are linear in u. If a sector's range of radius depends on the height η, ``(b(η) +
+    (s(η) − 1) y) e`` is added to ``D u``, with polynomials b and s. Here y is the radial
+    coordinate, and e is the radial direction at the cell's centre.
 
     Velocities are given along each of the m task coordinates: first the k coordinates u, then the l
     coordinates that symmetries remove from u, then those of width 0.
@@ -581,8 +583,9 @@ def _bent_coordinates(cell: Cell) -> dict[str, int]:
 def _coordinate_rates(cell: Cell) -> tuple[Array, Array, Array]:
     """Return a point (3,), m, and the direction (3,) of a sector's axis, and a table (6, 8).
 
-    Row i of the table belongs to coordinate i of the task. Its columns are the entries way (3),
-    turn (3), around and twirl of :func:`_pose_tables`. In a box of poses, the axis is not used.
+    Row i of the table belongs to coordinate i of the task. Its columns are the displacement (3) and
+    the rotation (3) per metre or radian of the coordinate, and 1 if it is the angle, and if it is
+    the spin. In a box of poses, the axis is not used.
     """
     m, R0, rows = cell.task.m, cell.placement.rotation, len(cell.half_width)
     rates = np.zeros((6, 8))

@@ -314,9 +314,10 @@ class LiftBoxes:
     def around(self, arc: Array) -> tuple[Array, Array, Array] | None:
         """Find boxes in which lifts stay, given their motion ``arc`` (K, n) to first order.
 
-        ``arc`` is the result of :meth:`moved`. Return three arrays (K, n): bounds on the motion of
-        the lifts; half-widths h of boxes in which Φ, pose and levels, is injective; and the part of
-        the bounds that :meth:`bent` gives. Return None if a lift may leave its box.
+        ``arc``, rad or m, bounds the motion of each joint over an arc of the path. Return three
+        arrays (K, n): bounds on the motion of the lifts; half-widths h of boxes in which Φ, pose
+        and levels, is injective; and the nonlinear part of the bounds. Return None if a lift may
+        leave its box.
         """
         h = 1.5 * arc
         for _ in range(3):

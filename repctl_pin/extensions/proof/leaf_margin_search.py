@@ -137,7 +137,7 @@ class _Search:
             self._stop(Q, half, int(np.argmax(small)), "a box too small to halve is undecided")
 
     def _next(self) -> NDArray[np.intp]:
-        """Choose which undecided boxes to halve next, see :meth:`advance`; return their indices."""
+        """Choose the undecided boxes to halve next, the newest or the lowest: return indices."""
         count = len(self.low)
         if count <= _BATCH:
             return np.arange(count)

@@ -139,8 +139,8 @@ def _proved(
     """Bound, for the levels c of each cell, how far F(x₀, c) is from its row of Q: (K, n).
 
     Return also the half-widths (K, n) of boxes around Q in which Φ is injective. Return None if a
-    cell is not proved. ``half_width`` is that of a cell, ``cells`` (K, r) and Q (K, n) are the
-    result of :func:`_solved`.
+    cell is not proved. ``half_width`` is that of a cell, ``cells`` (K, r) are the cells' indices,
+    counted from the start's cell, and Q (K, n) the configurations in their middles.
     """
     task, bounds = inverse.task, LiftBoxes(inverse, problem, Q)
     c = inverse.leaf(start) + 2 * half_width * cells

@@ -248,7 +248,7 @@ class _Search:
     def _halved(
         self, take: NDArray[np.intp]
     ) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
-        """Halve the undecided boxes with the indices ``take``, as :func:`halved` does.
+        """Halve the undecided boxes with the indices ``take``, each along one joint.
 
         Return the lower and upper corners of the L halves, (L, n) each, the indices (L,) of their
         places, and their numbers k − 1 (L,).
@@ -410,8 +410,7 @@ def rate_bounds(
 def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
     """Evaluate the rate of each joint, rad or m per metre of a line, at Q (K, s, n): (K, s, n).
 
-    There are s configurations per place. The rates are those of :func:`rate_bounds`; they are inf
-    where the repeatable inverse does not exist.
+    There are s configurations per place. They are inf where the repeatable inverse does not exist.
     """
     points = Q.reshape(-1, Q.shape[2])
     J, V = task.jacobians(points), field.gradients(points)

@@ -221,7 +221,8 @@ def _other_base(
 ) -> _Explanation:
     """Fit another base, rotated by B (3, 3) and shifted: ``p = B p_own + t``, ``R = B R_own``.
 
-    The other arguments are those of :func:`_other_frame`.
+    p (K, 3) and R (K, 3, 3) are the recorded poses, p_own and R_own those by forward kinematics.
+    ``rows`` are the components of the position that the task commands.
     """
     t = np.zeros(3)
     t[rows] = (p - p_own @ B.T).mean(axis=0)[rows]

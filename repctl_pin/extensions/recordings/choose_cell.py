@@ -56,7 +56,7 @@ def design_for(
     Both are cells; the function of a cell gives one configuration per pose. The cell contains all
     frames or, if no function covers it, 98 or 90 % of them. If no function covers such a cell
     either, the function that covers most frames is returned. In the middle of the cell, the
-    function has a recorded configuration, see :func:`_posture`, if a design with it succeeds.
+    function has a typical recorded configuration, if a design with it succeeds.
 
     Raises
     ------
@@ -116,9 +116,9 @@ def _design(recording: Recording, cell: Cell, options: FitOptions) -> CellDesign
 def _posture(recording: Recording, cell: Cell) -> Array:
     """Select a typical recorded configuration (n,) near the middle of a cell.
 
-    The new joints should be near the recorded joints. The candidates are the configurations nearest
-    to the middle, one per session. The candidate with the smallest sum of distances to the others
-    is returned.
+    The function's configurations should be near the recorded ones. The candidates are the
+    configurations nearest to the middle, one per session. The candidate with the smallest sum of
+    distances to the others is returned.
     """
     assert recording.joints is not None
     U, _ = cell.coordinates(recording.positions, recording.rotations)

@@ -487,7 +487,7 @@ def _arguments(
     """Read the arguments of :class:`Recording` from columns of a table, by their names.
 
     ``columns`` has the names of the columns per argument, and ``places`` the index of each joint in
-    a row, as :func:`_find` returns them.
+    a column that holds an array of all joints; None if each joint has a column.
     """
     made: dict[str, Any] = {}
     if places is not None:  # further numbers, such as a gripper's, may be missing

@@ -125,7 +125,8 @@ def plain_columns(
     """Make the columns of a recording with new configurations Q (K, n), for any output format.
 
     They are returned by name: the new joints and the other columns of the file or, without a file,
-    times, sessions and poses. ``further`` is as for :func:`relabeled_columns`.
+    times, sessions and poses. ``further`` are the new configurations of further columns of joints,
+    by name.
     """
     source = recording.source
     if source is None:

@@ -255,7 +255,7 @@ def _features(task: Task, Q: Array, radian: float) -> Array:
 
 
 def _coordinates(kind: Kind, placements: Sequence[pin.SE3], radian: float) -> Array:
-    """Convert T placements of one frame to points (T, d), m, as :func:`_features` describes.
+    """Convert T placements of one frame to points (T, d), m, with the distances of the poses.
 
     A point has only the coordinates that the kind of task commands. For an axis task, the direction
     of the tool axis takes the place of the rotation matrix.
@@ -275,7 +275,8 @@ def _tolerance(
 
     The tolerance is four times the noise of the distance between two poses, plus the sagitta of the
     path between two rows: a quick hand can pass a pose at that distance between two rows. ``X`` (T,
-    d) are the points of :func:`_features`, ``noise`` (n,) is that of the joints.
+    d) are the poses as points, whose distances are those of the poses, m; ``noise`` (n,) is that of
+    the joints.
     """
     some = Q[np.linspace(0, len(Q) - 1, min(len(Q), 32)).astype(int)]
     J = task.jacobians(some)
@@ -310,9 +311,10 @@ def _closest(
 ) -> _Pass:
     """Find where in a run of consecutive rows the hand is nearest to a pose, also between two rows.
 
-    ``X`` (T, d) are the poses of the log and ``pose`` (d,) the given one, as points of
-    :func:`_features`; ``run`` are row indices. Between two rows the motion is assumed straight;
-    across a gap it is unknown. Rows within ``tolerance``, m, are the ``rows`` of the result.
+    ``X`` (T, d) are the poses of the log and ``pose`` (d,) the given one, as points, whose
+    distances are those of the poses; ``run`` are row indices. Between two rows the motion is
+    assumed straight; across a gap it is unknown. Rows within ``tolerance``, m, are the ``rows`` of
+    the result.
     """
     offsets = X[run] - pose
     distances = np.linalg.norm(offsets, axis=1)
@@ -368,7 +370,7 @@ def _configuration(
     """Estimate the configuration of a visit: the mean of at least four rows, or an interpolation.
 
     ``one`` is the visit, ``target`` the pose, and ``noise`` (n,) the noise of the joints. If
-    ``late``, a mean over a motion uses its last rows, as in :func:`_average`.
+    ``late``, a mean over a motion uses the last half of its rows, else the first half.
     """
     if len(one.rows) >= _AVERAGED:
         q, A, bend = _average(task, Q[one.rows], target, noise, late)

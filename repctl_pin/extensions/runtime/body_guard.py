@@ -158,7 +158,7 @@ class BodyGuard:
         self.recall(remembered)
 
     def remembered(self) -> dict[str, Any]:
-        """Copy the distances that the guard remembers, and its state, for :meth:`recall`."""
+        """Copy the distances that the guard remembers, and its state, to return to them later."""
         known = {name: self._own.held[name].copy() for name in _KNOWN}
         numbers = {"next": self._own.next, "left": self._own.left}
         return {"known": known, "nearest": self.nearest} | numbers
@@ -210,8 +210,8 @@ class BodyGuard:
     def _keeps_part(self, Q: Array, S: Array) -> bool:
         """Test whether all distances are kept along at most 32 samples of a motion.
 
-        If the test of all samples has too much to compute, the two halves are tested. Q and S are
-        as for :meth:`allows`.
+        If the test of all samples has too much to compute, the two halves are tested. Q (K, n) are
+        the samples, S (K, n) the travel of each joint from the first sample on, rad or m.
         """
         self._own.left = _ENDLESS
         if self.allows(Q, S):

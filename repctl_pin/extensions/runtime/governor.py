@@ -479,7 +479,7 @@ class Governor:
 
         The plan is the first ``count`` samples in the memory that C shares with Python. C calls
         this in the middle of a tick; ``first`` is 1 for the first plan that is tested for the next
-        motion, else 0. The first error of a tick is kept, and raised by :meth:`_guarded_step`.
+        motion, else 0. The first error of a tick is kept, and raised after the call of C.
         """
         if self._error is not None:
             return 0

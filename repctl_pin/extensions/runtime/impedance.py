@@ -213,8 +213,8 @@ def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") 
     """Check n numbers and return them as an array; an array of finite doubles is returned as is.
 
     A control loop calls this at every tick, so one scalar product, which is finite in the usual
-    case, tests all numbers at once. Otherwise, :func:`vector` checks each number. The InputError
-    calls the numbers ``name``, and says by ``each`` what each of them stands for.
+    case, tests all numbers at once. Otherwise, each number is checked. The InputError calls the
+    numbers ``name``, and says by ``each`` what each of them stands for.
     """
     if (
         type(values) is np.ndarray

@@ -237,7 +237,10 @@ class NativeTorques:
     ) -> Array:
         """Compute the torques τ (n,), Nm or N, and update the observer's state.
 
-        Arguments and errors are those of :meth:`NumPyTorques.__call__`.
+        q and q̇ (n,) are joint positions and velocities, M (n, n) and b (n,) inertia and bias, and
+        ``leaf`` (r,) is the level c. ``target`` is the pose to follow, ``twist`` (v, ω) its
+        velocity. SingularityError is raised where [J; Vᵀ] is singular, InputError if numbers
+        overflow.
         """
         self._q[...] = q
         self._qdot[...] = qdot

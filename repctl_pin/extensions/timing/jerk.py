@@ -307,8 +307,8 @@ class _Path:
         Largest x = ṡ² within the speed limits, at the stages and halfway between them.
     points : tuple
         Three tuples, for the beginning, the middle and the end of all intervals. Each has the
-        fraction of the interval (0, ½ or 1), q′ and q″ there, (K − 1, n) each, and the result of
-        :func:`torques_along`, which is None without torque limits.
+        fraction of the interval (0, ½ or 1), q′ and q″ there, (K − 1, n) each, and the terms of the
+        joint torques there; None without torque limits.
     curve
         q(s), a piecewise polynomial.
     """
@@ -382,7 +382,7 @@ def _solved(
 
     The program minimises the linearised duration within all limits. Its unknowns z are x/x̄ at the
     inner stages, and x′ there in units of twice the largest s̈ allowed. ``near_slope`` (K,) is x̄′;
-    the other arguments are those of :func:`_converged`.
+    ``ties``, ``weights`` (K − 1,) and ``tight`` (K − 1,) are explained at the top of this module.
     """
     h, inner, m = np.diff(path.s), slice(1, -1), len(path.s) - 2
     x0 = near[inner]
@@ -501,8 +501,9 @@ def _rows(
     """Yield the rows ``A z ≤ b`` for the limits of speed, acceleration, torque and jerk.
 
     The unknowns z are x = ṡ² and x′ at the inner stages. Each item is a block of R rows: the
-    coefficients, columns and bounds of :class:`_Rows`. ``near`` (K,) is x̄, at which the jerk is
-    linearised, and ``tight`` (K − 1,) divides the limits of acceleration and jerk in each interval.
+    coefficients and columns, (R, 4) each, and bounds (R,). ``near`` (K,) is x̄, at which the jerk
+    is linearised, and ``tight`` (K − 1,) divides the limits of acceleration and jerk in each
+    interval.
     """
     assert limits.jerk is not None
     tight = tight[1:-1, None]
@@ -550,7 +551,7 @@ class _Stages:
 
         These rows are the two sides of a limit on an absolute value, ``|A z| ≤ bounds − more z``.
         ``A`` and ``more`` are coefficients (I n, 4) at ``columns``, and ``bounds`` is (I n,). Each
-        of the two items is a block of rows as in :func:`_rows`.
+        of the two items is a block of R rows: coefficients and columns (R, 4), bounds (R,).
         """
         for sign in (1, -1):
             yield sign * A + more, self.columns, bounds

@@ -403,7 +403,8 @@ def fastest_along(curve: Any, grid: Array, limits: JointLimits) -> Segment:
     ends of an interval. The program maximises the sum of x.
 
     ``curve`` is a scipy spline or piecewise polynomial, and ``grid`` (K,) are the stages. In the
-    result, ``passed`` are the times of the stages. Errors are those of :func:`fastest`.
+    result, ``passed`` are the times of the stages. InputError is raised if no speed is within the
+    limits.
     """
     program = _program(curve, grid, limits)
     found = program.best(np.ones(len(grid)))
@@ -511,11 +512,12 @@ def _strips(
 def _rows(
     grid: Array, scale: Array, along: Array, across: Array, low: Array, high: Array
 ) -> tuple[Any, Array, Array]:
-    """Make A, low and high of :class:`_Program` from the strips of :func:`_strips`.
+    """Make the rows ``low ≤ A y ≤ high`` of a program, with y = x / scale and x = ṡ².
 
-    A row is a strip at one end of an interval between stages. There, ``s̈ = (x₁ − x₀) / 2h``, where
-    h is the interval's length, and x₀ and x₁ are x at its two ends. Strips without a finite bound
-    give no row. ``grid`` and ``scale`` (K,) are the stages and the unit of each x.
+    A row is a strip, ``low ≤ along s̈ + across x ≤ high``, at one end of an interval between
+    stages. There, ``s̈ = (x₁ − x₀) / 2h``, where h is the interval's length, and x₀ and x₁ are x at
+    its two ends. Strips without a finite bound give no row. ``grid`` and ``scale`` (K,) are the
+    stages and the unit of each x.
     """
     from scipy.sparse import csr_array  # slow to import
 
@@ -538,9 +540,9 @@ def _rows(
 def _without_rests(program: _Program, found: Array) -> Array:
     """Improve the solution y = ``found`` (K,) of a program that rests between the ends.
 
-    :meth:`_Program.best` maximises a sum of x, and x can be 0 at inner stages in its solution. Here
-    each x is weighted by the time that a larger x would save at its stage. Return the y (K,) of a
-    shorter duration. InputError is raised if the arm still rests at an inner stage.
+    The program maximises a sum of x, and x can be 0 at inner stages in its solution. Here each x is
+    weighted by the time that a larger x would save at its stage. Return the y (K,) of a shorter
+    duration. InputError is raised if the arm still rests at an inner stage.
     """
     reach = np.gradient(program.grid)
     for _ in range(_MOST_PROGRAMS):

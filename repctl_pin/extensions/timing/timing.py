@@ -480,7 +480,7 @@ def _fastest_cycle(motion: Motion) -> float | None:
     """Compute the minimum duration, s, of a motion's first cycle from rest to rest.
 
     Return None if the joints do not move, or no speed is within the limits. The acceleration limits
-    are those of :func:`presumed_acceleration`.
+    are the URDF's, else published ones, else the speed limits divided by 0.2 s.
     """
     end = motion.steps + 1
     once = replace(motion, cycles=1, t=motion.t[:end], q=motion.q[:end], qdot=motion.qdot[:end])

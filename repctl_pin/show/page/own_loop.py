@@ -141,7 +141,8 @@ def study_loop(study: Study) -> _Numbers | None:
     """Collect the numbers for a visitor's own loop on the page of a study.
 
     They describe J⁺ and the nearest repeatable inverse, each if it has a motion. Returns None if
-    :func:`own_loop` does, no motion is shown, or the page also shows a user-defined controller.
+    the page cannot compute a controller, no motion is shown, or the page also shows a user-defined
+    controller.
     """
     laws: dict[str, Strategy] = {
         "pseudoinverse": Pseudoinverse(study.task),
@@ -207,7 +208,7 @@ def _first_axis(task: Task) -> _Numbers | None:
 
 
 def _law(strategy: Strategy) -> list[_Numbers] | None:
-    """Describe a controller by its potentials, a list as of :func:`_potentials`; empty for J⁺.
+    """Describe a controller by its potentials, a list of dictionaries; empty for J⁺.
 
     The result is None if the page cannot compute the controller: it is neither J⁺ nor a
     :class:`RepeatableInverse`, its potentials are user-defined, or they have more than 2000 terms.

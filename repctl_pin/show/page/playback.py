@@ -135,7 +135,7 @@ def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None)
     Parameters
     ----------
     file
-        The file, see :func:`repctl_pin.motion.csv_file.read_motions`.
+        CSV file with a column per joint, rad or m.
     robot
         The robot that moves.
     cycles
@@ -192,8 +192,8 @@ def playback_page(
     headline
         Headline of the page; by default, which part has drifted, and how far.
     own
-        Numbers with which the page follows a closed path that its visitor draws, see
-        :func:`.own_loop.own_loop`; None if the visitor cannot draw a path.
+        Numbers with which the page follows a closed path that its visitor draws: start, joints and
+        potentials; None if the visitor cannot draw a path.
     dialog
         Texts of the page's dialog; by default those of a study.
     """

@@ -323,8 +323,8 @@ def animation_page(
         Display name of the arm's part to which a shape belongs, by the name of the shape; used if
         ``live``.
     own
-        Numbers with which the page follows a closed path that its visitor draws, see
-        :func:`.own_loop.own_loop`; None if the visitor cannot draw a path.
+        Numbers with which the page follows a closed path that its visitor draws: start, joints and
+        potentials; None if the visitor cannot draw a path.
     hands
         Display names of the traced frames.
     joints
@@ -370,7 +370,7 @@ def _links(own: dict[str, Any] | None, arm: Arm) -> list[Any]:
     """List, for each shape, [index of the joint that moves its link, display name of its part].
 
     The index is −1 for a link fixed to the base; a shape of the surroundings has None instead of a
-    list. ``own`` are the numbers of :func:`.own_loop.own_loop`; without them, all entries are None.
+    list. ``own`` are the numbers for a path of the visitor; without them, all entries are None.
     """
     return [None] * len(arm.shapes) if own is None else own["links"]
 

@@ -117,7 +117,7 @@ def drift_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> A
 def _linear(ax: Axes, curves: Sequence[_Curve]) -> None:
     """Draw curves on a linear scale from 0, with name and last value at the end of each line.
 
-    The axis is cut off if one large drift would flatten the other curves; see :func:`_top`.
+    The axis is cut off if one large drift would flatten the other curves.
     """
     _drift_lines(ax, curves)
     ax.set_ylim(0, _top(curves) or ax.get_ylim()[1])
@@ -155,7 +155,7 @@ _LEAST = 1e-17
 
 
 def _top(curves: Sequence[_Curve]) -> float | None:
-    """Choose the upper end of a linear axis, in its unit, from the curves that :func:`_near` keeps.
+    """Choose the upper end of a linear axis, in its unit, from the curves of comparable drift.
 
     The other curves then exceed the axis. The result is None if all curves are kept.
     """

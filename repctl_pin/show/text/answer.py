@@ -236,7 +236,7 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
     """List the notes of a study, except those on violations, which have lines of their own.
 
     First come the reasons why controllers stopped, except J⁺ and the repeatable one, which the
-    headline names; then the other notes, sorted by :func:`_rank`.
+    headline names; then the other notes, sorted by their first words.
     """
     said = {f"{row.label}: {violation}" for row in rows for violation in violation_texts(row)}
     notes = [note for note in study.notes if note not in said]

@@ -106,7 +106,7 @@ def fitted(text: str, width: int | None = None) -> str:
 
 
 def _wrapped(line: str, width: int) -> list[str]:
-    """Wrap one line to a width, as :func:`fitted` does; a line with an overlong word stays whole.
+    """Wrap one line to a width, in characters; a line with an overlong word stays whole.
 
     Such a word is usually a path, which the user wants to copy.
     """

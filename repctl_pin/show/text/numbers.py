@@ -37,7 +37,7 @@ def metres(value: float, digits: int = 2) -> str:
 
 
 def displacement(value: float) -> str:
-    """Format the displacement of a part, m, as :func:`metres` does, but as 0 below 0.1 mm.
+    """Format the displacement of a part, m, in a suitable unit: 45 cm, 2.6 mm; 0 below 0.1 mm.
 
     So integration errors are not read as drift.
     """

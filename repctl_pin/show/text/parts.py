@@ -28,10 +28,10 @@ def part_name(task: Task, q: Array, link: str) -> str:
     """Find a readable name for a link, for sentences about the part of the arm that drifts.
 
     If the link's name contains a word for a part of an arm, such as ``wrist``, that word is
-    returned. A link next to the elbow joint is the ``elbow``, see :func:`.length.elbow`. Otherwise
-    the words of the link's name are returned, without the robot's name and a prefix that most links
-    share: ``link 4``. If the name does not consist of words, it is returned as in the file:
-    ``link arm_2``. With several frames, the result includes the side: ``left wrist``.
+    returned. A link next to the elbow joint is the ``elbow``. Otherwise the words of the link's
+    name are returned, without the robot's name and a prefix that most links share: ``link 4``. If
+    the name does not consist of words, it is returned as in the file: ``link arm_2``. With several
+    frames, the result includes the side: ``left wrist``.
 
     Parameters
     ----------

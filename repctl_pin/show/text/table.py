@@ -46,7 +46,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
 
 
 def table_spans(header: Sequence[str], rows: Sequence[Sequence[Span]], left: int = 1) -> list[Span]:
-    """Align a table as :func:`table` does, but with spans as cells, which keep their tones.
+    """Align the columns of a table whose cells are spans, which keep their tones.
 
     ``left`` is the number of columns that are aligned to the left. Returns spans to print one after
     the other; they include the line breaks.
@@ -193,7 +193,7 @@ def _cell(quantity: Quantity, row: Row) -> str:
 
 
 def study_legend(study: Study, named: Callable[[str], str] = str) -> str:
-    """Explain in one paragraph the terms of a study's table, see :func:`study_cells`.
+    """Explain in one paragraph the terms of a study's table.
 
     The mark ``!`` of a bad value is explained if it occurs. ``named`` converts the label of a
     controller to the heading of its column.

@@ -123,7 +123,7 @@ class LeRobotData(DataSet):
         return path.suffix.lower() not in FORMATS
 
     def labels(self, name: str) -> list[str] | None:
-        """Return the names of the numbers in a column, as :func:`labels_of` does."""
+        """Return the names of the numbers in a column, by ``meta/info.json``; None without names."""
         return labels_of(self._info, name)
 
     @property
@@ -347,7 +347,8 @@ def _update_episodes(
 ) -> None:
     """Rewrite the table of demonstrations with new statistics, which are one column each.
 
-    The arguments are those of :func:`_lines`.
+    ``columns`` are the new values by name, ``episodes`` the number of the demonstration of each
+    row; ``removed`` are the columns whose statistics are removed.
     """
     import pyarrow
     import pyarrow.parquet

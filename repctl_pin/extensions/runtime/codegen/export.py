@@ -243,7 +243,7 @@ def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
 def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str) -> str:
     """Write a test vector, and Python's results for it, as the C initialiser of a struct.
 
-    ``said`` is the result of :func:`.vectors.answers`: a dict of results and status codes by name.
+    ``said`` has Python's results and status codes by name.
     """
     task = inverse.task
     limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit

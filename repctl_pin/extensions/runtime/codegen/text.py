@@ -107,8 +107,8 @@ def constants(struct: Any, kind: str, name: str) -> str:
     Parameters
     ----------
     struct
-        Result of :func:`repctl_pin.native.filled_struct`; ``struct.held`` maps the name of each
-        pointer in it to the array, or to the list of structs, that it points to.
+        A filled C struct of ctypes; ``struct.held`` maps the name of each pointer in it to the
+        array, or to the list of structs, that it points to.
     kind
         Name of the struct's type in C. The structs that a pointer ``x`` points to have the type
         ``X``, except those of the pointer ``frame``: their type is ``Arm``.
@@ -121,7 +121,8 @@ def constants(struct: Any, kind: str, name: str) -> str:
 def _definitions(struct: Any, kind: str, name: str) -> Iterator[str]:
     """Yield one C definition for each array that a struct points to, and last the struct's own.
 
-    The arguments are those of :func:`constants`.
+    ``struct.held`` maps the name of each pointer to what it points to, ``kind`` is the struct's
+    type in C, and ``name`` the name of the constant.
     """
     entries = []
     for member, of in struct._fields_:
