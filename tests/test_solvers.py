@@ -221,6 +221,19 @@ def test_descent_in_a_box_keeps_to_allowed_points_and_stops_when_it_is_enough() 
     assert all(1 in rows and 0 not in rows for rows in moved)
 
 
+def test_a_descent_that_cannot_leave_its_corner_ends_at_once() -> None:
+    x, tried = np.array([[1.0], [0.5]]), []
+
+    def trial(rows: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+        tried.append(rows)
+        return np.minimum(x[rows] + lengths[:, None], 1.0)
+
+    descend_in_box(
+        x, -x[:, 0], trial, lambda rows, points: (-points[:, 0], np.ones(len(rows), bool)), LENGTHS
+    )
+    assert sum(0 in rows for rows in tried) == 1 and (x == 1.0).all() and len(tried) < 6
+
+
 @pytest.mark.parametrize("cyclic", [False, True])
 @pytest.mark.parametrize("K, r", [(3, 1), (4, 2), (7, 3), (8, 1)])
 def test_block_tridiagonal_systems(K: int, r: int, cyclic: bool) -> None:

@@ -91,7 +91,7 @@ _FAST = 1e9
 _NEARBY = 0.05
 """Relative motion of a pair's bodies since its last test, m, below which it may be measured."""
 
-_KEPT, _CREDIT = 64, 8
+_KEPT, _CREDIT = 512, 8
 """Number of distances stored per pair; maximum excess of measurements over the tests they saved."""
 
 

@@ -382,13 +382,11 @@ def test_the_verdict_comes_first(made: Path, capsys, no_tours: None) -> None:
     assert main(command) == 0
     out = capsys.readouterr().out
     first = " ".join(out.partition("\n\n")[0].split())
-    assert first.startswith("Every pose in the box has one configuration, however the ")
+    assert first.startswith("One configuration per hand pose, however the hand gets there: ")
     assert main([*command, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     mean, worst = (said["extra_speed"], said["extra_speed_worst"])
-    cost = (
-        f"For this, joint speed is {100 * mean:.2g} % above that of the usual control on average, "
-    )
+    cost = f"Joint speed {100 * mean:.2g} % above that of the usual control on average, "
     assert cost + f"{100 * worst:.2g} % at worst." in first
     assert "Tested at 256 poses, not proved." in first
     least = min(said["limit_margin"], said["limit_margin_worst"])

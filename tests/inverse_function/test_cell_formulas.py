@@ -24,6 +24,22 @@ from repctl_pin.extensions.cells.geometry import kinematics
 from repctl_pin.extensions.cells.place.posture_search import Candidate, chosen, judged, searched
 
 
+@pytest.mark.parametrize("n, columns", [(1, 1), (7, 7), (9, 2)])
+def test_linear_equations_are_solved_beside_singular_ones(n: int, columns: int) -> None:
+    """The first pivot of one matrix is 0, which is no singularity; another has two equal rows."""
+    rng = np.random.default_rng(n)
+    A, b = rng.normal(size=(20, n, n)), rng.normal(size=(20, n, columns))
+    if n > 1:
+        A[3, 0, 0] = 0.0
+    A[5, n - 1] = A[5, 0] if n > 1 else 0.0
+    good = np.arange(20) != 5
+    given = A.copy(), b.copy()
+    x = kinematics.solved(A, b)
+    assert np.isnan(x[5]).all() and np.array_equal(A, given[0]) and np.array_equal(b, given[1])
+    np.testing.assert_allclose(x[good], np.linalg.solve(A[good], b[good]), rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(kinematics.solved(A, b[..., 0]), x[..., 0])
+
+
 @pytest.mark.parametrize("kind", ["pose", "axis", "position"])
 def test_gradient_of_the_cost_against_finite_differences(kind: str) -> None:
     """With the joint limits, the bodies and σ_min in it, each below what is asked for somewhere."""

@@ -2,52 +2,43 @@
 
 from __future__ import annotations
 
-from importlib import import_module
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-import sectors
 from accessibility import violations
 from browser import asleep, errors, schemes, wait_until_drawn
-from cell_functions import panda
+from commands import main
 
 import repctl_pin as rp
-from repctl_pin.show.report import report_page
 
-CELLS = import_module("repctl_pin.extensions.cells.cell_command")
-AUDITS = import_module("repctl_pin.extensions.recordings.audit_report")
 QUICK = {"cycles": 2, "steps": 60, "degree": 1}
+
+
+def written(line: str, name: str) -> Callable[[Path], str]:
+    """A page that a command writes into a folder."""
+
+    def page(folder: Path) -> str:
+        assert main([*line.split(), "--out", str(folder)]) == 0
+        return (folder / name).read_text("utf-8")
+
+    return page
 
 
 def study_of(robot: str, **how: Any) -> str:
     return rp.animation(rp.study(rp.Problem(robot, **how), **QUICK)).page
 
 
-def cell(folder: Path) -> str:
-    """A box of poses, at one orientation."""
-    task = panda()
-    q0 = np.array(task.reference)
-    box, options = rp.Cell(task, task.placement(q0), 0.03), rp.FitOptions(samples=32, held_out=64)
-    found = rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), box, posture=q0, degree=1, options=options
-    )
-    CELLS._pictures(found, folder, "repctl cell panda --half-width 0.03")
-    return (folder / "cell.html").read_text("utf-8")
-
-
-def sector(folder: Path) -> str:
-    CELLS._pictures(sectors.found("one orientation by height"), folder, "repctl cell panda --down")
-    return (folder / "cell.html").read_text("utf-8")
-
-
 def audit(folder: Path) -> str:
     problem = rp.Problem("planar3r")
     usual = rp.Pseudoinverse(problem.task)
     motion = rp.follow(usual, problem.path, problem.start, cycles=7, steps=60)
-    AUDITS.write_audit(rp.audit((motion.t, motion.q), problem.task), folder)
-    return (folder / "audit.html").read_text("utf-8")
+    head = ",".join(["t", *problem.task.joint_names])
+    table = np.column_stack([motion.t, motion.q])
+    np.savetxt(folder / "arm.csv", table, delimiter=",", header=head, comments="")
+    return written(f"audit {folder}/arm.csv --robot planar3r", "audit.html")(folder)
 
 
 def notebook(folder: Path) -> str:
@@ -62,10 +53,10 @@ PAGES = {
     "study talos": lambda _: study_of("talos"),
     "study baxter": lambda _: study_of("baxter", frame=["left_gripper", "right_gripper"]),
     "study ppr": lambda _: study_of("ppr"),
-    "cell": cell,
-    "sector": sector,
+    "cell": written("cell panda --half-width 0.03 --degree 1 --held-out 64", "cell.html"),
+    "sector": written("cell z1 --down", "cell.html"),
     "audit": audit,
-    "report": lambda _: report_page(rp.study("planar3r", **QUICK), command="repctl study planar3r"),
+    "report": written("study planar3r --cycles 2 --degree 1 --report", "report.html"),
     "notebook": notebook,
 }
 

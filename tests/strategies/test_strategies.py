@@ -104,6 +104,20 @@ def test_a_link_without_inertia_is_named(tmp_path: Path) -> None:
         rp.WeightedInverse(task, "inertia")
 
 
+def test_many_pseudoinverses_are_those_of_numpy_and_count_singular_rows(panda_pose, Q) -> None:
+    """C computes them, of any Jacobians: strided ones, too, and rows of very different sizes."""
+    plain, J = rp.Pseudoinverse(panda_pose), panda_pose.jacobians(Q)
+    sizes = 10.0 ** np.arange(-3, 3)[:, None]
+    for given in (J, np.asfortranarray(J), sizes * J):
+        G = plain.batch(Q, given)
+        np.testing.assert_allclose(G, rp.redundancy.pseudoinverse(given), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(given @ G, np.broadcast_to(np.eye(6), (12, 6, 6)), atol=1e-9)
+    assert plain.batch(Q[:0]).shape == (0, 7, 6)
+    J[[2, 5], 3] = J[[2, 5], 1]
+    with pytest.raises(rp.SingularityError, match="at 2 of 12 configurations"):
+        plain.batch(Q, J)
+
+
 def test_the_quick_pseudoinverse_serves_rows_of_any_size(panda_pose, Q) -> None:
     """Short arms have small linear rows: that is no singularity, where J Jᵀ would not do."""
     plain = rp.Pseudoinverse(panda_pose)

@@ -32,7 +32,7 @@ def shape_word(design: CellDesign) -> str:
 
 
 def cell_uses(design: CellDesign) -> dict[str, str]:
-    """Tell how to use the function, its file and the command with your own arm."""
+    """Explain how to use the function: with another arm, in ROS 2 and as CSV; and its units."""
     size = "--down" if shape_word(design) == "sector" else "--half-width 0.1"
     return {
         "Your own arm": f"`repctl cell my_arm.urdf {size}`, on Linux or macOS, after `pip install` "
@@ -84,7 +84,7 @@ def _of_the_sentences(design: CellDesign, motions: Mapping[str, Motion]) -> dict
 
 
 def _of_the_figures(design: CellDesign) -> dict[str, str]:
-    """Explain the figures of merit and the coordinates of a sector, by their names on the page."""
+    """Explain the rows in numbers and the coordinates of a sector, by their names there."""
     words = {}
     if isinstance(design.cell, Sector):
         rows = design.figures()
@@ -114,7 +114,7 @@ def _of_the_figures(design: CellDesign) -> dict[str, str]:
 
 
 def _of_the_evidence(design: CellDesign) -> dict[str, str]:
-    """Explain the word that says what is proved of the margins, by name; or that nothing is."""
+    """Explain what is proved of the margins, or that nothing is."""
     shape = shape_word(design)
     if design.proof:
         return {

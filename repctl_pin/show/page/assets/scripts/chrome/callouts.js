@@ -119,7 +119,8 @@ export class Callouts {
         putCallout(mark, marked, ball, 3, room, ball && aroundHand(marked, ball, room));
         hands.forEach(put);
       });
-      const places = at && [...aboveArm(box, at, left, row, width), ...corners(box, room)];
+      const corner = { ...box, x: width - box.w - 8, y: 8, start: 0.5 };
+      const places = at && [...aboveArm(box, at, left, row, width), corner];
       putCallout(part, box, at, 0, room, places);
       return room;
     });
@@ -165,17 +166,6 @@ function aboveArm({ w, h }, at, left, y, width) {
   return [0.5, 0.1, 0.9].flatMap((start) =>
     [-0.45, 0, 0.45].map((share) => ({ x: x(share), y, w, h, start })),
   );
-}
-
-// Where else it may stand, if it covers a ring there.
-function corners({ w, h }, { width, height }) {
-  const right = width - w - 8;
-  const low = height - h - 8;
-  return [
-    { x: right, y: 8, w, h, start: 0.5 },
-    { x: 8, y: low, w, h, start: 0.5 },
-    { x: right, y: low, w, h, start: 0.5 },
-  ];
 }
 
 // Where a hand's callout may stand, the best first: below the hand, above it, beside it.
