@@ -185,7 +185,12 @@ def followed(
     integrator: str | LeafLock = "rk4",
     feedback: float = 0.0,
 ) -> Motion:
-    """Integrate q̇ along a path from q0 (n,); only the pose of the start is still to be checked."""
+    """Follow a path from q0 (n,): integrate the joint velocities, for a number of cycles.
+
+    Each cycle has ``steps`` steps, and the duration ``period``, s, by default that of the path.
+    ``feedback`` is the gain of the task error, 1/s. All arguments are checked but the start's pose;
+    InputError is raised if it is not that of the path and there is no feedback.
+    """
     task = strategy.task
     period = period or path.period or PERIOD
     check_length(task, cycles, steps)

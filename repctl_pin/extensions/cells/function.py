@@ -483,7 +483,8 @@ class _NativeFunction:
 def _native_function(chart: Chart, keep_limits: bool) -> _NativeFunction | None:
     """Create the C version of a cell function, which is much faster than NumPy.
 
-    Return None without the native library, or with more than 64 joints.
+    With ``keep_limits``, it tests the joint limits also for the level 0; for other levels it always
+    does. Return None without the native library, or with more than 64 joints.
     """
     native, arm = library(), library_arm(chart.cell.task)
     if native is None or arm is None:

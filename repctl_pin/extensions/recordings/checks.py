@@ -318,7 +318,7 @@ def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[f
 
 
 def _alike(by: tuple[float, float]) -> bool:
-    """Test whether median differences (m, rad) are so small that joints and poses agree."""
+    """Test whether median differences ``by`` (m, rad) are small: joints and poses then agree."""
     return by[0] < _ALIKE_M and by[1] < _ALIKE_RAD
 
 

@@ -219,7 +219,7 @@ class Margin(Quantity):
 
 
 def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
-    """Make the :class:`Margin` of joint limits: distance of a joint from its limit, rad or m.
+    """Make the margin of joint limits: distance from a limit, at least ``required``, rad or m.
 
     ``limited`` is a task, or a cell, whose symmetric coordinates narrow the limits.
     """
@@ -229,7 +229,7 @@ def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
 
 
 def distances_of(task: Task, required: float = 0.0) -> Margin:
-    """Make the :class:`Margin` of collisions: minimum distance of convex hulls of bodies, m.
+    """Make the margin of collisions: distance of convex hulls of bodies, at least ``required``, m.
 
     Hulls are never farther apart than the bodies in them, and their distance is much faster to
     compute.
@@ -247,7 +247,7 @@ def distances_of(task: Task, required: float = 0.0) -> Margin:
 
 
 def singular_values_of(task: Task, required: float = 0.0) -> Margin:
-    """Make the :class:`Margin` of singularities: σ_min of J, with its required minimum."""
+    """Make the margin of singularities: σ_min of J, which shall be at least ``required``."""
 
     def measure(Q: Array) -> Array:
         return np.asarray(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float)

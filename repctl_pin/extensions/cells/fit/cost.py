@@ -279,7 +279,8 @@ class Cost:
     def _residual(self, points: Points, ds: Array) -> Array:
         """Evaluate the residual ``(∂F − G_d E) C`` at K nodes: (K, n, k + l).
 
-        The mean of its squared norm is the cost without penalties.
+        ``points`` are the configurations of F at the nodes, ``ds`` (K, r, k) is ∂s/∂u. The mean of
+        the squared norm is the cost without penalties.
         """
         own, desired, _ = self._joint_speeds(points, ds)
         return own - desired

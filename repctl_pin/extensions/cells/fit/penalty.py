@@ -206,6 +206,7 @@ class PenaltyMethod:
 
         ``descent`` is the result from which the first round begins, ``terms`` are its monomials.
         The rounds end when all margins are met, nothing changes, or the function does not exist.
+        Each minimisation ends when a step lowers the cost by less than the fraction ``enough``.
         Return the last result; its number of steps is the sum over all rounds.
         """
         size = 0

@@ -324,7 +324,8 @@ def _cut_until_good(
 
     ``coordinates`` are their numbers in the cell. The limits are tested at sampled poses, and at
     poses that searches and the evaluation find. With ``bodies_only``, only the body distance is
-    tested. Return the design over the rest; None if it would be less than 5 % of the cell.
+    tested. Return the design over the rest; None if it would be less than 5 % of the cell, or a
+    cell that is not ``useful``.
     """
     chart, left, design = found.function.chart, 1.0, found
     stops = _stops(found, limits, bodies_only)
@@ -402,7 +403,7 @@ def _uncovered(
 
 
 def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Sample poses of a chart's function, and test where bodies are nearer than a distance, m.
+    """Sample poses of a chart's function, and test where bodies are nearer than ``distance``, m.
 
     Return the poses U (K, k) in all coordinates, on which body distances depend, and where bodies
     are too near (K,). If they are so at no sampled pose, the nearest pose of each pair of bodies is

@@ -1488,7 +1488,10 @@ def _locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float,
 
 
 def _locked_squares(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Evaluate the squared joint speeds (K,) of an arm with locked joints and of J⁺ at Q (K, n)."""
+    """Evaluate the squared joint speeds (K,) of an arm with locked joints and of J⁺ at Q (K, n).
+
+    ``held`` (n,) is True for the locked joints; ``cell`` has the directions of motion.
+    """
     J, E, C = _unit_twists(cell, Q)
     return _squares(np.linalg.pinv(J * ~held) @ E @ C, np.linalg.pinv(J) @ E @ C)
 
