@@ -508,7 +508,7 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
 
 
 def _drift_words(result: dict[str, Any], motion: rp.Motion) -> str:
-    """Write the drift after the first cycle, and after the last."""
+    """Write the drift after the first cycle and after the last, from figures by key."""
     if result["drift"] is None:
         return "cannot be computed reliably"
     first, last = (f"{number(d)}" for d in motion.drift[[0, -1]])
@@ -517,7 +517,7 @@ def _drift_words(result: dict[str, Any], motion: rp.Motion) -> str:
 
 
 def _distance_words(result: dict[str, Any], motion: rp.Motion) -> str:
-    """Write the minimum body distance, or the collision, with the links."""
+    """Write the minimum body distance, or the collision, with the links, from figures by key."""
     from ..motion.joint_motion import checked_words
 
     distance = result["body_distance"]

@@ -401,10 +401,10 @@ def described(kind: type[P], thing: object, **others: Any) -> P:
 
 
 def made(kind: type[R], part: msgspec.Struct, **others: Any) -> R:
-    """Create an object of the dataclass ``kind`` from a part of a file; reverses :func:`described`.
+    """Create an object of the dataclass ``kind`` from a part of a file, by the names of its keys.
 
-    Lists become arrays, and a null becomes the value of :data:`_NULLS`, or None. ``others`` are
-    values of further attributes, or values to use instead of those of the file.
+    Lists become arrays, and a null becomes None or, for numbers that need not be finite, inf or
+    NaN. ``others`` are values of further attributes, or values to use instead of those of the file.
     """
     own = {}
     for name in kind.__dataclass_fields__:

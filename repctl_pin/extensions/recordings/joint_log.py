@@ -427,9 +427,10 @@ def _checked(
 ) -> JointLog:
     """Make a log without rows that lack a number or repeat the time of the preceding row.
 
-    ``values`` (T, n + k) are the joints in the file's ``units`` (n,), and k levels. ``table`` is
-    the file that was read, with which an error names the line; None for arrays. InputError is
-    raised if time runs backwards, or fewer than three rows remain.
+    ``values`` (T, n + k) are the joints in the file's ``units`` (n,), and k levels. ``by_name`` is
+    True if the joints were found by their names. ``table`` is the file that was read, with which an
+    error names the line; None for arrays. InputError is raised if time runs backwards, or fewer
+    than three rows remain.
     """
     rows = np.flatnonzero(np.isfinite(t) & np.isfinite(values).all(axis=1))
     steps = np.diff(t[rows])
