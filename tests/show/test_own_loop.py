@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import os
 import re
@@ -20,7 +21,6 @@ from controls import some
 from page_file import read
 
 import repctl_pin as rp
-from repctl_pin.motion.csv_file import read_motions
 from repctl_pin.show.page.own_loop import own_loop
 
 SCRIPTS = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "arm"
@@ -1124,14 +1124,23 @@ def test_the_ring_stays_at_the_torch_while_the_plate_turns(driver: Any, weld_pag
 # ---- what can be saved, cited and told apart -----------------------------------------------------
 
 
+def motions_of(text: str, joints: tuple[str, ...]) -> dict[str, tuple[Any, Any, Any]]:
+    """Times, cycles and joints of each strategy of a CSV file."""
+    rows: dict[str, list[list[float]]] = {}
+    for row in csv.DictReader(text.splitlines()):
+        numbers = [float(row[name]) for name in ("time", "cycle", *joints)]
+        rows.setdefault(row["strategy"], []).append(numbers)
+    tables = {key: np.array(numbers) for key, numbers in rows.items()}
+    return {key: (table[:, 0], table[:, 1], table[:, 2:]) for key, table in tables.items()}
+
+
 @pytest.mark.slow
 def test_the_motion_of_a_study_and_of_a_loop_can_be_saved(
-    driver: Any, page: Path, study: rp.Study, tmp_path: Path
+    driver: Any, page: Path, study: rp.Study
 ) -> None:
     """As CSV with the columns of motion.csv: joints to 1e-4 at the same times."""
     schemes(driver, width=900, height=700)
     open_page(driver, page)
-    file = tmp_path / "motion.csv"
     for cycles, motions in (
         (2, {key: study.row(key).motion for key in ("pseudoinverse", "repeatable")}),
         (10, None),
@@ -1139,19 +1148,17 @@ def test_the_motion_of_a_study_and_of_a_loop_can_be_saved(
         if motions is None:
             drag(driver, ARC, "mouse")
             wait_until_computed(driver)
-        file.write_text(driver.execute_script("return repctl.csv()"), "utf-8")
-        found = read_motions(file, study.robot.joint_names)
-        assert [one.strategy for one in found] == ["pseudoinverse", "repeatable"]
-        assert [one.cycles for one in found] == [cycles, cycles]
-        assert found[0].joints == study.task.joint_names
-        for one in found if motions else ():
-            motion = motions[one.strategy]
-            assert one.t[-1] == pytest.approx(motion.t[-1], abs=1e-5)
-            q = [np.interp(one.t, motion.t, joint) for joint in motion.q.T]
-            assert np.abs(np.transpose(q) - one.q).max() < 1.1e-4
+        found = motions_of(driver.execute_script("return repctl.csv()"), study.task.joint_names)
+        assert list(found) == ["pseudoinverse", "repeatable"]
+        assert [cycle[-1] for _, cycle, _ in found.values()] == [cycles, cycles]
+        for key, motion in (motions or {}).items():
+            t, _, Q = found[key]
+            assert t[-1] == pytest.approx(motion.t[-1], abs=1e-5)
+            q = [np.interp(t, motion.t, joint) for joint in motion.q.T]
+            assert np.abs(np.transpose(q) - Q).max() < 1.1e-4
     ends = np.array(driver.execute_script(ENDS))
-    for one, expected in zip(found, ends, strict=True):
-        assert np.abs(one.q[:: (len(one.q) - 1) // 10] - expected).max() < 1e-6
+    for (_, _, Q), expected in zip(found.values(), ends, strict=True):
+        assert np.abs(Q[:: (len(Q) - 1) // 10] - expected).max() < 1e-6
     assert driver.find_element("id", "save-motion").get_attribute("textContent").endswith("(CSV)")
     assert errors(driver) == []
 
