@@ -19,7 +19,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
 _NAMED = 3
 """Maximum number of links, or of pairs of them, that a note names."""
 
-_MADE: WeakKeyDictionary[Task, Bodies] = WeakKeyDictionary()
 _MADE_LOCK = Lock()
 
 
@@ -216,7 +214,7 @@ class Bodies:
 
         Objects for internal use do not warn: results that use them state what is not checked.
         """
-        if self.pairs or self.only_contact or self is _MADE.get(self.task):
+        if self.pairs or self.only_contact or self is self.task.shared_bodies:
             return
         count = len(self.unchecked)
         cause = f": no shape of {named_links(self.unchecked)}" if count else ""
@@ -402,6 +400,6 @@ def bodies_of(task: Task) -> Bodies:
     Creating the bodies takes long, so all motions of a task share them.
     """
     with _MADE_LOCK:
-        if task not in _MADE:
-            _MADE[task] = Bodies(task)
-        return _MADE[task]
+        if task.shared_bodies is None:
+            task.shared_bodies = Bodies(task)
+        return task.shared_bodies

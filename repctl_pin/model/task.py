@@ -104,6 +104,7 @@ class Task:
 
     target_type: type = pin.SE3
     twist_size = 6
+    shared_bodies: Any = None  # of bodies_of, which creates them; the task alone keeps them alive
 
     def __init__(
         self, robot: Mechanism, frame: str, kind: Kind, joint_names: Sequence[str]
@@ -507,7 +508,8 @@ class Task:
         return self.drive.joints(Q)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k != "_scratch"}
+        own = ("_scratch", "shared_bodies")
+        return {k: v for k, v in self.__dict__.items() if k not in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)

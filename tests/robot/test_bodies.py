@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 import re
 import subprocess
 import sys
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from pathlib import Path
@@ -707,3 +709,14 @@ def test_a_shape_of_the_surroundings_that_overlaps_hides_no_other(tmp_path: Path
     bodies = rp.Bodies(task)
     assert ("a", "scene_0 of scene") in bodies.touching and ("a", "scene") in bodies.pairs
     assert any("scene_0 of scene overlap" in note for note in bodies.notes)
+
+
+def test_a_task_is_freed_with_the_bodies_that_its_motions_share() -> None:
+    """56.8: a survey of a hundred studies kept every robot that it loaded."""
+    few = rp.FitOptions(samples=64, held_out=64)
+    study = rp.study("planar3r", cycles=1, steps=40, degree=1, options=few)
+    assert study.rows[0].motion.clearance.distance > 0
+    kept = weakref.ref(study.task)
+    del study
+    gc.collect()
+    assert kept() is None
