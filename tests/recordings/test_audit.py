@@ -314,6 +314,10 @@ def test_logs_of_many_forms_are_the_same_log(
         ("time,x\n1,2\n", "no column is named as a joint; name the columns theta1, theta2"),
         ("time,theta1,theta2\n1,2,3\n", "no column is named theta3"),
         ("time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,1\n1,1,1,1\n", "line 4: time runs backwards"),
+        (
+            "strategy,time,theta1,theta2,theta3\na,0,1,1,1\na,2,1,1,1\nb,0,1,1,1\n",
+            "line 4: time runs backwards; keep the rows of one strategy",
+        ),
         ("time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,nan\n", "1 rows with numbers, too few"),
         (
             "time,theta1,theta2,theta3\n0,1,1,1\n2,1,1,x\n",

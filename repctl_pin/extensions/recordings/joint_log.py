@@ -437,9 +437,10 @@ def _checked(
     if (steps < 0).any():
         at = int(rows[int(np.argmax(steps < 0)) + 1])
         place = f"{name}, row {at}" if table is None else table.where(at)
-        raise InputError(
-            f"{place}: time runs backwards", remedy="sort the rows, or split the file", at=at
-        )
+        remedy = "sort the rows, or split the file"
+        if table is not None and "strategy" in table.widths:
+            remedy = "keep the rows of one strategy: each has a motion of its own"
+        raise InputError(f"{place}: time runs backwards", remedy=remedy, at=at)
     rows = rows[np.append(True, steps > 0)] if len(rows) else rows
     if len(rows) < 3:
         raise InputError(
