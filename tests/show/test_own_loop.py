@@ -1228,6 +1228,44 @@ def test_a_loop_that_was_altered_is_said_to_be_another(driver: Any, page: Path) 
 
 
 @pytest.mark.slow
+def test_a_stroke_that_the_arm_cannot_follow_is_said_to_be_another_loop(
+    driver: Any, page: Path
+) -> None:
+    """Readers drew circles out of reach, and saw a chord in them that was called their loop."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    driver.execute_script(
+        "const { own } = repctl, [x, y, z] = own.chain.homes[0];"
+        "own.grab(0, 7, null, 0);"
+        "own.lead.queue.push([x - 0.1, y, z], [x + 9, y, z], [x - 0.1, y + 0.1, z]);"
+        "own.processQueue(); own.release();"
+    )
+    assert said(driver).startswith("After one cycle of your altered loop the hand is back. ")
+    first = driver.find_element("css selector", "#notes > span").text
+    assert first.startswith("This is another loop than you drew: where the arm could not follow")
+    assert errors(driver) == []
+
+
+@pytest.mark.slow
+def test_a_loop_that_breaks_a_limit_is_not_the_best(driver: Any, page: Path) -> None:
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    found = driver.execute_async_script(
+        "const { own } = repctl, [x, y, z] = own.chain.homes[0], done = arguments[0];"
+        "const points = Array.from({ length: 60 }, (_, k) => {"
+        "  const a = (k * Math.PI) / 30;"
+        "  return [x - 0.15 * (1 - Math.cos(a)), y + 0.15 * Math.sin(a), z]; });"
+        "own.open({ points }).then(() => {"
+        "  const { data } = own.result.runs[0];"
+        "  data.broken = { joint: 0, cycle: 3, words: 'past its limit' };"
+        "  own.keepBest(); const past = Boolean(own.best);"
+        "  data.broken = null; own.keepBest(); done([past, Boolean(own.best)]); });"
+    )
+    assert found == [False, True]
+    assert errors(driver) == []
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [700, 1920])
 def test_lines_have_some_ninety_characters(driver: Any, page: Path, width: int) -> None:
     schemes(driver, width=width, height=900)

@@ -108,7 +108,7 @@ def _radius_phrase(sector: Sector) -> str:
     if not sector.profile.degree:
         return f"radius {_inward(rho - half, rho + half)} m"
     (low, high), _ = sector.radii([sector.middle[1]] * 2)
-    return f"radius {_inward(low, high)} m in the middle of it"
+    return f"radius {_inward(low, high)} m at its middle"
 
 
 def _heights(sector: Sector, u: Array) -> Array:

@@ -213,14 +213,19 @@ def _covered(design: CellDesign) -> str:
 def _cost(design: CellDesign) -> Span:
     """Write the extra joint speed, on average and at the worst pose of the cell.
 
-    It is relative to the desired inverse, by default J⁺; all directions of motion count equally.
+    It is relative to the desired inverse, by default J⁺; all directions of motion count equally. A
+    second sentence has the worst single direction.
     """
     every = design.extra_speed, design.extra_speed_worst
     if max(every) < NO_EXTRA_SPEED:
         return Span(f"Joint speed as under the {usual(design)} control.")
     mean, worst = (ratio_in_percent(share, 2).replace("-", "−") for share in every)
     above = f"{mean} above that of the {usual(design)} control on average"
-    return Span(f"Joint speed {above}, {worst} at worst.")
+    said = f"Joint speed {above}, {worst} at worst."
+    if design.extra_speed_direction > design.extra_speed_worst:
+        single = ratio_in_percent(design.extra_speed_direction, 2)
+        said += f" In single directions of motion it is up to {single} above."
+    return Span(said)
 
 
 def _evidence(design: CellDesign) -> Span:
@@ -253,7 +258,7 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     kept = f"kept by {below(least, 2)} {unit} or more{short}" if finite else "kept"
     ends = _turned_to_the_end(design)
     use = "use their whole ranges" if len(ends) > 1 else "uses its whole range"
-    but = f"; {' and '.join(ends)} {use}" if ends else ""
+    but = f", except by {' and '.join(ends)}, which {use}" if ends else ""
     if not (np.isfinite(least) or ends):
         return Span("The joints have no limits.")
     return Span(f"Joint limits {kept}{but}.")

@@ -27,11 +27,8 @@ const BUDGET = 5; // ms of steps between two pictures
 const HEAD_FOOT = 8; // px to leave free under the notes in the page's head
 const SLICE = 25; // ms of computing between two pictures, once the hand is let go
 const OUT_OF_REACH = "That is out of reach.";
-const ALTERED = [
-  "This is another loop than you drew: the straight way home was blocked, so it goes back along " +
-    "the way it came.",
-  "near",
-];
+const HAND_WAITED = "where the arm could not follow, its hand waited and then went straight on";
+const BACK_AGAIN = "the straight way home was blocked, so it goes back along the way it came";
 
 export class Own {
   // `player`: {play(result), study(), plain(), clear(), show()}, which shows a result of
@@ -388,6 +385,7 @@ export class Own {
       qs: this.laws.map((law) => law.start.slice()),
       worst: this.laws.map(() => ({})),
       refusal: "",
+      waited: false, // whether the hand could not follow the pointer
     });
     this.leaveMarks(plane);
     this.write(DRAW, this.hint(), "your loop");
@@ -448,6 +446,7 @@ export class Own {
       const sight = this.sight(lead.k, { x: x + lead.grip.x, y: y + lead.grip.y });
       const hit = sight.intersectPlane(lead.plane, new MeshCat.THREE.Vector3());
       if (hit && hit.distanceTo(home) < 4 * chain.size) lead.queue.push(hit.toArray());
+      else lead.waited = true;
     }
     this.scheduleStep();
   }
@@ -531,6 +530,7 @@ export class Own {
         lead.trail.push(next);
         this.extendTrails();
       }
+      if (lead.refusal && lead.id !== null) lead.waited = true;
       if (lead.refusal || share === 1) lead.queue.shift();
     }
   }
@@ -669,7 +669,8 @@ export class Own {
     const from = { hand: lead.hand, qs: lead.qs.slice(), worst: lead.worst };
     const { refusal } = yield* this.walk(from, [home]);
     const back = refusal ? open.slice(0, -1).reverse() : [];
-    yield* this.following(kept([...open, ...back, home], home), 1, Boolean(refusal));
+    const altered = [...(lead.waited ? [HAND_WAITED] : []), ...(refusal ? [BACK_AGAIN] : [])];
+    yield* this.following(kept([...open, ...back, home], home), 1, altered);
     this.keepBest();
   }
 
@@ -686,12 +687,13 @@ export class Own {
   // ---- the loop
 
   // Compute the cycles of a closed loop, or of the study's path without points, and show the end of
-  // this one of them. An arm that comes close to a singularity goes as far as it can.
+  // this one of them. An arm that comes close to a singularity goes as far as it can. `altered`:
+  // why the loop is not the one that was drawn.
   follow(points, cycle) {
     return this.run(this.following(points, cycle));
   }
 
-  *following(points, cycle, altered = false) {
+  *following(points, cycle, altered = []) {
     this.points = points;
     const paths = this.paths();
     const result = yield* computed(this.laws, this.arms, paths, CYCLES);
@@ -703,7 +705,7 @@ export class Own {
     const shape = {
       encloses: enclosing(lead) > 0,
       turns: points ? windings(this.chain.axis, lead) : 0,
-      whose: points ? `your ${altered ? "altered " : ""}loop` : "the path",
+      whose: points ? `your ${altered.length ? "altered " : ""}loop` : "the path",
     };
     Object.assign(this, { result, length: result.length, altered, shape, state: "own" });
     document.body.classList.add("own");
@@ -730,7 +732,9 @@ export class Own {
     const title = points
       ? `${shape.whose}, ${formatLength(this.length)} long${moved}`
       : `the study’s path${moved}`;
-    this.write(sentence, altered ? [ALTERED, ...notes] : notes, title);
+    if (altered.length)
+      notes.unshift([`This is another loop than you drew: ${altered.join("; ")}.`, "near"]);
+    this.write(sentence, notes, title);
     byId("again").textContent =
       cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";
     this.player.show();
@@ -792,11 +796,13 @@ export class Own {
   }
 
   // Keep the drawn loop under which the usual control drifts least, of those that are long enough
-  // where they enclose something.
+  // where they enclose something, and on which all controls keep the limits.
   keepBest() {
-    const { chain, points, best } = this;
-    const off = this.state === "own" && points ? this.usualOff() : null;
-    if (off === null || enclosing(points) < LEAST_LENGTH * chain.size) return;
+    const { chain, points, best, result } = this;
+    if (this.state !== "own" || !points) return;
+    const off = this.usualOff();
+    const withinLimits = result.runs.every(({ data }) => !data.broken);
+    if (off === null || !withinLimits || enclosing(points) < LEAST_LENGTH * chain.size) return;
     const { led, mirrored, elbowAt, level } = this;
     if (!best || off < best.off)
       this.best = { off, points, hand: led, mirrored, elbow: elbowAt, level };
