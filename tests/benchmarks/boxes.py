@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.table import whole_table
+from repctl_pin.extensions.cells.table import flood_sets, whole_table
 
 ARMS = {"panda": "pose", "xarm7": "pose", "baxter": "pose", "ur5": "axis", "kinova": "axis"}
 SEEDS, ANGLES, LOOKED, AT_ONCE = (0, 1), 16, 24, 32
@@ -27,14 +27,14 @@ configurations that are tested together."""
 
 def floods_of(
     task: rp.Task, rotation: NDArray[np.float64]
-) -> tuple[whole_table.Table, tuple, NDArray]:
+) -> tuple[flood_sets.Table, tuple, NDArray]:
     """Flood the reach of an arm at one orientation, from another seed than the search."""
     rng = np.random.default_rng(77)
     line, symmetries = whole_table._symmetries(task)
     heights = (-np.inf, np.inf)
-    table, nodes, Q = whole_table._drawn(task, rotation, line, symmetries, heights, rng)
-    locked = whole_table._locked_floods(table, nodes, Q, rng)
-    return table, symmetries, whole_table._free_floods(table, nodes, Q, locked).Q
+    table, nodes, Q = flood_sets.drawn_nodes(task, rotation, line, symmetries, heights, rng)
+    locked = flood_sets.locked_floods(table, nodes, Q, rng)
+    return table, symmetries, flood_sets.free_floods(table, nodes, Q, locked).Q
 
 
 def grid_of(size: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -44,7 +44,7 @@ def grid_of(size: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def configurations(
-    table: whole_table.Table, symmetries: tuple, flood: NDArray, p: NDArray
+    table: flood_sets.Table, symmetries: tuple, flood: NDArray, p: NDArray
 ) -> NDArray:
     """Turn a flood's configurations to positions p (C, K, 3) of C boxes: (C, K, n); NaN outside.
 
@@ -67,7 +67,7 @@ def configurations(
     return Q
 
 
-def middles(table: whole_table.Table, symmetries: tuple, flood: NDArray, size: NDArray) -> NDArray:
+def middles(table: flood_sets.Table, symmetries: tuple, flood: NDArray, size: NDArray) -> NDArray:
     """List middles (C, 3) at which a flood reaches all nodes of a box inside the limits, m."""
     task, grid = table.task, grid_of(size)
     corners = np.flatnonzero((np.abs(grid) > 0.49 * size).all(axis=1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,9 +15,12 @@ from commands import refused, told
 from numpy.typing import NDArray
 
 import repctl_pin as rp
+from repctl_pin.extensions.cells import table as tables
 from repctl_pin.extensions.cells.fit import trimming
-from repctl_pin.extensions.cells.table import best_cell, whole_table, windows
 from repctl_pin.redundancy import leaf_margin
+
+best_cell = import_module(rp.best_cell.__module__)  # with all that it imports of ``tables``
+whole_table, windows = tables.whole_table, tables.windows
 
 FEW = rp.FitOptions(samples=128, held_out=256)
 
@@ -40,7 +44,7 @@ def largest_by_hand(mask: NDArray[np.bool_]) -> int:
 def test_the_largest_rectangle_is_that_of_all_rectangles() -> None:
     rng = np.random.default_rng(0)
     masks = rng.random((20, 6, 7)) < 0.8
-    found = whole_table.rectangles(masks)
+    found = tables.flood.rectangles(masks)
     for mask, area, first, last in zip(masks, *found, strict=True):
         assert area == largest_by_hand(mask)
         assert mask[first[0] : last[0] + 1, first[1] : last[1] + 1].all()
@@ -52,9 +56,9 @@ def test_polynomials_fill_a_region_that_they_bound() -> None:
     z = j / 20 - 1
     low, high = 10 + 8 * z**2, 50 - 15 * z**2 + 3 * z
     mask = (i >= low) & (i <= high)
-    ends = whole_table.runs(mask, np.array([20, 15]), np.array([30, 25]))
+    ends = tables.profiles.runs(mask, np.array([20, 15]), np.array([30, 25]))
     assert np.array_equal(ends, np.column_stack([np.ceil(low), np.floor(high)]))
-    best = whole_table.largest_between(ends)
+    best = tables.profiles.largest_between(ends)
     assert (best.first, best.last) == (0, 40)
     exact = float(np.trapezoid(high - low, j))
     assert exact - 2 * 40 < best.area < exact
@@ -72,8 +76,8 @@ def test_all_nodes_between_the_polynomials_are_in_the_mask() -> None:
         mask[:5] = mask[:, :2] = False
         first, last = np.array([12, 9]), np.array([14, 11])
         mask[12:15, 9:12] = True
-        ends = whole_table.runs(mask, first, last)
-        best = whole_table.largest_between(ends)
+        ends = tables.profiles.runs(mask, first, last)
+        best = tables.profiles.largest_between(ends)
         inside = best.inside(mask.shape)
         assert mask[inside].all()
         some += best.area > 0
@@ -85,9 +89,9 @@ def test_all_nodes_between_the_polynomials_are_in_the_mask() -> None:
 def test_a_mask_of_few_heights_has_no_polynomials() -> None:
     mask = np.zeros((10, 10), bool)
     mask[2:8, 4:6] = True
-    ends = whole_table.runs(mask, np.array([2, 4]), np.array([7, 5]))
-    assert whole_table.largest_between(ends).area == 0
-    assert not whole_table.Between.none().inside(mask.shape).any()
+    ends = tables.profiles.runs(mask, np.array([2, 4]), np.array([7, 5]))
+    assert tables.profiles.largest_between(ends).area == 0
+    assert not tables.profiles.Between.none().inside(mask.shape).any()
 
 
 def test_a_flood_with_locked_joints_contains_no_jump() -> None:
@@ -103,7 +107,7 @@ def test_a_flood_with_locked_joints_contains_no_jump() -> None:
     start = np.array([[15, 25]]), np.array([[np.pi / 2]])
     largest = []
     for locked in (True, False):
-        (found,) = whole_table.flooded(table, *start, np.array([[locked]]))
+        (found,) = tables.flood.flooded(table, *start, np.array([[locked]]))
         steps = np.concatenate([np.diff(found[..., 0], axis=k).ravel() for k in (0, 1)])
         largest.append(np.nanmax(np.abs(steps)))
         assert np.isfinite(found[..., 0]).mean() > 0.9
@@ -296,9 +300,9 @@ def test_polynomials_between_runs_hold_at_least_the_rectangle() -> None:
     mask = np.zeros((40, 40), bool)
     mask[:12], mask[:, 19:21] = True, True
     mask[14:, 12:19], mask[14:, 21:28] = True, True
-    found = whole_table.rectangles(mask[None])
-    ends = whole_table.runs(mask, found.first[0], found.last[0])
-    assert whole_table.largest_between(ends).area > found.area[0] - 1e-6
+    found = tables.flood.rectangles(mask[None])
+    ends = tables.profiles.runs(mask, found.first[0], found.last[0])
+    assert tables.profiles.largest_between(ends).area > found.area[0] - 1e-6
 
 
 def test_a_node_is_free_if_bodies_are_apart_at_all_angles_of_a_range() -> None:
@@ -320,7 +324,7 @@ def test_searches_of_free_nodes_agree(panda_pose: rp.Task) -> None:
     rng, down = np.random.default_rng(4), np.diag([1.0, -1.0, -1.0])
     line, symmetries = whole_table._symmetries(panda_pose)
     sides = np.array([0.1, 0.5]), np.array([-0.2, 0.1])
-    table = whole_table._grid(panda_pose, down, line, symmetries, (-0.2, 0.1), *sides)
+    table = tables.flood_sets.grid_around(panda_pose, down, line, symmetries, (-0.2, 0.1), *sides)
     shape = *table.shape, panda_pose.n
     flood = rng.uniform(panda_pose.lower, panda_pose.upper, shape)
     flood[rng.random(table.shape) < 0.3] = np.nan
@@ -339,11 +343,11 @@ def test_no_range_of_radius_exceeds_its_bound() -> None:
     rng = np.random.default_rng(6)
     for share in (0.7, 0.95, 1.0):
         mask = rng.random((20, 15)) < share
-        found = whole_table.rectangles(mask[None])
-        ends = whole_table.runs(mask, found.first[0], found.last[0])
-        area = whole_table.largest_between(ends).area
-        assert area <= whole_table._most_between(mask) + 1e-9
-    assert area == whole_table._most_between(mask) - 19  # trapezoids: half at both ends
+        found = tables.flood.rectangles(mask[None])
+        ends = tables.profiles.runs(mask, found.first[0], found.last[0])
+        area = tables.profiles.largest_between(ends).area
+        assert area <= tables.profiles.most_between(mask) + 1e-9
+    assert area == tables.profiles.most_between(mask) - 19  # trapezoids: half at both ends
 
 
 @pytest.mark.parametrize(
@@ -401,17 +405,19 @@ def test_an_arm_with_locked_joints_that_covers_more_is_reported(panda_pose: rp.T
     task, rng = panda_pose, np.random.default_rng(0)
     line, symmetries = whole_table._symmetries(task)
     down = np.diag([1.0, -1.0, -1.0])
-    table, nodes, Q = whole_table._drawn(task, down, line, symmetries, (0.2, 0.5), rng)
-    floods = whole_table._locked_floods(table, nodes, Q, rng)
+    table, nodes, Q = tables.flood_sets.drawn_nodes(task, down, line, symmetries, (0.2, 0.5), rng)
+    floods = tables.flood_sets.locked_floods(table, nodes, Q, rng)
     middle = pin.SE3(down, np.array([0.5, 0.0, 0.35]))
     cell = rp.Sector(task, middle, radius=0.05, height=0.05, angle="all")
     design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, options=FEW)
-    larger = whole_table._larger(table, floods, design, whole_table.Required(0.5, 2.0, 0.005))
+    larger = tables.locked_arms.larger_arm(
+        table, floods, design, whole_table.Required(0.5, 2.0, 0.005)
+    )
     assert larger is not None and larger.arm.area > 4 * 0.05 * 0.05 * 1.02
     found = larger.arm
     assert len(found.joints) == task.r and 0 <= found.extra <= 0.5 and found.worst <= 2.0
     dear = whole_table.Required(-1.0, 2.0, 0.005)
-    assert whole_table._larger(table, floods, design, dear) is None
+    assert tables.locked_arms.larger_arm(table, floods, design, dear) is None
 
 
 @pytest.mark.slow

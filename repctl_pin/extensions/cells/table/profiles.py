@@ -8,7 +8,8 @@ and J heights. A flood is the set of nodes that the arm reaches from one configu
 change of branch, one of the separate solutions of inverse kinematics.
 
 ``Between`` is a set of nodes between two polynomials of the height: its area, first and last
-height, and both polynomials.
+height, and both polynomials. ``Required`` holds the limits of a function: mean and maximum extra
+joint speed relative to G_d (0.05 is 5 %), and body distance, m.
 """
 
 from __future__ import annotations
@@ -21,6 +22,10 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from ....base.arguments import Array
+from ..fit.trimming import Required
+from ..geometry.cell import Cell
+from ..geometry.sector import HEIGHT, RADIUS, Sector
+from .flood import rectangles
 
 _DEGREE = 4
 """Degree of the polynomials."""
@@ -34,6 +39,14 @@ the polynomials between the nodes."""
 
 _STRIDE = 2
 """Step of the lowest and the highest height that are tried, in nodes."""
+
+DEAREST, SHARES = 6.0, 5
+"""Largest extra joint speed at a node, relative to the maximum mean, from which on nodes are left
+out; and number of such maxima that are tried down to the mean itself."""
+
+SPARE = 0.85
+"""Share of the largest extra joint speed up to which nodes belong to a sector whose range of radius
+depends on the height: its function costs more than the minimum at some nodes."""
 
 
 class Between(NamedTuple):
@@ -176,3 +189,46 @@ def _between(ends: Array, first: int, last: int) -> Between:
     low, high = (chebyshev.cheb2poly(c) for c in np.split(found.x, 2))
     low, high = (np.pad(c, (0, _DEGREE + 1 - len(c))) for c in (low, high))
     return Between(-float(found.fun), first, last, low, high)
+
+
+def area_of(cell: Cell) -> float:
+    """Compute the area of a sector's range of radius and height, m²: their product, if constant."""
+    w = cell.widths
+    stretch = cell.profile.mean_stretch(w[HEIGHT]) if isinstance(cell, Sector) else 1.0
+    return float(4 * w[RADIUS] * w[HEIGHT] * stretch)
+
+
+def affordable_between(
+    mask: NDArray[np.bool_], own: Array, usual: Array, limits: Required, least: float = 0.0
+) -> Between:
+    """Find the largest part of one opening, by polynomials of the height, that keeps speed limits.
+
+    ``mask`` (I, J) has the nodes of the opening; ``own`` and ``usual`` are (I, J). Nodes with the
+    largest extra joint speed are left out until the mean over the part meets its limit. A part of
+    at most the area ``least``, in units of the spacing squared, may be missed. The area of the
+    result is 0 if nothing is found.
+    """
+    best = Between.none()
+    with np.errstate(invalid="ignore"):
+        extra = np.where(mask, np.sqrt(own / usual) - 1, np.nan)
+        for most in [np.inf, *limits.mean * np.geomspace(DEAREST, 1, SHARES)]:
+            good = extra < min(most, SPARE * limits.worst)
+            if most_between(good) <= least:
+                break
+            (first,), (last,) = rectangles(good[None])[1:]
+            found = largest_between(runs(good, first, last), least)
+            inside = found.inside(mask.shape)
+            if found.area and np.sqrt(own[inside].sum() / usual[inside].sum()) < 1 + limits.mean:
+                best = max(best, found, key=lambda one: one.area)
+                break
+    return best
+
+
+def most_between(mask: NDArray[np.bool_]) -> float:
+    """Bound from above the area of any range of radius by height in a mask (I, J), in spacings²."""
+    return float(np.maximum(mask.sum(axis=0) - 1, 0).sum())
+
+
+def more_between(mask: NDArray[np.bool_], least: float) -> bool:
+    """Test whether a range of radius by height in a mask may exceed an area, in spacings²."""
+    return most_between(mask) > least

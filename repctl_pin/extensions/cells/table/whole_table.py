@@ -22,7 +22,7 @@ height). The argument ``fit`` has the arguments of a design, ``report`` is the p
 in its middle, an upper bound of its rating (m²), and a quick design. ``Rectangles`` are the largest
 rectangles of nodes in S masks: areas, first and last indices of radius and height. ``WholeTable``
 is the result of the search for the largest sector: its design, area and comparison with locked
-joints. ``_Floods`` are S floods: each is a set of neighbouring nodes with one configuration per
+joints. ``Floods`` are S floods: each is a set of neighbouring nodes with one configuration per
 node, so that q changes continuously. ``LockedJoints`` is an arm with r joints locked: the joints,
 their values, and the part of a sector that it covers. ``Symmetry`` is a joint that changes only one
 coordinate of the frame: the numbers of both, and the sign. ``Table`` is a grid of poses (nodes)
@@ -31,7 +31,7 @@ ranges of the angle of floods, with the nodes free of collisions at all their an
 a set of nodes between two polynomials of the height: its area, first and last height, and both
 polynomials. ``Straight`` are the sectors with one range of radius, and the function over the
 largest that one covers. ``Shut`` is masks of the nodes that cannot be used at M angles: ``near``, a
-body is too near, and ``out``, a limit is exceeded. ``_Larger`` is an arm with locked joints that
+body is too near, and ``out``, a limit is exceeded. ``LargerArm`` is an arm with locked joints that
 covers a larger sector than a design.
 """
 
@@ -42,7 +42,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
-from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,33 +53,34 @@ from ....base.errors import InputError
 from ....base.progress import Report
 from ....model.bodies import bodies_of
 from ....model.task import Task
-from ....motion.solve_ik import random_configurations
 from ....strategies import Pseudoinverse
 from ..cell_design_result import CellDesign
 from ..evaluate.reach import unlike_rows
 from ..evaluate.symmetric_coordinates import reduced
 from ..fit.cell_fit import CellFit
-from ..fit.trimming import Required, Window, covered_share, near_all_round, trimmed, turned
+from ..fit.trimming import Required, Window, covered_share, trimmed, turned
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
-from ..geometry.kinematics import joined, placed
-from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
+from ..geometry.sector import Sector
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from ..place.posture_search import given
-from .flood import SPACING, Rectangles, Table, flooded, rectangles
-from .profiles import Between, largest_between, runs
-from .windows import Shut, free_nodes, shut, windows
+from .flood import SPACING, Rectangles, Table, rectangles
+from .flood_sets import (
+    ALIKE,
+    NEAREST,
+    Floods,
+    drawn_nodes,
+    free_floods,
+    locked_floods,
+    unlike_floods,
+)
+from .joint_speeds import least_speeds
+from .locked_arms import LargerArm, LockedJoints, best_locked, larger_arm, with_middles
+from .profiles import DEAREST, SHARES, Between, affordable_between, area_of, most_between
+from .windows import Shut, shut, windows
 
-_DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
-"""Numbers of random configurations, of floods from them, and of floods with locked joints."""
-
-_MIDDLES, _TESTED, _DESIGNED = 12, 8, 3
-"""Numbers of middles of locked floods from which others begin, of floods whose bodies are tested,
-and of postures for which functions are designed."""
-
-_ALIKE, _STILL = 0.3, 1e-9
-"""Difference of the joints, rad or m, below which two postures are alike; and largest entry of J,
-per joint, of joints that do not move the task."""
+_DESIGNED = 3
+"""Number of postures for which functions are designed."""
 
 _CLEAR, _TIGHT, _MUCH = 0.005, 0.001, 0.85
 """Body distance that a whole table keeps, m; that which it keeps if the larger one leaves less than
@@ -88,21 +88,6 @@ this share of the area, as where two links are always near each other."""
 
 _AWAY = 2.0
 """Body distance that is requested of a fit, relative to that which its sector keeps."""
-
-_NEAREST = 0.06
-"""Smallest radius of a node, m."""
-
-_SETS, _COMPARED, _ALMOST = 16, 6, 0.02
-"""Numbers of sets of joints that are locked as in the middle of a design, and of arms with locked
-joints that are compared; and the difference of shares below which these are equal."""
-
-_DEAREST, _SHARES = 6.0, 5
-"""Largest extra joint speed at a node, relative to the maximum mean, from which on nodes are left
-out; and number of such maxima that are tried down to the mean itself."""
-
-_SPARE = 0.85
-"""Share of the largest extra joint speed up to which nodes belong to a sector whose range of radius
-depends on the height: its function costs more than the minimum at some nodes."""
 
 _BETTER = 0.2
 """Advantage in rating, relative, below which a place is not compared with the best one."""
@@ -121,47 +106,6 @@ _DEGREE = 3
 """Degree of functions of arms with r > 1."""
 
 _HELD_OUT = 8192
-_SETTLED = 40
-"""Newton steps with which a random configuration is brought to a node."""
-
-
-class LockedJoints(NamedTuple):
-    """An arm with r of its joints locked, and which part of a sector it covers.
-
-    With r joints locked, an arm is not redundant, so it is a trivial repeatable controller.
-
-    Attributes
-    ----------
-    joints : tuple of str
-        Names of the r joints that are locked.
-    values : tuple of float
-        Values at which these joints are locked, rad or m.
-    share : float
-        Share of the sector's radii and heights that the arm covers, on a grid of 3 cm.
-    extra, worst : float
-        Extra joint speed relative to J⁺, as a fraction, on average and at the worst node.
-    area : float
-        Area of radius and height, m², that the arm covers without collision: its largest rectangle
-        in a given sector, or its own sector.
-    """
-
-    joints: tuple[str, ...]
-    values: tuple[float, ...]
-    share: float
-    extra: float
-    worst: float
-    area: float
-
-    def __str__(self) -> str:
-        pairs = zip(self.joints, self.values, strict=True)
-        where = " and ".join(f"{name} at {value + 0.0:.2f}" for name, value in pairs)
-        if not self.share:
-            return f"{where} locked: covers none of it"
-        return (
-            f"{where} locked: covers {100 * self.share:.0f} % of it, "
-            f"+{100 * max(self.extra, 0.0):.1f} % on average, "
-            f"+{100 * self.worst:.0f} % at the worst pose"
-        )
 
 
 class WholeTable(NamedTuple):
@@ -323,46 +267,6 @@ class Straight:
         return found
 
 
-def area_of(cell: Cell) -> float:
-    """Compute the area of a sector's range of radius and height, m²: their product, if constant."""
-    w = cell.widths
-    stretch = cell.profile.mean_stretch(w[HEIGHT]) if isinstance(cell, Sector) else 1.0
-    return float(4 * w[RADIUS] * w[HEIGHT] * stretch)
-
-
-class _Floods(NamedTuple):
-    """S floods of a table.
-
-    Attributes
-    ----------
-    Q : (S, I, J, n) array
-        Configurations; NaN where a flood does not reach.
-    nodes : (S, 2) array of int
-        Node at which each flood begins.
-    held : (S, n) array of bool
-        Joints that are locked.
-    """
-
-    Q: Array
-    nodes: NDArray[np.intp]
-    held: NDArray[np.bool_]
-
-    @property
-    def reached(self) -> NDArray[np.bool_]:
-        """Masks (S, I, J) of the nodes that each flood reaches."""
-        return np.isfinite(self.Q[..., 0])
-
-    def middles(self, found: Rectangles) -> tuple[NDArray[np.intp], Array]:
-        """Return nodes (S, 2) and configurations (S, n) in the middles of S rectangles.
-
-        ``found`` has one rectangle per flood. If its area is 0, the node is where the flood begins.
-        """
-        nodes = (found.first + found.last) // 2
-        empty = found.area == 0
-        nodes[empty] = self.nodes[empty]
-        return nodes, self.Q[np.arange(len(self.Q)), nodes[:, 0], nodes[:, 1]]
-
-
 def whole_table(
     task: Task,
     rotation: Array,
@@ -393,14 +297,14 @@ def whole_table(
     line, symmetries = _symmetries(task)
     report("random configurations", 0.0)
     rng = np.random.default_rng(seed)
-    table, nodes, Q = _drawn(task, rotation, line, symmetries, heights, rng)
+    table, nodes, Q = drawn_nodes(task, rotation, line, symmetries, heights, rng)
     report("floods", 0.1)
-    locked = _locked_floods(table, nodes, Q, rng)
-    floods = _free_floods(table, nodes, Q, locked)
+    locked = locked_floods(table, nodes, Q, rng)
+    floods = free_floods(table, nodes, Q, locked)
     reach = float(floods.reached.any(axis=0).sum() * SPACING**2)
     report("bodies", 0.25)
     widest = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
-    tested = _unlike(table, floods)
+    tested = unlike_floods(table, floods)
     whole = _whole_turns(tested)
     speeds = _speeds(tested, widest)
     free = _affordable(whole, speeds, Required(*most_extra))
@@ -431,12 +335,12 @@ def whole_table(
     report("the function", 0.5)
     design, limits = _best_shape(fit, shaped, limits, straight)
     report("locked joints", 0.95)
-    locked = _with_middles(table, locked, design)
+    locked = with_middles(table, locked, design)
     design, larger = _at_least_locked(fit, table, locked, design, limits, line, symmetries)
     return WholeTable(
         design,
         straight,
-        _best_locked(table, locked, design, limits),
+        best_locked(table, locked, design, limits),
         larger,
         reach,
         float(rectangle * SPACING**2),
@@ -449,7 +353,7 @@ def whole_table(
 def _at_least_locked(
     fit: CellFit,
     table: Table,
-    locked: _Floods,
+    locked: Floods,
     design: CellDesign,
     limits: Required,
     line: Array,
@@ -461,11 +365,11 @@ def _at_least_locked(
     is designed from its configurations, and returned if it is larger; else the given design. Return
     also an arm with locked joints that still covers a larger sector, or None.
     """
-    larger = _larger(table, locked, design, limits)
+    larger = larger_arm(table, locked, design, limits)
     if larger is not None:
         place = _larger_place(table, line, symmetries, larger)
         design = _larger_design(fit, [place], limits, design)
-        larger = _larger(table, locked, design, limits)
+        larger = larger_arm(table, locked, design, limits)
     return design, None if larger is None else larger.arm
 
 
@@ -479,11 +383,11 @@ def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array
     task, heights = box.task, (-np.inf, np.inf)
     try:
         line, symmetries = _symmetries(task)
-        table, nodes, Q = _drawn(task, box.placement.rotation, line, symmetries, heights, rng)
+        table, nodes, Q = drawn_nodes(task, box.placement.rotation, line, symmetries, heights, rng)
     except InputError:
         return np.zeros((0, 3)), np.zeros((0, task.n))
-    floods = _free_floods(table, nodes, Q, _locked_floods(table, nodes, Q, rng))
-    tested = _unlike(table, floods)
+    floods = free_floods(table, nodes, Q, locked_floods(table, nodes, Q, rng))
+    tested = unlike_floods(table, floods)
     closed = [shut(table, flood, 0.0) for flood in tested.Q]
     sides = []
     for quarter in range(4):
@@ -525,8 +429,8 @@ def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float,
     S, rows, columns = reached.shape
     total = np.zeros((S, rows + 1, columns + 1))
     total[:, 1:, 1:] = reached.cumsum(axis=1).cumsum(axis=2)
-    first = np.rint((table.radii - x - _NEAREST) / SPACING).astype(int)
-    last = np.rint((np.hypot(table.radii + x, y) - _NEAREST) / SPACING).astype(int) + 1
+    first = np.rint((table.radii - x - NEAREST) / SPACING).astype(int)
+    last = np.rint((np.hypot(table.radii + x, y) - NEAREST) / SPACING).astype(int) + 1
     up = round(z / SPACING)
     low, high = np.arange(columns) - up, np.arange(columns) + up + 1
     area = (last - first)[:, None] * (high - low)
@@ -555,7 +459,7 @@ class _Place(NamedTuple):
 
 def _sectors(
     table: Table,
-    floods: _Floods,
+    floods: Floods,
     openings: _Openings,
     found: Rectangles,
     line: Array,
@@ -592,7 +496,7 @@ def _places(
     about the tool's.
     """
     order = np.argsort(-rating, kind="stable")[: int((rating > 0).sum())]
-    order = order[unlike_rows(postures[order], _ALIKE, _DESIGNED)]
+    order = order[unlike_rows(postures[order], ALIKE, _DESIGNED)]
     return [
         _place(table, openings, k, symmetries, postures[k], float(rating[k]), partial(sector, k))
         for k in map(int, order)
@@ -624,7 +528,7 @@ def _place(
 
 def _shaped_places(
     table: Table,
-    floods: _Floods,
+    floods: Floods,
     openings: _Openings,
     speeds: Array,
     limits: Required,
@@ -643,10 +547,10 @@ def _shaped_places(
     postures = np.zeros((len(every), table.task.n))
     # worth of one unit of area, and of all nodes
     unit = SPACING**2 * (0.5 + 0.5 * openings.half / np.pi)
-    most = unit * [_most_between(mask) for mask in openings.mask]
+    most = unit * [most_between(mask) for mask in openings.mask]
     for k in map(int, np.argsort(-most, kind="stable")):
         least = _AS_GOOD * rating.max() / unit[k]
-        found = _affordable_between(openings.mask[k], own[k], usual[k], limits, least)
+        found = affordable_between(openings.mask[k], own[k], usual[k], limits, least)
         if found.area:
             Q, inside = floods.Q[openings.flood[k]], found.inside(table.shape)
             share = _turn_share(table.task, symmetries, Q[inside], openings.half[k] / np.pi)
@@ -657,37 +561,6 @@ def _shaped_places(
         return _shaped_sector(table, line, symmetries, every[k], turns)
 
     return _places(table, openings, symmetries, postures, rating, sector)
-
-
-def _affordable_between(
-    mask: NDArray[np.bool_], own: Array, usual: Array, limits: Required, least: float = 0.0
-) -> Between:
-    """Find the largest part of one opening, by polynomials of the height, that keeps speed limits.
-
-    ``mask`` (I, J) has the nodes of the opening; ``own`` and ``usual`` are (I, J). Nodes with the
-    largest extra joint speed are left out until the mean over the part meets its limit. A part of
-    at most the area ``least``, in units of the spacing squared, may be missed. The area of the
-    result is 0 if nothing is found.
-    """
-    best = Between.none()
-    with np.errstate(invalid="ignore"):
-        extra = np.where(mask, np.sqrt(own / usual) - 1, np.nan)
-        for most in [np.inf, *limits.mean * np.geomspace(_DEAREST, 1, _SHARES)]:
-            good = extra < min(most, _SPARE * limits.worst)
-            if _most_between(good) <= least:
-                break
-            (first,), (last,) = rectangles(good[None])[1:]
-            found = largest_between(runs(good, first, last), least)
-            inside = found.inside(mask.shape)
-            if found.area and np.sqrt(own[inside].sum() / usual[inside].sum()) < 1 + limits.mean:
-                best = max(best, found, key=lambda one: one.area)
-                break
-    return best
-
-
-def _most_between(mask: NDArray[np.bool_]) -> float:
-    """Bound from above the area of any range of radius by height in a mask (I, J), in spacings²."""
-    return float(np.maximum(mask.sum(axis=0) - 1, 0).sum())
 
 
 def _best_shape(
@@ -716,11 +589,6 @@ def _settled(found: CellDesign, most: float, limits: Required, straight: Straigh
     larger = _worth(found) > straight.most and area_of(found.cell) > straight.largest
     free = limits.distance < _CLEAR or not _at_bodies(found) or _worth(found) > _MUCH * most
     return larger and free
-
-
-def _more_between(mask: NDArray[np.bool_], least: float) -> bool:
-    """Test whether a range of radius by height in a mask may exceed an area, in spacings²."""
-    return _most_between(mask) > least
 
 
 def _larger_design(
@@ -800,7 +668,7 @@ def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectang
         extra = np.where(openings.mask, np.sqrt(own / usual) - 1, np.nan)
         best = rectangles(extra < limits.worst)
         best.area[_mean_extra(best, own, usual) > limits.mean] = 0.0
-        for most in limits.mean * np.geomspace(_DEAREST, 1, _SHARES):
+        for most in limits.mean * np.geomspace(DEAREST, 1, SHARES):
             tried = rectangles(extra < min(most, limits.worst))
             better = tried.area > best.area
             better &= _mean_extra(tried, own, usual) <= limits.mean
@@ -809,13 +677,13 @@ def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectang
     return best
 
 
-def _speeds(floods: _Floods, cell: Cell) -> Array:
+def _speeds(floods: Floods, cell: Cell) -> Array:
     """Evaluate minimum squared joint speeds in S floods, of a function, then of J⁺: (2, S, I, J).
 
     They are per unit of task speed along the coordinates of ``cell``; NaN outside a flood.
     """
     speeds = np.full((2, *floods.reached.shape), np.nan)
-    speeds[:, floods.reached] = _least_speeds(cell, floods.Q[floods.reached])
+    speeds[:, floods.reached] = least_speeds(cell, floods.Q[floods.reached])
     return speeds
 
 
@@ -933,7 +801,7 @@ def _rating(cell: Cell, design: CellDesign | None, limits: Required) -> float:
 
 def _turns(
     table: Table,
-    floods: _Floods,
+    floods: Floods,
     openings: _Openings,
     found: Rectangles,
     symmetries: tuple[Symmetry, ...],
@@ -995,118 +863,6 @@ def _symmetries(task: Task) -> tuple[Array, tuple[Symmetry, ...]]:
     return line, (around,) if about is None else (around, about)
 
 
-def _drawn(
-    task: Task,
-    rotation: Array,
-    line: Array,
-    symmetries: tuple[Symmetry, ...],
-    heights: tuple[float, float],
-    rng: np.random.Generator,
-) -> tuple[Table, NDArray[np.intp], Array]:
-    """Draw random configurations, and move each to the nearest node of a new table.
-
-    Return the table, and the K that reach it: the nodes (K, 2) and the configurations (K, n) there.
-    """
-    Q = random_configurations(task, _DRAWN, rng)
-    p = placed(task, Q)[0] - line[0]
-    z = p @ line[1]
-    flat = p - z[:, None] * line[1]
-    rho = np.linalg.norm(flat, axis=1)
-    table = _grid(task, rotation, line, symmetries, heights, rho, z)
-    # turned so that the frame lies at the angle 0
-    around = symmetries[0]
-    Q[:, around.joint] -= around.sign * np.arctan2(flat[:, 1], flat[:, 0])
-    at = np.column_stack([(rho - _NEAREST) / SPACING, (z - table.heights[0]) / SPACING])
-    nodes = np.clip(np.rint(at).astype(int), 0, np.array(table.shape) - 1)
-    Q, good = table.solved(nodes, Q, np.zeros(Q.shape, bool), _SETTLED)
-    if not good.any():
-        raise InputError(
-            f"the orientation is reached at none of {_DRAWN} positions within the joint limits",
-            remedy="give another orientation, or a task that leaves a rotation free",
-        )
-    return table, nodes[good], Q[good]
-
-
-def _grid(
-    task: Task,
-    rotation: Array,
-    line: Array,
-    symmetries: tuple[Symmetry, ...],
-    heights: tuple[float, float],
-    rho: Array,
-    z: Array,
-) -> Table:
-    """Create the table that covers the radii ``rho`` and the heights ``z``, (K,) each, m.
-
-    Heights outside ``heights`` (lowest, highest), m, are left out.
-    """
-    low, high = max(heights[0], z.min()), min(heights[1], z.max())
-    counted = np.ones(task.n, bool)
-    counted[[one.joint for one in symmetries]] = False
-    table = Table(
-        task,
-        line[0],
-        np.array([1.0, 0.0, 0.0]),
-        line[1],
-        rotation,
-        np.arange(_NEAREST, rho.max() + SPACING, SPACING),
-        np.arange(np.ceil(low / SPACING - 1e-9), np.floor(high / SPACING + 1e-9) + 1) * SPACING,
-        counted,
-        symmetries[0],
-    )
-    if len(table.heights) < 2:
-        raise InputError(
-            f": the arm reaches no height between {heights[0]:g} and {heights[1]:g} m",
-            argument="heights",
-            remedy="give a larger range",
-        )
-    return table
-
-
-def _locked_floods(
-    table: Table, nodes: NDArray[np.intp], Q: Array, rng: np.random.Generator
-) -> _Floods:
-    """Flood a table with r joints locked, chosen at random, at 0 or at their values in Q.
-
-    The floods begin at random rows of nodes (K, 2) and Q (K, n).
-    """
-    task = table.task
-    rows = rng.integers(len(Q), size=_LOCKED)
-    joints = np.flatnonzero(table.counted)
-    held = np.zeros((_LOCKED, task.n), bool)
-    for row in held:
-        row[rng.permutation(joints)[: task.r]] = True
-    begin = Q[rows]
-    zero = held & ((np.arange(_LOCKED) % 2) == 0)[:, None] & (task.lower < 0) & (task.upper > 0)
-    begin = np.where(zero, 0.0, begin)
-    solved, good = table.solved(nodes[rows], begin, held, _SETTLED)
-    rows, solved, held = rows[good], solved[good], held[good]
-    return _Floods(flooded(table, nodes[rows], solved, held), nodes[rows], held)
-
-
-def _free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: _Floods) -> _Floods:
-    """Flood a table without locked joints, from up to 24 nodes with unlike configurations.
-
-    They are chosen from ``nodes`` (K, 2), with the configurations Q (K, n). Further floods begin in
-    the middles of the largest rectangles of the floods ``locked``.
-    """
-    counted = table.counted
-    kept, distance = [0], np.linalg.norm((Q - Q[0])[:, counted], axis=1)
-    while len(kept) < min(_SEEDS, len(Q)):
-        kept.append(int(np.argmax(distance)))
-        distance = np.minimum(distance, np.linalg.norm((Q - Q[kept[-1]])[:, counted], axis=1))
-    begin, at = Q[kept], nodes[kept]
-    if len(locked.Q):
-        found = rectangles(locked.reached)
-        middles, postures = locked.middles(found)
-        order = np.argsort(-found.area)
-        order = order[unlike_rows(postures[order], _ALIKE, _MIDDLES)]
-        begin = np.concatenate([begin, postures[order]])
-        at = np.concatenate([at, middles[order]])
-    held = np.zeros(begin.shape, bool)
-    return _Floods(flooded(table, at, begin, held), at, held)
-
-
 class _Openings(NamedTuple):
     """K windows of floods, with the nodes that are free of collisions at all their angles.
 
@@ -1129,14 +885,14 @@ class _Openings(NamedTuple):
     clear: NDArray[np.bool_]
 
 
-def _whole_turns(floods: _Floods) -> _Openings:
+def _whole_turns(floods: Floods) -> _Openings:
     """Make one opening per flood: the window of a whole turn, as if there were no bodies."""
     S = len(floods.Q)
     return _Openings(np.arange(S), np.zeros(S), np.full(S, np.pi), floods.reached, floods.reached)
 
 
 def _best_clear(
-    table: Table, floods: _Floods, bound: Array, symmetries: tuple[Symmetry, ...]
+    table: Table, floods: Floods, bound: Array, symmetries: tuple[Symmetry, ...]
 ) -> tuple[float, _Openings]:
     """Choose the body distance to keep, 5 mm or 1 mm; return it, m, with the openings that keep it.
 
@@ -1156,7 +912,7 @@ def _best_clear(
 
 def _opened(
     table: Table,
-    floods: _Floods,
+    floods: Floods,
     bound: Array,
     distance: float,
     symmetries: tuple[Symmetry, ...],
@@ -1191,7 +947,7 @@ def _opened(
 
 
 def _values(
-    table: Table, floods: _Floods, openings: _Openings, symmetries: tuple[Symmetry, ...]
+    table: Table, floods: Floods, openings: _Openings, symmetries: tuple[Symmetry, ...]
 ) -> Array:
     """Rate K openings: the area of the largest rectangle, times (1 + s) / 2.
 
@@ -1202,12 +958,12 @@ def _values(
     return found.area * _turns(table, floods, openings, found, symmetries)
 
 
-def _colliding(table: Table, floods: _Floods) -> str:
+def _colliding(table: Table, floods: Floods) -> str:
     """Name the two links that collide most often at the nodes of floods, and how often.
 
     The text completes an error message; it is empty if there is no collision.
     """
-    bodies, Q = bodies_of(table.task), _unlike(table, floods).Q.reshape(-1, table.task.n)
+    bodies, Q = bodies_of(table.task), unlike_floods(table, floods).Q.reshape(-1, table.task.n)
     Q = Q[np.isfinite(Q[:, 0])]
     Q = Q[:: max(1, len(Q) // _LOOKED)]
     near = [bodies.nearest(q) for q in Q[bodies._nearer(Q, _TIGHT)]]
@@ -1216,35 +972,6 @@ def _colliding(table: Table, floods: _Floods) -> str:
     (links, count), *_ = Counter(one.links for one in near).most_common()
     share = 100 * count / len(Q)
     return f": {' and '.join(links)} collide at {share:.0f} % of the poses that the arm reaches"
-
-
-def _unlike(table: Table, floods: _Floods) -> _Floods:
-    """Select up to eight floods with large rectangles and unlike configurations in their middles.
-
-    Joints that do not move the task, such as the last one of an axis task, make no difference.
-    """
-    found = rectangles(floods.reached)
-    order, postures = np.argsort(-found.area), floods.middles(found)[1]
-    moving = np.abs(placed(table.task, postures)[2]).max(axis=(0, 1)) > _STILL
-    order = order[unlike_rows(postures[order][:, moving], _ALIKE, _TESTED)]
-    return _Floods(floods.Q[order], floods.nodes[order], floods.held[order])
-
-
-def _near(
-    table: Table, on: NDArray[np.intp], Q: Array, distance: float, angles: tuple[float, float]
-) -> NDArray[np.bool_]:
-    """Test at which nodes ``on`` (K, 2), with Q (K, n) there, bodies are always near: (K,).
-
-    That is, they are nearer than ``distance``, m, at every angle around the arm from the first to
-    the last of ``angles``, rad. One node in each block of 3 × 3 nodes is tested, and stands for the
-    block.
-    """
-    near = np.flatnonzero(bodies_of(table.task)._nearer(Q, distance))
-    _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)
-    found = np.zeros(len(Q), bool)
-    closed = near_all_round(table.task, Q[near[first]], distance, table.around, angles)
-    found[near] = closed[block.ravel()]
-    return found
 
 
 def _sector(
@@ -1293,132 +1020,8 @@ def _shaped_sector(
     return _sector(table, line, symmetries, first, last, turns, found)
 
 
-def _with_middles(table: Table, locked: _Floods, design: CellDesign) -> _Floods:
-    """Add floods with locked joints that begin in the middle of a design's sector.
-
-    The joints are locked at the design's values in the middle of the sector, or at 0. Return the
-    new floods, followed by ``locked``.
-    """
-    cell, task = design.cell, table.task
-    assert isinstance(cell, Sector), "a table is a sector"
-    sets = list(combinations(np.flatnonzero(table.counted), task.r))[:_SETS]
-    held = np.zeros((2 * len(sets), task.n), bool)
-    for row, joints in zip(held, [*sets, *sets], strict=True):
-        row[list(joints)] = True
-    rho, z = cell.middle
-    at = [np.argmin(np.abs(table.radii - rho)), np.argmin(np.abs(table.heights - z))]
-    nodes = np.tile(np.array(at), (len(held), 1))
-    Q = np.tile(_at_zero(table, design), (len(held), 1))
-    zero = held & (task.lower < 0) & (task.upper > 0)
-    zero[: len(sets)] = False
-    Q, good = table.solved(nodes, np.where(zero, 0.0, Q), held, _SETTLED)
-    more = _Floods(flooded(table, nodes[good], Q[good], held[good]), nodes[good], held[good])
-    return more if not len(locked.Q) else joined([more, locked])
-
-
-def _angles(table: Table, cell: Sector) -> tuple[float, float]:
-    """Return the first and the last angle of a sector, rad; the angle 0 is that of the table."""
-    p = cell.placement.translation - table.origin
-    middle = np.arctan2(np.cross(table.up, table.outward) @ p, table.outward @ p)
-    return float(middle - cell.widths[ANGLE]), float(middle + cell.widths[ANGLE])
-
-
-def _at_zero(table: Table, design: CellDesign) -> Array:
-    """Turn the configuration (n,) in a design's middle to the angle 0 and spin 0 of a table."""
-    q = design.posture.copy()
-    for one in design.function.chart.cell.removed:
-        p, R, _ = placed(table.task, q[None])
-        outward, side = table.outward, np.cross(table.up, table.outward)
-        away = p[0] - table.origin
-        spun = table.rotation.T @ R[0]
-        y, x = (side @ away, outward @ away) if one.coordinate == ANGLE else spun[1::-1, 0]
-        q[one.joint] -= one.sign * np.arctan2(y, x)
-    return q
-
-
-def _best_locked(
-    table: Table, locked: _Floods, design: CellDesign, limits: Required
-) -> LockedJoints | None:
-    """Find the arm with locked joints that covers most of a design's sector; None without one.
-
-    ``locked`` are floods with locked joints. Arms that keep the limits of joint speed come first;
-    among arms that cover the same share, the one with the lowest joint speed is chosen.
-    """
-    cell = design.function.chart.cell
-    assert isinstance(cell, Sector), "a table is a sector"
-    low, high = cell.radii(table.heights).T
-    inside = (table.radii[:, None] >= low - 1e-9) & (table.radii[:, None] <= high + 1e-9)
-    inside &= np.abs(table.heights - cell.middle[1]) <= cell.widths[HEIGHT] + 1e-9
-    share = (locked.reached & inside).sum(axis=(1, 2)) / max(inside.sum(), 1)
-    if not share.any():
-        return None
-    prices = np.full((len(share), 2), np.inf)
-    for k in np.flatnonzero(share > share.max() / 2):
-        Q = locked.Q[k][locked.reached[k] & inside]
-        prices[k] = _locked_price(cell, Q, locked.held[k])
-    dear = (prices > [limits.mean, limits.worst]).any(axis=1)
-    best: LockedJoints | None = None
-    # those within the limits of joint speed first, then by area and price, then from the middle
-    order = np.lexsort((np.round(prices[:, 0], 3), -np.round(share / _ALMOST), dear))
-    for k in order[:_COMPARED]:
-        # bodies leave at most this share
-        if best is not None and best.share > share[k] - _ALMOST:
-            break
-        one = _locked_joints(table, locked, int(k), cell, inside, limits.distance)
-        if one is not None and (best is None or one.share > best.share + _ALMOST):
-            best = one
-    return best
-
-
-class _Larger(NamedTuple):
-    """Arm with locked joints that covers a larger sector than a design.
-
-    ``found`` has the sector's range of radius, ``posture`` (n,) the arm's configuration in the
-    middle.
-    """
-
-    arm: LockedJoints
-    found: Between
-    posture: Array
-
-
-def _larger(table: Table, locked: _Floods, design: CellDesign, limits: Required) -> _Larger | None:
-    """Search for an arm with locked joints that covers a larger sector than a design's.
-
-    Floods with different configurations in their middles are compared; None if none is larger. The
-    range of radius of the sector may depend on the height. At the nodes of this sector, joint speed
-    is within the limits, and bodies are apart at all angles of the design's sector.
-    """
-    cell = design.function.chart.cell
-    assert isinstance(cell, Sector), "a table is a sector"
-    least = area_of(design.cell) * (1 + _ALMOST) / SPACING**2
-    # the joint speed of a locked arm is known, so that no share of its limit is spared
-    exact = limits._replace(worst=limits.worst / _SPARE)
-    found = rectangles(locked.reached)
-    order = np.argsort(-found.area, kind="stable")
-    # joints that do not move the task count, too: they move bodies
-    order = order[unlike_rows(locked.middles(found)[1][order], _ALIKE, _SETS)]
-    best = None
-    for k in map(int, order):
-        if _most_between(locked.reached[k]) <= least:
-            continue
-        own, usual = _locked_speeds(table, locked, k, cell)
-        # without bodies first, because they are slow to test
-        if _affordable_between(locked.reached[k], own, usual, exact, least).area > least:
-            enough = partial(_more_between, least=least)
-            angles = _angles(table, cell)
-            clear = free_nodes(table, locked.Q[k], limits.distance, angles, enough)
-            between = _affordable_between(clear, own, usual, exact, least)
-            if between.area > least:
-                one = _locked_arm(table, locked, k, cell, between.inside(table.shape))
-                one = one._replace(area=between.area * SPACING**2)
-                best = _Larger(one, between, locked.Q[k][between.middle])
-                least = between.area
-    return best
-
-
 def _larger_place(
-    table: Table, line: Array, symmetries: tuple[Symmetry, ...], larger: _Larger
+    table: Table, line: Array, symmetries: tuple[Symmetry, ...], larger: LargerArm
 ) -> _Place:
     """Make the place for a function of free joints from the sector of an arm with locked ones.
 
@@ -1427,101 +1030,3 @@ def _larger_place(
     q, turns = _central(table.task, symmetries, larger.posture)
     cell = _shaped_sector(table, line, symmetries, larger.found, turns)
     return _Place(cell, q, larger.arm.area)
-
-
-def _locked_speeds(table: Table, locked: _Floods, k: int, cell: Sector) -> Array:
-    """Evaluate squared joint speeds of an arm with locked joints, and of J⁺: (2, I, J).
-
-    The arm is that of flood number ``k`` of ``locked``, floods with r joints locked. Speeds are per
-    unit of task speed along the coordinates of ``cell``, and NaN at nodes outside the flood.
-    """
-    speeds = np.full((2, *table.shape), np.nan)
-    there = locked.reached[k]
-    speeds[:, there] = _locked_squares(cell, locked.Q[k][there], locked.held[k])
-    return speeds
-
-
-def _locked_joints(
-    table: Table, locked: _Floods, k: int, cell: Sector, inside: NDArray[np.bool_], distance: float
-) -> LockedJoints | None:
-    """Evaluate an arm with locked joints on the nodes of a mask ``inside`` (I, J).
-
-    The arm is that of flood number ``k`` of ``locked``. Nodes at which bodies are always nearer
-    than ``distance``, m, are left out. Return None if no node is left.
-    """
-    clear = locked.reached[k] & inside
-    on = np.argwhere(clear)
-    closed = on[_near(table, on, locked.Q[k][clear], distance, _angles(table, cell))]
-    clear[closed[:, 0], closed[:, 1]] = False
-    if not clear.any():
-        return None
-    one = _locked_arm(table, locked, k, cell, clear)
-    return one._replace(share=float(clear.sum() / inside.sum()))
-
-
-def _locked_arm(
-    table: Table, locked: _Floods, k: int, cell: Sector, clear: NDArray[np.bool_]
-) -> LockedJoints:
-    """Evaluate an arm with locked joints on all nodes of a mask ``clear`` (I, J).
-
-    The arm is that of flood number ``k`` of ``locked``, which reaches these nodes. The ``share`` of
-    the result is 1; the caller may replace it.
-    """
-    task, Q = table.task, locked.Q[k][clear]
-    joints = np.flatnonzero(locked.held[k])
-    return LockedJoints(
-        tuple(task.joint_names[j] for j in joints),
-        tuple(Q[0, joints].tolist()),
-        1.0,
-        *_locked_price(cell, Q, locked.held[k]),
-        float(rectangles(clear[None]).area[0] * SPACING**2),
-    )
-
-
-def _locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, float]:
-    """Evaluate the extra joint speed, rms and maximum, of an arm with locked joints at Q (K, n).
-
-    ``held`` (n,) is True for locked joints. The results are fractions: 0.05 is 5 % more than J⁺.
-    """
-    mine, least = _locked_squares(cell, Q, held)
-    return float(np.sqrt(mine.mean() / least.mean()) - 1), float(np.sqrt((mine / least).max()) - 1)
-
-
-def _locked_squares(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Evaluate the squared joint speeds (K,) of an arm with locked joints and of J⁺ at Q (K, n).
-
-    ``held`` (n,) is True for the locked joints; ``cell`` has the directions of motion.
-    """
-    J, E, C = _unit_twists(cell, Q)
-    return _squares(np.linalg.pinv(J * ~held) @ E @ C, np.linalg.pinv(J) @ E @ C)
-
-
-def _least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
-    """Evaluate minimum squared joint speeds at Q (K, n), of a function and of J⁺: (K,) each.
-
-    The function moves as J⁺ does, but one joint only along each coordinate that a symmetry removes.
-    """
-    J, E, C = _unit_twists(cell, Q)
-    usual = np.linalg.pinv(J) @ E
-    own = usual.copy()
-    own[:, :, len(cell.moved) :] = cell.along
-    return _squares(own @ C, usual @ C)
-
-
-def _unit_twists(cell: Cell, Q: Array) -> tuple[Array, Array, Array]:
-    """Evaluate at Q (K, n): J (K, m, n), E = ∂x/∂y (K, m, k) and C = (EᵀE)^(−1/2) (K, k, k).
-
-    y are the k coordinates of a cell, m and rad, the removed ones last.
-    """
-    p, R, J = placed(cell.task, Q)
-    E = cell._all_twists(cell._measured(p, R), R)[:, :, [*cell.moved, *cell._removed]]
-    squares, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
-    return J, E, (V / np.sqrt(squares)[:, None]) @ np.swapaxes(V, 1, 2)
-
-
-def _squares(own: Array, usual: Array) -> tuple[Array, Array]:
-    """Sum squared joint motions (K, n, k) over joints and coordinates: (K,) of each argument.
-
-    ``own`` is that of a function, ``usual`` that of J⁺.
-    """
-    return (own**2).sum(axis=(1, 2)), (usual**2).sum(axis=(1, 2))

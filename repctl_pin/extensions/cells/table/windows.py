@@ -70,7 +70,7 @@ class Shut(NamedTuple):
         of the joint that turns the arm are left out; a node with no other angle is False.
         """
         used = _within(angles)[:, None, None] & ~self.out
-        return used.any(axis=0) & ~(self.near & used).any(axis=0)
+        return np.asarray(used.any(axis=0) & ~(self.near & used).any(axis=0))
 
 
 class Windows(NamedTuple):
@@ -102,7 +102,7 @@ def shut(table: Table, flood: Array, distance: float, farther: Shut | None = Non
     known = np.ones((_ANGLES, len(on)), bool)
     if farther is not None:
         known = farther.near[:, on[:, 0], on[:, 1]]
-    nodes = _Nodes(table, flood[on[:, 0], on[:, 1]], on, distance, known.all(axis=0))
+    nodes = _Nodes(table, flood[on[:, 0], on[:, 1]], on, distance, np.asarray(known.all(axis=0)))
     for k in range(_ANGLES):
         near = nodes.near(k, known[k])
         found.near[k, on[:, 0], on[:, 1]], found.out[k, on[:, 0], on[:, 1]] = near, nodes.out(k)

@@ -1,0 +1,203 @@
+"""Floods of a table: where they begin, and which of them are unlike.
+
+A table is a grid of radius and height around the arm, at the angle 0. A flood is the set of its
+nodes that the arm reaches from one configuration without a change of branch (of the inverse
+kinematics). A locked flood is that of an arm with r of its joints locked, which is therefore not
+redundant. A node is a pair of indices (radius, height), I radii and J heights. S is the number of
+floods, n that of joints, K that of nodes or configurations.
+
+``Floods`` are S floods: each is a set of neighbouring nodes with one configuration per node, so
+that q changes continuously. ``Table`` is a grid of poses (nodes) over radius and height around an
+axis, at the angle 0 and one orientation. ``Symmetry`` is a joint that changes only one coordinate
+of the frame: the numbers of both, and the sign.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....base.arguments import Array
+from ....base.errors import InputError
+from ....model.task import Task
+from ....motion.solve_ik import random_configurations
+from ..evaluate.reach import unlike_rows
+from ..geometry.kinematics import placed
+from ..geometry.symmetry import Symmetry
+from .flood import SPACING, Rectangles, Table, flooded, rectangles
+
+_DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
+"""Numbers of random configurations, of floods from them, and of floods with locked joints."""
+
+_MIDDLES, _TESTED = 12, 8
+"""Numbers of middles of locked floods from which others begin, and of floods whose bodies are
+tested."""
+
+ALIKE, _STILL = 0.3, 1e-9
+"""Difference of the joints, rad or m, below which two postures are alike; and largest entry of J,
+per joint, of joints that do not move the task."""
+
+NEAREST = 0.06
+"""Smallest radius of a node, m."""
+
+SETTLED = 40
+"""Newton steps with which a random configuration is brought to a node."""
+
+
+class Floods(NamedTuple):
+    """S floods of a table.
+
+    Attributes
+    ----------
+    Q : (S, I, J, n) array
+        Configurations; NaN where a flood does not reach.
+    nodes : (S, 2) array of int
+        Node at which each flood begins.
+    held : (S, n) array of bool
+        Joints that are locked.
+    """
+
+    Q: Array
+    nodes: NDArray[np.intp]
+    held: NDArray[np.bool_]
+
+    @property
+    def reached(self) -> NDArray[np.bool_]:
+        """Masks (S, I, J) of the nodes that each flood reaches."""
+        return np.isfinite(self.Q[..., 0])
+
+    def middles(self, found: Rectangles) -> tuple[NDArray[np.intp], Array]:
+        """Return nodes (S, 2) and configurations (S, n) in the middles of S rectangles.
+
+        ``found`` has one rectangle per flood. If its area is 0, the node is where the flood begins.
+        """
+        nodes = (found.first + found.last) // 2
+        empty = found.area == 0
+        nodes[empty] = self.nodes[empty]
+        return nodes, self.Q[np.arange(len(self.Q)), nodes[:, 0], nodes[:, 1]]
+
+
+def drawn_nodes(
+    task: Task,
+    rotation: Array,
+    line: Array,
+    symmetries: tuple[Symmetry, ...],
+    heights: tuple[float, float],
+    rng: np.random.Generator,
+) -> tuple[Table, NDArray[np.intp], Array]:
+    """Draw random configurations, and move each to the nearest node of a new table.
+
+    Return the table, and the K that reach it: the nodes (K, 2) and the configurations (K, n) there.
+    """
+    Q = random_configurations(task, _DRAWN, rng)
+    p = placed(task, Q)[0] - line[0]
+    z = p @ line[1]
+    flat = p - z[:, None] * line[1]
+    rho = np.linalg.norm(flat, axis=1)
+    table = grid_around(task, rotation, line, symmetries, heights, rho, z)
+    # turned so that the frame lies at the angle 0
+    around = symmetries[0]
+    Q[:, around.joint] -= around.sign * np.arctan2(flat[:, 1], flat[:, 0])
+    at = np.column_stack([(rho - NEAREST) / SPACING, (z - table.heights[0]) / SPACING])
+    nodes = np.clip(np.rint(at).astype(int), 0, np.array(table.shape) - 1)
+    Q, good = table.solved(nodes, Q, np.zeros(Q.shape, bool), SETTLED)
+    if not good.any():
+        raise InputError(
+            f"the orientation is reached at none of {_DRAWN} positions within the joint limits",
+            remedy="give another orientation, or a task that leaves a rotation free",
+        )
+    return table, nodes[good], Q[good]
+
+
+def grid_around(
+    task: Task,
+    rotation: Array,
+    line: Array,
+    symmetries: tuple[Symmetry, ...],
+    heights: tuple[float, float],
+    rho: Array,
+    z: Array,
+) -> Table:
+    """Create the table that covers the radii ``rho`` and the heights ``z``, (K,) each, m.
+
+    Heights outside ``heights`` (lowest, highest), m, are left out.
+    """
+    low, high = max(heights[0], z.min()), min(heights[1], z.max())
+    counted = np.ones(task.n, bool)
+    counted[[one.joint for one in symmetries]] = False
+    table = Table(
+        task,
+        line[0],
+        np.array([1.0, 0.0, 0.0]),
+        line[1],
+        rotation,
+        np.arange(NEAREST, rho.max() + SPACING, SPACING),
+        np.arange(np.ceil(low / SPACING - 1e-9), np.floor(high / SPACING + 1e-9) + 1) * SPACING,
+        counted,
+        symmetries[0],
+    )
+    if len(table.heights) < 2:
+        raise InputError(
+            f": the arm reaches no height between {heights[0]:g} and {heights[1]:g} m",
+            argument="heights",
+            remedy="give a larger range",
+        )
+    return table
+
+
+def locked_floods(
+    table: Table, nodes: NDArray[np.intp], Q: Array, rng: np.random.Generator
+) -> Floods:
+    """Flood a table with r joints locked, chosen at random, at 0 or at their values in Q.
+
+    The floods begin at random rows of nodes (K, 2) and Q (K, n).
+    """
+    task = table.task
+    rows = rng.integers(len(Q), size=_LOCKED)
+    joints = np.flatnonzero(table.counted)
+    held = np.zeros((_LOCKED, task.n), bool)
+    for row in held:
+        row[rng.permutation(joints)[: task.r]] = True
+    begin = Q[rows]
+    zero = held & ((np.arange(_LOCKED) % 2) == 0)[:, None] & (task.lower < 0) & (task.upper > 0)
+    begin = np.where(zero, 0.0, begin)
+    solved, good = table.solved(nodes[rows], begin, held, SETTLED)
+    rows, solved, held = rows[good], solved[good], held[good]
+    return Floods(flooded(table, nodes[rows], solved, held), nodes[rows], held)
+
+
+def free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: Floods) -> Floods:
+    """Flood a table without locked joints, from up to 24 nodes with unlike configurations.
+
+    They are chosen from ``nodes`` (K, 2), with the configurations Q (K, n). Further floods begin in
+    the middles of the largest rectangles of the floods ``locked``.
+    """
+    counted = table.counted
+    kept, distance = [0], np.linalg.norm((Q - Q[0])[:, counted], axis=1)
+    while len(kept) < min(_SEEDS, len(Q)):
+        kept.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.linalg.norm((Q - Q[kept[-1]])[:, counted], axis=1))
+    begin, at = Q[kept], nodes[kept]
+    if len(locked.Q):
+        found = rectangles(locked.reached)
+        middles, postures = locked.middles(found)
+        order = np.argsort(-found.area)
+        order = order[unlike_rows(postures[order], ALIKE, _MIDDLES)]
+        begin = np.concatenate([begin, postures[order]])
+        at = np.concatenate([at, middles[order]])
+    held = np.zeros(begin.shape, bool)
+    return Floods(flooded(table, at, begin, held), at, held)
+
+
+def unlike_floods(table: Table, floods: Floods) -> Floods:
+    """Select up to eight floods with large rectangles and unlike configurations in their middles.
+
+    Joints that do not move the task, such as the last one of an axis task, make no difference.
+    """
+    found = rectangles(floods.reached)
+    order, postures = np.argsort(-found.area), floods.middles(found)[1]
+    moving = np.abs(placed(table.task, postures)[2]).max(axis=(0, 1)) > _STILL
+    order = order[unlike_rows(postures[order][:, moving], ALIKE, _TESTED)]
+    return Floods(floods.Q[order], floods.nodes[order], floods.held[order])
