@@ -212,22 +212,8 @@ class Governor:
 
         A new governor does this, and so does each copy, which needs arrays of its own.
         """
-        task, kept = self._task, self._kept
-        jerk = np.full(task.n, np.inf) if kept.jerk is None else kept.jerk
-        bounds = [kept.velocity, kept.acceleration, jerk, [self._margin]]
-        memory = {
-            "limits": np.concatenate(bounds),
-            "target": np.zeros(16 * len(task.frames)),
-            "twist": np.zeros(task.twist_size),
-            "leaf": np.zeros(task.r),
-            "q": np.zeros(task.n),
-            "result": np.zeros(task.n),
-            "last": np.zeros(task.n),
-            "samples": np.zeros((ROOM, task.n)),
-            "ways": np.zeros((ROOM, task.n)),
-        }
-        inverse = self._inverse
-        self._arm = native_arm(task, inverse.potentials, inverse.region)
+        memory, inverse = self._memory(), self._inverse
+        self._arm = native_arm(self._task, inverse.potentials, inverse.region)
         own: dict[str, Any] = {
             "arm": ctypes.addressof(self._arm),
             "state": self._state.ctypes.data,
@@ -246,6 +232,26 @@ class Governor:
         self._asked_leaf = memory["leaf"]
         self._begin, self._q = memory["q"], memory["result"]
         self._native = required_library("a governor", holds=True)
+
+    def _memory(self) -> dict[str, Array]:
+        """Allocate the arrays of :data:`GOVERNOR_CALL`, by the names of its fields.
+
+        ``limits`` has its values; C or a tick writes the others.
+        """
+        task, kept = self._task, self._kept
+        jerk = np.full(task.n, np.inf) if kept.jerk is None else kept.jerk
+        bounds = [kept.velocity, kept.acceleration, jerk, [self._margin]]
+        return {
+            "limits": np.concatenate(bounds),
+            "target": np.zeros(16 * len(task.frames)),
+            "twist": np.zeros(task.twist_size),
+            "leaf": np.zeros(task.r),
+            "q": np.zeros(task.n),
+            "result": np.zeros(task.n),
+            "last": np.zeros(task.n),
+            "samples": np.zeros((ROOM, task.n)),
+            "ways": np.zeros((ROOM, task.n)),
+        }
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes for a copy or pickle, without the memory that C shares."""
@@ -471,6 +477,7 @@ class Governor:
             raise
         finally:
             self._error = None
+            self._remembered = {}  # copies and pickles need no memory of a tick that is over
         self._said = _STATUS[status]
         return self._q.copy(), self._said
 
