@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from sectors import found, sector_of
 
+import repctl_pin as rp
+
 RANGES = import_module("repctl_pin." + "extensions.cells.geometry.ranges")
 PAGE = import_module("repctl_pin." + "extensions.cells.show.cell_page")
 
@@ -72,3 +74,14 @@ def test_a_sector_is_not_called_a_cell() -> None:
     design = found("one orientation")
     text = f"{design.summary()} {PAGE.cell_headline(design)}"
     assert "sector" in text and not re.search(r"\bcells?\b|\bbox\b", text)
+
+
+def test_the_sentence_calls_proved_only_what_is() -> None:
+    """The limits of joints that end a range are not in the proof: their range is tested."""
+    design = found("one orientation")
+    proof = rp.prove(design)
+    assert proof and proof.limit_margin > 0
+    said = str(PAGE.cell_headline(replace(design, proof=proof)))
+    assert proof.excepted
+    without = f", without those of {' and '.join(proof.excepted)},"
+    assert f"The function and its joint limits{without} proved at every pose" in said

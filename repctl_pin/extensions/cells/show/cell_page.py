@@ -232,7 +232,10 @@ def _evidence(design: CellDesign) -> Span:
     """Write whether the function is proved, or at how many poses it was tested."""
     if not design.proof:
         return Span(f"Tested at {design.held_out:,} poses, not proved.")
-    limits = " and its joint limits" if design.proof.limit_margin > 0 else ""
+    limits, without = "", design.proof.excepted
+    if design.proof.limit_margin > 0:
+        limits = " and its joint limits"
+        limits += f", without those of {' and '.join(without)}," if without else ""
     return Span(f"The function{limits} proved at every pose, body distances tested.")
 
 
