@@ -984,7 +984,7 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> tuple[rp.CellDesign, Path
     text = re.sub(
         "<origin [^>]*/><axis [^>]*/>", '<axis xyz="0 0 1"/>', spatial_urdf(6, 7), count=1
     )
-    text = text.replace('name="spatial"', f'name="spatial_{"with_a_long_name_" * 3}"', 1)
+    text = text.replace('name="spatial"', f'name="spatial_{"with_a_long_name_" * 7}"', 1)
     (folder / "arm.urdf").write_text(text, encoding="utf-8")
     arm = ["cell", str(folder / "arm.urdf"), "--frame", "tool", "--task", "axis"]
     sizes = ["--radius", "0.02", "--height", "0.03", "--half-angle", "0.15"]

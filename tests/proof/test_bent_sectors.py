@@ -156,7 +156,9 @@ def walk(part: Any) -> Any:
 
 
 @pytest.mark.slow
-def test_ten_thousand_poses_of_a_proved_sector_with_bent_sides_violate_nothing() -> None:
+def test_ten_thousand_poses_of_a_proved_sector_with_bent_sides_violate_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Oracle: the forward kinematics, the limits, and Newton's method from elsewhere within d*.
 
     40 % of the poses lie at edges. With one d* for all of xarm7's table, F was not proved unique at
@@ -188,16 +190,28 @@ def test_ten_thousand_poses_of_a_proved_sector_with_bent_sides_violate_nothing()
     N = np.linalg.svd(J)[2][:, task.m :].swapaxes(1, 2)
     V = found.inverse.potentials.gradients(Q)
     assert leaf_margin(N, V).min() >= proof.leaf_margin > 0.29
-    # no other solution within d*, which is the box's own
-    problem, u = cell_bounds.CellProof(F.chart), U[:, [0, 2]]
+    # no other solution within d*, which is the box's own; smaller ones are needed only without Δ
+    for intervals, smaller in (({2: 32}, False), ({}, True)):
+        monkeypatch.setattr(cell_bounds, "_INTERVALS", intervals)
+        require_only_solutions(F.chart, U[:, [0, 2]], rng, smaller=smaller)
+
+
+def require_only_solutions(
+    chart: cell_bounds.Chart, u: np.ndarray, rng: np.random.Generator, *, smaller: bool
+) -> None:
+    """Search for other solutions within the d* of a box at each of 10,000 poses.
+
+    ``smaller``: whether some boxes must need a smaller d* than the largest."""
+    task, problem = chart.cell.task, cell_bounds.CellProof(chart)
     level = problem.bounds(u, np.full_like(u, 1e-7)).level
-    assert (level >= 0).all() and 0 < level.max() < len(problem.distances)
-    mine = F.chart.solve(u)
+    assert (level >= 0).all() and level.max() < len(problem.distances)
+    assert not smaller or level.max() > 0
+    mine = chart.solve(u)
     near = problem.distances[level]
     assert (problem.away(mine) <= near).all()
-    c, (q_ref, n_ref), closed = problem.center(mine), F.chart.reference(u), 0
+    c, (q_ref, n_ref), closed = problem.center(mine), chart.reference(u), 0
     for i in range(0, 10_000, 5):
-        q, x = c[i] + near[i] * rng.choice([-1.0, 1.0], task.n), F.chart.cell.at(u[i])
+        q, x = c[i] + near[i] * rng.choice([-1.0, 1.0], task.n), chart.cell.at(u[i])
         for _ in range(12):
             J_V = np.concatenate([task.jacobian(q), n_ref[i].T])
             away = np.concatenate([task.error(q, x), -n_ref[i].T @ (q - q_ref[i])])
