@@ -236,7 +236,10 @@ def as_matrices(
 
 
 def _known(letters: Sequence[str], sizes: Mapping[str, int]) -> str:
-    """Format the sizes of axis letters that earlier arrays fixed, such as ``n = 7``."""
+    """Format sizes that earlier arrays fixed, such as ``n = 7``; empty text if there are none.
+
+    ``letters`` name the axes of one array, as in (K, n). ``sizes`` has the fixed ones by letter.
+    """
     return ", ".join(f"{x} = {sizes[x]}" for x in letters if x in sizes)
 
 

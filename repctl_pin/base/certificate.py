@@ -470,7 +470,10 @@ def _describe(part: Any, pieces: list[str]) -> None:
 
 
 def _describe_numbers(numbers: list[Any], depth: int, pieces: list[str]) -> None:
-    """Append the texts of nested lists of floats, ``depth`` levels deep, to ``pieces``."""
+    """Append the texts of nested lists of floats, ``depth`` levels deep, to those to be hashed.
+
+    The texts are the numbers, as ``repr`` writes them, and brackets around each list.
+    """
     pieces.append("[")
     if depth == 1:
         pieces += map(repr, numbers)

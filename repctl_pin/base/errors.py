@@ -195,10 +195,11 @@ def unknown(
 
 
 def _near(name: str, names: Mapping[str, str]) -> list[str]:
-    """Find up to four known names that contain a name, begin with it, or are spelled alike.
+    """Find up to four names to suggest for ``name``, which is unknown; none if none is alike.
 
     ``names`` maps each known spelling to the name that is suggested for it; an alias maps to the
-    name that it stands for.
+    name that it stands for. Suggestions are those of spellings that contain ``name``, begin with
+    it, or are alike.
     """
     written = name.strip().lower()
     folded = {k.lower(): v for k, v in names.items()}

@@ -291,7 +291,11 @@ class CsvTable(Table):
         return np.array(cells, object)
 
     def numbers(self, names: Sequence[str], *, finite: bool = True) -> Array:
-        """Read columns of numbers side by side (K, columns); the message names line and cell."""
+        """Read columns of numbers side by side (K, columns).
+
+        An InputError, which names line and cell, is raised for a cell that is not a number and,
+        with ``finite``, for one that is infinite or NaN.
+        """
         places = [self.names.index(name) for name in names]
         values = self._loaded(places)
         if values is None:
@@ -326,7 +330,10 @@ class CsvTable(Table):
             yield line, row
 
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
-        """Write the file with new cells, without ``removed``; lines, quotes and line ends stay."""
+        """Write the file to ``path``, with new cells, without columns ``removed``; return the path.
+
+        Other lines, quotes and line ends stay.
+        """
         names = [*self.names, *(name for name in new if name not in self.names)]
         cells = [
             (names.index(name), cells.rows, _texts(cells.values)) for name, cells in new.items()
@@ -497,7 +504,10 @@ class _Arrays(Table):
         return np.asarray(self._arrays[name])
 
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
-        """Write the file with new cells, without ``removed``; other arrays keep their type."""
+        """Write the file to ``path``, with new cells, without arrays ``removed``; return the path.
+
+        Other arrays keep their type.
+        """
         made = {name: array for name, array in self._arrays.items() if name not in removed}
         for name, cells in new.items():
             made[name] = replaced(made.get(name), cells)
@@ -555,7 +565,10 @@ class _Parquet(Table):
         return arrow_numbers(self._table[name], self.widths[name])
 
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
-        """Write the file with new cells, without ``removed``; types and metadata stay."""
+        """Write the file to ``path``, with new cells, without columns ``removed``; return the path.
+
+        Types and metadata stay.
+        """
         return write_whole(path, _parquet_bytes(arrow_replaced(self._table, new, removed)))
 
 

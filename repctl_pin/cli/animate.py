@@ -92,9 +92,9 @@ def _drawn(
 ) -> _Shown:
     """Draw the motions ``tracks`` of one robot on a page.
 
-    ``more`` are options of the page by name: the title, the paths to draw, and the data for a path
-    of the visitor's. Return the HTML of the page, the task, the number of cycles, and the drift
-    after each cycle (cycles,), rad or m, by controller.
+    ``more`` are options of the page: ``name``, its title, ``paths``, those to draw, and ``own``,
+    the data for a path of the visitor's. Return the HTML of the page, the task, the number of
+    cycles, and the drift after each cycle (cycles,), rad or m, by controller.
     """
     from ..show.page.playback import playback_page, traced_chains
     from ..studies.quantities import KEYS

@@ -83,7 +83,8 @@ def run(options: Options) -> int:
     """Test whether a controller is repeatable, or prove a saved design; print the result.
 
     If the controller is not repeatable, the result includes the drift of small loops and, for arms
-    of up to 4 joints, a search for stable surfaces. Return the exit code.
+    of up to 4 joints, a search for stable surfaces. Return the exit code: 0, repeatable or not, or
+    3 if a proof was not reached.
     """
     say = progress(options.json)
     import numpy as np
@@ -221,10 +222,11 @@ def _saved(options: Options) -> _Case:
 
 
 def _in_planes(drift: Any, task: rp.Task) -> _Drift:
-    """Convert drift per area, a matrix over the task's axes, to a dict by plane: ``xy``, ``yz``, ….
+    """Convert drift per area, a matrix over axes, to a dict by plane: ``xy``, ``xz``, ``yz``.
 
-    ``drift`` is (m, m): entry (a, b) is the joint drift, rad or m, per m² of a small loop in the
-    plane of axes a and b.
+    ``drift`` is (k, k), for the k = 2 or 3 base axes along which the task commands the position.
+    Entry (a, b) is the norm of the joint drift, rad or m, per m² of a small loop in the plane of
+    axes a and b.
     """
     axes = task.kind.directions
     return {axes[a] + axes[b]: float(drift[a, b]) for a, b in combinations(range(len(drift)), 2)}
@@ -291,8 +293,9 @@ def _three(value: float) -> str:
 def _drift_table(drift: _Drift, unit: str) -> str:
     """Format the joint drift of a small loop at the start as a table, one row per plane.
 
-    ``drift`` has the drift by plane, per m² of the loop's area, in ``unit`` (``rad``, ``m``). The
-    columns give the drift per m², per cm², and for a square with sides of 10 cm.
+    ``drift`` has the drift per m² of the loop's area, in ``unit`` (``rad``, ``m``), by plane of the
+    base axes: ``"xy"``, ``"xz"`` and ``"yz"``, or those that the task moves in. The columns give
+    the drift per m², per cm², and for a square with sides of 10 cm.
     """
     from ..show.text.table import table
 

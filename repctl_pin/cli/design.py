@@ -166,8 +166,8 @@ def _designed(
 ) -> tuple[rp.Problem, rp.Design]:
     """Design the repeatable inverse nearest to ``desired``.
 
-    Return the problem with the region of the design, and the design. The remedy of a
-    SingularRegionError names options of the command.
+    ``degree`` is the degree of the polynomials, or ``auto``. Return the problem with the region of
+    the design, and the design. The remedy of a SingularRegionError names options of the command.
     """
     from ..studies.around_motion import design_for
 

@@ -6,6 +6,11 @@ potentials are constant there. Ω is the region of joint space of a design. With
 of a start, every closed path is proved to end in the configuration it began in. ``say`` is the
 callback that receives the name of each step.
 
+The nearest repeatable inverse is that with the smallest mean squared distance from J⁺ over Ω. The
+figures of a motion are a dictionary, the one that ``--json`` prints. Among its keys are ``drift``
+(one number per cycle, or None if it cannot be computed reliably), ``body_distance`` (m, None if
+there are no bodies), ``nearest_bodies``, ``duration`` (s), ``slowed_by`` and ``notes``.
+
 ``_Case`` is a controller, the problem with its path, and known data of its design, each None if
 unknown. ``_Followed`` is a simulated motion, the same motion with the commanded joint velocities,
 and notes on it.
@@ -226,9 +231,10 @@ def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) ->
 
 
 def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
-    """Collect the figures of the motion ``rest``, timed from rest to rest, by key.
+    """Collect the figures of the motion ``rest``, timed from rest to rest.
 
-    They replace the figures of the motion before it was timed, or are added to them.
+    The keys are ``duration`` and ``cycle_time``, s, ``slowed_by`` (None), ``stops``, a number of
+    stops, and ``peak_speed``. They replace those of the motion before it was timed, or are added.
     """
     return {
         "duration": rest.duration,
@@ -320,7 +326,7 @@ class _Case(NamedTuple):
 
     ``region`` is Ω, the region of joint space of the design, ``period`` the duration of one cycle,
     s, and ``desired`` the desired inverse, which the design approximates. ``closes`` is the proved
-    closing radius. Each of these four is None if unknown.
+    closing radius, with its ``metres`` and ``radians``. Each of these four is None if unknown.
     """
 
     strategy: Strategy
@@ -361,8 +367,9 @@ def _saved(options: Options) -> _Case:
 def _made(options: Options, say: Callable[[str], None]) -> _Case:
     """Make the controller and the problem for a robot that is given without a saved design.
 
-    ``--strategy`` or ``--potentials`` gives the controller. Without either, the nearest repeatable
-    inverse is designed. ``say`` receives the name of each step.
+    ``--strategy`` names the controller, or ``--potentials`` gives functions of q that it holds
+    constant. Without either, the nearest repeatable inverse is designed. ``say`` receives the name
+    of each step.
     """
     say("finding a path")
     problem = options.problem()
@@ -379,7 +386,7 @@ def _made(options: Options, say: Callable[[str], None]) -> _Case:
 
 
 def _nearest(options: Options, problem: rp.Problem, say: Callable[[str], None]) -> _Case:
-    """Design the nearest repeatable inverse for the path, and return it as the case to follow.
+    """Design the repeatable inverse nearest to J⁺ for the path; return it as the case to follow.
 
     Its region Ω is a tube around the motion on the path. If the design fails at the default start,
     another start may replace it.
@@ -434,10 +441,10 @@ def _plugin(name: str, task: rp.Task) -> Strategy:
 
 
 def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
-    """Collect the figures of the motion in plain Python types, for JSON output and for the text.
+    """Collect the figures of the motion in plain Python types, for ``--json`` and for the text.
 
     ``slowed`` is the motion slowed down to meet the speed limits, and ``q0`` (n,) the start.
-    ``followed`` has the motion before it was slowed down, and its notes.
+    ``followed`` has the motion before it was slowed down, and its notes. The module names the keys.
     """
     from ..studies.study_result import bodies_dict, limits_dict
 
@@ -508,7 +515,10 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
 
 
 def _drift_words(result: dict[str, Any], motion: rp.Motion) -> str:
-    """Write the drift after the first cycle and after the last, from figures by key."""
+    """Write the drift of ``motion`` after the first cycle and after the last, rad or m.
+
+    If ``result["drift"]`` is None, the text says that the drift cannot be computed reliably.
+    """
     if result["drift"] is None:
         return "cannot be computed reliably"
     first, last = (f"{number(d)}" for d in motion.drift[[0, -1]])
@@ -517,7 +527,11 @@ def _drift_words(result: dict[str, Any], motion: rp.Motion) -> str:
 
 
 def _distance_words(result: dict[str, Any], motion: rp.Motion) -> str:
-    """Write the minimum body distance, or the collision, with the links, from figures by key."""
+    """Write the minimum body distance, or the collision, with the two links.
+
+    They are ``result["body_distance"]``, m, negative in a collision, and the pair of names
+    ``result["nearest_bodies"]["links"]``.
+    """
     from ..motion.joint_motion import checked_words
 
     distance = result["body_distance"]

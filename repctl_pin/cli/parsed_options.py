@@ -245,8 +245,8 @@ class Options(argparse.Namespace):
     def asked_weight(self) -> Any:
         """Parse ``--weight``, the joint weights of the desired inverse: a word, numbers, or None.
 
-        The word is ``inertia``, ``limits`` or ``absolute``; InputError is raised for any other text
-        without numbers.
+        The word is ``inertia``, ``limits`` or ``absolute``; numbers are returned as a list, of any
+        length. InputError is raised for any other text.
         """
         if self.weight in (None, "inertia", "limits", "absolute"):
             return self.weight

@@ -24,8 +24,9 @@ from ..show.text.lines import Span, coloured, fitted, on_terminal
 def progress(quiet: bool) -> Callable[[str], None]:
     """Make the callback that reports progress; it is called with the name of each new step.
 
-    On a terminal, the callback rewrites one line. If stderr is not a terminal, it prints only
-    notes. With ``quiet``, it prints nothing.
+    On a terminal, the callback rewrites one line. A text that begins with ``note: `` is a note: it
+    gets a line of its own. If stderr is not a terminal, only notes are printed. With ``quiet``,
+    nothing is.
     """
     shown = on_terminal(sys.stderr)
 

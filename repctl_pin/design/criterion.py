@@ -7,13 +7,13 @@ coefficients, and V = D A their gradients. The columns of N span the null space 
 is the number of potentials of the basis. The mean is over K nodes, which are configurations in Ω.
 Equation numbers such as (38) are those of the paper.
 
-Everything that depends on the arm is in the arrays E and F of :class:`Batch`, which are built once
-(34), (36), (38). Each evaluation is then dense linear algebra. :func:`linear`, :func:`cost`,
-:func:`linearised` and :func:`gauss_newton` take one batch b. They return its part of a weighted
-sum over the nodes; the sum over all batches is the mean. If A has fewer rows than there are
-potentials, only the first potentials are used. B (N, N) is a basis of coefficients: the gradients D
-B are orthonormal in the mean over Ω. An argument ``desired`` is G_d, and ``task`` gives the names
-of the joints in error messages.
+Everything that depends on the arm is in the arrays ``E = Nᵀ D`` and ``F = G_dᵀ D`` of
+:class:`Batch`, which are built once (34), (36), (38). Each evaluation is then dense linear algebra.
+:func:`linear`, :func:`cost`, :func:`linearised` and :func:`gauss_newton` take one batch b. They
+return its part of a weighted sum over the nodes; the sum over all batches is the mean. If A has
+fewer rows than there are potentials, only the first potentials are used. B (N, N) is a basis of
+coefficients: the gradients D B are orthonormal in the mean over Ω. An argument ``desired`` is G_d,
+and ``task`` gives the names of the joints in error messages.
 
 ``PotentialBasis`` is a basis of N functions of q, whose combinations are the potentials h of a
 design. ``SignCount`` is the numbers of nodes with det(Nᵀ V) above 0 and at most 0. ``Differential``
@@ -277,6 +277,7 @@ class Differential:
         """Evaluate the trace of each node's part of the Gauss–Newton matrix: (K,).
 
         The matrix is that for the coordinates ``B⁻¹ A`` of the coefficients; ``basis`` is B (N, N).
+        Only the sum over its diagonal is computed, not the matrix.
         """
         rows = self.L.reshape(-1, self.L.shape[-1]) @ basis
         return np.trace(self.S) * np.sum(np.sum(rows**2, axis=1).reshape(len(self.L), -1), axis=0)

@@ -209,9 +209,10 @@ differentials, and the number of nodes with either sign of det(Nᵀ V)."""
 class _PenalisedCost:
     """Penalised cost as a least-squares problem in x = B⁻¹ A, for :func:`levenberg_marquardt`.
 
-    A step dx solves ``(H + μ I) dx = −g``. g is half the gradient of the penalised cost in x, H is
-    its Gauss–Newton matrix, and μ is the damping. If potentials are nearly dependent, B is large,
-    and rounding errors of H determine the smallest useful μ.
+    The penalty is the mean over Ω of ``‖Nᵀ V − Nᵀ N(center)‖²`` times a factor τ. A step dx, of the
+    shape of x, solves ``(H + μ I) dx = −g``. g is half the gradient of the penalised cost in x, H
+    is its Gauss–Newton matrix, and μ is the damping. If potentials are nearly dependent, B is
+    large, and rounding errors of H determine the smallest useful μ.
     """
 
     terms: Sum = staticmethod(criterion.gauss_newton)
@@ -251,7 +252,8 @@ class _PenalisedCost:
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Any]:
         """Evaluate half the gradient (N, r) and the Gauss–Newton matrix (r N, r N) in x.
 
-        ``at`` is the evaluation at x, whose sums over the nodes are used again.
+        The matrix has r × r blocks (N, N), one for each pair of columns of x (N, r). ``at`` is the
+        evaluation at x, whose sums over the nodes are used again.
         """
         basis, r = self.basis, range(self.r)
         blocks = at.data[1]
@@ -277,6 +279,7 @@ class _PenalisedCost:
         """Evaluate the penalty ``τ mean ‖E A − Nᵀ N(center)‖²``, up to a constant, at ``A = B x``.
 
         The penalty draws V towards the projection of N(center) onto the null space at each node.
+        The constant is ``τ mean ‖Nᵀ N(center)‖²``, and τ is a fraction of the initial cost over r.
         """
         quadratic = np.sum(x * (self.EE @ x))
         return self.tau * float(quadratic - 2 * np.sum(x * self.null_alignment))
@@ -309,8 +312,8 @@ class _MatrixFree(_PenalisedCost):
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
         """Solve ``(H + μ I) dx = −g``, μ = ``damping`` · mean(diag H), by conjugate gradients.
 
-        The residual is at most 1e-3 of ``‖g‖``; it changes the steps, but not the optimum, because
-        g is exact.
+        ``model`` is what :meth:`model` returns: g (N, r), and three data of H. The residual is at
+        most 1e-3 of ``‖g‖``; it changes the steps, but not the optimum, because g is exact.
         """
         g, (differentials, approximate, level) = model
         r, flat = self.r, -g.T.ravel()
@@ -354,8 +357,8 @@ def _damped_step(H: Array, g: Array, damping: float) -> tuple[Array, Array, floa
 def _factor(H: Array, damping: float, level: float) -> tuple[Any, float, float]:
     """Factor ``H + μ I`` with μ = ``damping`` · ``level``, where ``level`` is mean(diag H).
 
-    The damping is multiplied by 10 until the matrix is positive definite. Return the factor, μ and
-    the damping that was used.
+    The damping is multiplied by 10 until the matrix is positive definite. Return the Cholesky
+    factor, as :func:`scipy.linalg.cho_factor` gives it, μ, and the damping that was used.
     """
     level = max(level, 1e-300)
     while True:

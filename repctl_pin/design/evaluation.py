@@ -87,6 +87,12 @@ def evaluate_design(
     seed
         Random seed of the nodes; it must differ from the seed of the fit.
 
+    Returns
+    -------
+    Evaluation
+        Cost with its standard error, relative distance from G_d, smallest leaf margin with its
+        configuration, and the fraction of Ω inside the joint limits.
+
     Raises
     ------
     SingularRegionError

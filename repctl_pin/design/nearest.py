@@ -129,7 +129,8 @@ def _auto(problem: FitProblem, shrink: bool) -> Design:
 
     The search ends at degree 6 (8 for up to three joints), at too many unknowns or too few nodes,
     at a singularity, or at an improvement below 1 %. ``degrees`` of the design lists the degrees
-    that were tried. ``shrink`` is as in :func:`nearest_repeatable`.
+    that were tried. With ``shrink``, the first degree is designed over the largest region with the
+    same centre that has no singularity and a leaf margin of at least 0.1; later degrees use it.
     """
     best: Design | None = None
     tried: list[tuple[int, float, float]] = []
@@ -198,10 +199,12 @@ def _shrinking(problem: FitProblem, shrink: bool) -> Design:
 
 
 def _check_margin(design: Design) -> None:
-    """Raise an error if the leaf margin of a design is below 0.1, the minimum after shrinking.
+    """Raise an error if the leaf margin of a design is below 0.1.
 
-    Closer to an algorithmic singularity a design is not usable: joint speeds grow as 1 / leaf
-    margin. The error proposes a smaller region with a sufficient margin, if there is one.
+    It is the smallest that a search of Ω found, and 0.1 is also the minimum at which a region that
+    was shrunk is accepted. Closer to an algorithmic singularity a design is not usable: joint
+    speeds grow as 1 / leaf margin. The error proposes a smaller region with a sufficient margin, if
+    there is one.
     """
     if design.leaf_margin < SHRUNK_MARGIN:
         task = design.inverse.task

@@ -225,8 +225,9 @@ def _lowest(measure: _Measure, region: Region, starts: Array) -> Lowest:
 def _newton(measure: Dexterity, region: Region, Q: Array, value: Array) -> None:
     """Move configurations Q (S, n) by Newton steps towards singularities of the arm, in place.
 
-    ``value`` (S,), the measure at Q, is updated, too. A row changes only if its value falls. The
-    steps end when one row has reached a singularity, where the value is 0.
+    ``value`` (S,), the measure at Q, is updated, too. Each step is clipped to ``region``. A row
+    changes only if its value falls, and if it stays in ``region``. The steps end when one row has
+    reached a singularity, where the value is 0.
     """
     scale = region.bounds.half_width
     ends = Q.copy()

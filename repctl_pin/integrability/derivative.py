@@ -262,8 +262,9 @@ def _romberg(rows: Sequence[Array]) -> tuple[Array, Array, NDArray[np.intp], tup
     ``rows`` has one array of differences (K, n, size) per step, the longest step first; size is the
     number of values of the function. Return four results: the table entries with the smallest
     estimated errors (K, n, size), these errors (K, n), the numbers of halvings (K, n) of the step
-    that led to the entries, and a pair of other entries. Noise is measured by this pair: they have
-    order 8, for the shortest step and for twice that step.
+    that led to the entries, and a pair of other entries (K, n, size) each. Noise is measured by
+    this pair: they have order 8, for the shortest step and for twice that step. At least five steps
+    are required.
     """
     best = rows[-1]
     error = np.full(best.shape[:2], np.inf)

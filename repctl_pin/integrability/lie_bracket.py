@@ -69,7 +69,8 @@ class _Defects:
         Relative defects Λ_cd, per rad, which do not depend on units and task axes: those of an
         orthonormal basis of G's column space.
     error : (K,) array
-        Estimated error of ``norm``, which follows from the error of ∂G/∂q.
+        Estimated error of :attr:`norm`, the norm (K,) of the relative defects, which follows from
+        the error of ∂G/∂q.
     exact : bool
         True if ∂G/∂q is computed by a formula, False if by differences.
     J, G : (K, m, n), (K, n, m) arrays

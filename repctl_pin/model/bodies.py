@@ -338,7 +338,10 @@ class _NoBodies:
         return np.full(len(Q), np.inf), np.full(len(Q), -1)
 
     def lowest(self, Q: Array) -> Array:
-        """Return the bounds of no pairs at Q (K, N): an array (K, 0)."""
+        """Return lower bounds on the distances of all pairs, of which there are none: (K, 0).
+
+        Q (K, N) are configurations.
+        """
         return np.zeros((len(Q), 0))
 
     def nearer(self, Q: Array, distance: float, among: Any = None) -> NDArray[np.bool_]:

@@ -170,7 +170,8 @@ def as_placement(value: Placement, name: str = "target") -> pin.SE3:
 class Placements(tuple[pin.SE3, ...]):
     """Placements of F frames, as the target of a task of several frames: a tuple of pinocchio.SE3.
 
-    Its attributes are named as those of a single pinocchio.SE3.
+    Its attributes ``translation`` (3 F,) and ``homogeneous`` (4 F, 4) are named as those of a
+    single pinocchio.SE3; it has no others.
     """
 
     @property

@@ -70,7 +70,8 @@ _MODELS_LOCK = RLock()
 class _CollisionModel:
     """Bodies of a robot and its surroundings, and the pairs whose relative position a task changes.
 
-    Tasks with the same joints share one model, and several threads can use it.
+    Tasks with the same joints share one model, and several threads can use it. Methods of one pair
+    k, which have no argument q, use the placements that :meth:`_move` has set last.
 
     Parameters
     ----------
@@ -89,7 +90,9 @@ class _CollisionModel:
         Indices of the two bodies of each checked pair, measured or for collisions only; pairs of
         the robot's own bodies first.
     measured, only_contact, adjacent, disabled, touching : tuples of (str, str)
-        Pairs of links, as in :class:`Bodies`, where ``measured`` is called ``pairs``.
+        Pairs of links: with a distance; checked for collisions only; and not checked, because a
+        joint connects them, because the SRDF disables them, or because they always overlap. The
+        details are those of :class:`Bodies`, where ``measured`` is called ``pairs``.
     """
 
     def __init__(self, task: Task) -> None:
@@ -261,14 +264,20 @@ class _CollisionModel:
             yield from zip(block, self._telling(bounds), strict=True)
 
     def _bounded(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
-        """Yield (index of the first row, rows (B, N), bounds (B, P), m) for blocks of Q (K, N)."""
+        """Yield (index of the first row, rows (B, N), bounds (B, P)) for blocks of Q (K, N).
+
+        Bounds are lower bounds on the distances of all pairs, m, also of collision-only ones.
+        """
         size = min(_BLOCK, max(1, _MOST_BOUNDS // max(len(self.pairs), self._bounds.size, 1)))
         for start in range(0, len(Q), size):
             block = Q[start : start + size]
             yield start, block, self._bounds(block)
 
     def _telling(self, bounds: Array) -> Array:
-        """Return bounds (B, P), m, with inf for collision-only pairs that cannot collide."""
+        """Return lower bounds (B, P) of distances, m, with inf where a pair cannot collide.
+
+        There are B configurations. A collision-only pair cannot collide if its bound is 0 or more.
+        """
         if not self._some_only_contact:
             return bounds
         return np.where(self._only_contact & (bounds >= 0), np.inf, bounds)
@@ -315,9 +324,10 @@ class _CollisionModel:
         return (self._apart(k) if hulls_tell else self._exact(k)) < distance
 
     def _of_hulls(self, k: int) -> float:
-        """Compute the signed distance of the hulls of pair k, m; for a collision-only pair, _exact.
+        """Compute the signed distance of the hulls of pair k, m, or that of a collision-only pair.
 
-        The gradient of a hull distance shows which motion separates overlapping bodies.
+        The latter is inf, or negative in a collision, see :meth:`_exact`. The gradient of a hull
+        distance shows which motion separates overlapping bodies.
         """
         return self._exact(k) if self._only_contact[k] else self._apart(k)
 
@@ -378,14 +388,17 @@ class _CollisionModel:
         return distance
 
     def _between_surfaces(self, k: int) -> float:
-        """Compute the distance of the surfaces of pair k at the current placements, m."""
+        """Compute the distance of the surfaces of pair k at the current placements, m.
+
+        It is 0 or less where they intersect, but positive if one body contains the other.
+        """
         (a, b), result = self._both[k], coal.DistanceResult()
         one, other = self._bodies[a].exact, self._bodies[b].exact
         here, there = self._transform(a), self._transform(b)
         return float(coal.distance(one, here, other, there, self._request, result))
 
     def _surfaces(self, k: int) -> float:
-        """Compute a lower bound on the distance of the surfaces of pair k, m.
+        """Compute a lower bound on the distance of the surfaces of pair k, m, as placed last.
 
         It is 1 cm for all surfaces that are farther apart, which is far faster than their distance;
         below 1 cm, it is the distance. It is −inf for two convex bodies, whose hulls are exact.

@@ -156,8 +156,9 @@ def arm_ends(description: Description) -> list[_Body]:
 def _ends(root: _Body, *, whole: bool) -> list[_Body]:
     """List the bodies at which a branch of the tree ends, from ``root`` on, in the file's order.
 
-    These are bodies without branches, tools with a hanging load and, unless the ``whole`` robot is
-    a finger, hands.
+    These are bodies without branches, tools with a hanging load, and hands: bodies with fingers. If
+    the ``whole`` robot is a finger, because every joint is named as one, it has no hand, and ends
+    at its tip.
     """
     ends, todo = [], [root]
     while todo:

@@ -195,7 +195,11 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
 
 
 def _native_frames(task: SeveralFrames) -> tuple[Any, list[NDArray[np.generic]]] | None:
-    """Create the C structs of several frames, one per chain, and the list of their arrays."""
+    """Create one C struct with the structs of several frames, and the list of their arrays.
+
+    The arrays must live as long as the struct, which points to them. Return None if a chain has
+    more than 64 joints, the maximum of arm.c.
+    """
     made = [native_chain(part) for part in task.parts]
     frames = [each[0] for each in made if each is not None]
     if len(frames) < len(made):

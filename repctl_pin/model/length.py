@@ -52,8 +52,8 @@ def arm_reach(task: Task, q: Array) -> float:
 def joint_scale(task: Task, q: Array) -> Array:
     """Return the unit of each joint (n,): 1 rad, or the arm length in m for a prismatic joint.
 
-    Divided by these units, motions of revolute and prismatic joints are comparable. For an arm of
-    prismatic joints only, the unit is 1 m.
+    Divided by these units, motions of revolute and prismatic joints are comparable. The arm length
+    is measured at the configuration q (n,). Without revolute joints it is 0, and the unit is 1 m.
     """
     if task.revolute.all():
         return np.ones(task.n)

@@ -308,8 +308,8 @@ def _mesh(model: Any, mesh: int, at: pin.SE3, folder: Path) -> list[tuple[pin.SE
     """Convert a MuJoCo mesh to a URDF shape, undoing MuJoCo's shift to the mesh's centre.
 
     ``mesh`` is the number of the mesh, ``at`` its placement on the body, and ``folder`` the folder
-    of the mesh files. Return a list of one (placement, attributes), empty for a mesh without a
-    file.
+    of the mesh files. Return a list of one (placement, dict with the URDF's ``tag``, ``filename``
+    and ``scale``), empty for a mesh without a file.
     """
     begin = int(model.mesh_pathadr[mesh])
     if begin < 0:

@@ -148,7 +148,7 @@ class SeveralFrames(Task):
     def error(self, q: ArrayLike, target: Placement) -> Array:
         """Evaluate the task error (m,) of all frames to their targets, m and rad.
 
-        ``target`` has a placement per frame.
+        It is target minus pose, stacked. ``target`` has a placement per frame.
         """
         targets = self.as_target(target)
         return np.concatenate(
@@ -172,9 +172,10 @@ class SeveralFrames(Task):
         return np.concatenate([part.hessians(Q) for part in self.parts], axis=1)
 
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
-        """Evaluate the task error at every row of Q (K, n) to its target: (K, m), m and rad.
+        """Evaluate the task error from every row of Q (K, n) to its target: (K, m), m and rad.
 
-        ``targets`` has K targets, each with one placement per frame.
+        It is target minus pose, stacked. ``targets`` has K targets, each with one placement per
+        frame.
         """
         listed = list_of(targets, "targets", "a list of placements, one per frame")
         goals = {id(target): self.as_target(target) for target in listed}
@@ -184,7 +185,11 @@ class SeveralFrames(Task):
         return np.concatenate([part.errors(Q, goal) for part, goal in own], axis=1)
 
     def twists(self, Q: ArrayLike, Qdot: ArrayLike) -> Array:
-        """Evaluate the twists (v, ω) of all frames at each row of Q and Qdot (K, n): (K, 6 F)."""
+        """Evaluate the twists (v, ω) of all frames at each row of Q and Qdot (K, n): (K, 6 F).
+
+        v is the velocity of a frame's origin, m/s, and ω its angular velocity, rad/s. Both are in
+        the axes of the frame's base.
+        """
         return np.concatenate([part.twists(Q, Qdot) for part in self.parts], axis=1)
 
     def positions(self, Q: ArrayLike) -> Array:

@@ -113,7 +113,10 @@ def read_surface(path: Path, most: int = _MOST_FACES) -> Surface:
 
 
 def _cached(path: Path, most: int) -> Surface:
-    """Read a mesh file of at most ``most`` triangles, from the cache on disk if it is there."""
+    """Read a mesh file of at most ``most`` triangles, from the cache on disk if it is there.
+
+    InputError is raised for a mesh with more triangles, or one that cannot be read.
+    """
     arrays = cached(
         path,
         f"surface of at most {most} triangles",

@@ -273,7 +273,10 @@ class Task:
         return np.swapaxes(self.drive.derivatives(along), -1, -2)
 
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
-        """Evaluate the task error at each row of Q (K, n) to its target: (K, m), m and rad."""
+        """Evaluate the task error from each row of Q (K, n) to its target: (K, m), m and rad.
+
+        It is target minus pose; the rotation is in base axes, in an axis task in tool axes.
+        """
         targets = as_placements(targets, "target", "a list of placements")
         goals = {id(target): target for target in targets}  # many are the same object
         if self.kind.turns:
@@ -454,8 +457,9 @@ class Task:
     def _task_rows(self, J: Array) -> Array:
         """Select the m rows of the task from the frame's Jacobian J (6, N), in base axes.
 
-        J must be the last one evaluated, because Pinocchio's data must still hold the frame's
-        rotation, which an axis task needs.
+        N is the number of joints of the model, mimic joints included. The two rotations of an axis
+        task are returned in tool axes. J must be the last one evaluated, because Pinocchio's data
+        must still hold the frame's rotation, which an axis task needs.
         """
         if self.m == 6:
             return J
@@ -466,8 +470,8 @@ class Task:
     def _twists(self, Q: ArrayLike) -> tuple[Array, Array | None]:
         """Evaluate the frame's Jacobians (K, 6, N), and its rotations (K, 3, 3) for an axis task.
 
-        For other tasks, None is returned instead of the rotations. Q is (K, n); rows are v, then ω,
-        and N is the number of joints of the model, mimic joints included.
+        For other tasks, None is returned instead of the rotations. Q is (K, n). Rows are v, then ω,
+        in base axes; N is the number of joints of the model, mimic joints included.
         """
         Q = self._matrix(Q)
         Js = np.empty((len(Q), 6, self.model.nv))
@@ -530,7 +534,10 @@ class Task:
 
 
 class _Scratch:
-    """Scratch memory of a task for one thread: Pinocchio's data of its two models."""
+    """Scratch memory of a task for one thread: Pinocchio's data of its two models.
+
+    They are ``data`` of the chain to the frame, and ``body_data`` of all links that q moves.
+    """
 
     def __init__(self, model: pin.Model, bodies: pin.Model, frame: int) -> None:
         self.data = model.createData()

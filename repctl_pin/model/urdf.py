@@ -55,11 +55,11 @@ _LONG = 20.0
 class Joint:
     """Joint of a URDF as plain data.
 
-    ``parent`` and ``child`` are links, and ``axis`` is a unit vector. ``lower``, ``upper`` (rad or
-    m), ``velocity``, ``acceleration`` and ``jerk`` (per s, s² and s³) are infinite without a limit;
-    ``acceleration`` is the smaller one of the file's ``acceleration`` and ``deceleration``.
-    ``mimic`` names the independent joint whose position q this joint follows at
-    ``multiplier · q + offset``; None for an independent joint. ``line`` is the line in the file.
+    ``parent`` and ``child`` are links, and ``axis`` is a unit vector in the joint's frame.
+    ``lower``, ``upper`` (rad or m), ``velocity``, ``acceleration`` and ``jerk`` (per s, s² and s³)
+    are infinite without a limit; ``acceleration`` is the smaller one of the file's ``acceleration``
+    and ``deceleration``. ``mimic`` names the independent joint whose position q this joint follows
+    at ``multiplier · q + offset``; None for an independent joint. ``line`` is the line in the file.
     """
 
     name: str
@@ -418,10 +418,11 @@ def _millimetres(robot: etree._Element, root: str) -> list[str]:
 
 
 def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
-    """Write the URDF text for Pinocchio, see :attr:`Description.xml`; ``robot`` is changed.
+    """Write the URDF text for Pinocchio: only joints, links and their inertias.
 
-    ``joints`` are the joints that were read from it, in the same order; their axes and limits
-    replace those of the file.
+    ``joints`` are those that were read from the element ``robot``, in the same order; their axes
+    and limits replace those of the file, and continuous joints become revolute ones. Visual and
+    collision shapes, materials and dynamics are removed. ``robot`` is changed likewise.
     """
     for joint, element in zip(joints, robot.findall("joint"), strict=True):
         effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
@@ -606,8 +607,9 @@ def _replace(
 ) -> None:
     """Replace a joint by a chain of single-axis joints, with massless links between them.
 
-    ``steps`` has (suffix, type, axis) and ``names`` the name of each new joint. The chain takes the
-    joint's place in ``robot``, and keeps its line number for messages.
+    ``steps`` has (suffix, type, axis (3,)) and ``names`` the name of each new joint. The names end
+    in the suffixes already, which are not used here. The chain takes the joint's place in
+    ``robot``, and keeps its line number for messages.
     """
     at = robot.index(joint)
     parent = joint.find("parent").get("link")

@@ -163,7 +163,10 @@ class Visuals:
         return [*found]
 
     def _confirmed_corners(self, surfaces: Surfaces | None) -> list[Array]:
-        """List the corners (P, 3), m, of each shape's convex hull without stray points."""
+        """List the corners (P, 3), m, of each shape's convex hull without stray points.
+
+        Stray points of a mesh are those far outside the link's collision shapes.
+        """
         found = _corners(self.shapes, surfaces)
         hulls: dict[str, Array | None] = {}
         for k, (shape, place) in enumerate(zip(self.shapes, self._on_frame, strict=True)):
@@ -178,7 +181,10 @@ class Visuals:
 
 
 def _find_shapes(robot: Mechanism) -> Iterator[_Placed]:
-    """Yield the URDF's visual shapes, with the path of each mesh; None if the file is missing."""
+    """Yield the URDF's visual shapes as placed shapes.
+
+    The attribute ``path`` of a mesh is set to its file, or to None if the file is missing.
+    """
     for shape in robot.description.shapes:
         path = _mesh_file(shape, robot.description, robot)
         own_colors = path is not None and path.suffix.lower() != ".stl"
@@ -344,10 +350,11 @@ def _confirmed(
 ) -> Array:
     """Return the corners (P, 3), m, of the hull of a mesh without its stray points.
 
-    A stray point is outside ``hull``, the widened convex hull of the link's collision shapes. If
-    many points are outside, the collision shapes do not cover the link, so no point is left out.
-    ``corners`` are those of the hull of all points, scaled, and ``place`` (4, 4) is the shape's
-    placement on its link.
+    A stray point is outside ``hull`` (L, 4), the widened convex hull of the link's collision
+    shapes: L half-spaces ``a·x + b ≤ 0`` with rows (a, b), in the frame of the link. If many points
+    are outside, the collision shapes do not cover the link, so no point is left out. ``corners``
+    and the result are in the shape's own frame, scaled; ``corners`` are those of the hull of all
+    points, and ``place`` (4, 4) is the shape's placement on its link.
     """
 
     def inside(points: Array) -> NDArray[np.bool_]:
@@ -399,7 +406,8 @@ def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
 def _mesh_corners(shape: Shape, surfaces: Surfaces | None) -> Arrays:
     """Compute the corners of a mesh's convex hull, by the name ``corners``: (P, 3).
 
-    InputError is raised for a mesh that cannot be read.
+    They are in the axes and units of the mesh file; the shape's scale is not applied. InputError is
+    raised for a mesh that cannot be read.
     """
     assert shape.path is not None
     if surfaces is None:

@@ -302,11 +302,12 @@ class _Search:
     Attributes
     ----------
     inverse, desired, path, region, steps
-        Arguments of :func:`best_leaf`; ``desired`` is G_d.
-    given
-        The given start; None if its leaf allows no full cycle.
-    seen
-        Starts with a full cycle inside the region.
+        Arguments of :func:`best_leaf`: the repeatable inverse, G_d, the path, Ω or None, and the
+        number of steps per cycle.
+    given : _LeafCandidate or None
+        The given start with its margins; None if its leaf allows no full cycle.
+    seen : list of _LeafCandidate
+        Starts with a full cycle inside the region, with their margins.
     tried
         Number of starts evaluated.
     """
@@ -357,9 +358,10 @@ class _Search:
     def improved(
         self, best: _LeafCandidate | None, starts: Iterable[Array | None], better: _Better
     ) -> _LeafCandidate | None:
-        """Return the best of ``best``, if any, and of the allowed ``starts``.
+        """Return the best of ``best``, if any, and of the starts (n,) that :meth:`allowed` yields.
 
-        ``better`` is a function: it tells whether its first candidate is better than its second.
+        None in ``starts`` is a start that cannot be reached. ``better`` is a function: it tells
+        whether its first candidate is better than its second.
         """
         for candidate in self.allowed(starts):
             best = candidate if best is None or better(candidate, best) else best

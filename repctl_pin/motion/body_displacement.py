@@ -122,7 +122,10 @@ def _off(motion: JointMotion) -> tuple[Sequence[Shape], Array]:
 @dataclass(frozen=True, eq=False)
 @read_only
 class LinkPoints:
-    """The most displaced point of each link of an arm. Create the object with :meth:`of`.
+    """The most displaced point of each link of an arm in a motion.
+
+    Create the object with :meth:`of`, from the motion's configurations: the displacement is that
+    from the first of them. :meth:`at` returns the positions of the points.
 
     Attributes
     ----------

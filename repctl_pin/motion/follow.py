@@ -188,8 +188,10 @@ def followed(
     """Follow a path from q0 (n,): integrate the joint velocities, for a number of cycles.
 
     Each cycle has ``steps`` steps, and the duration ``period``, s, by default that of the path.
-    ``feedback`` is the gain of the task error, 1/s. All arguments are checked but the start's pose;
-    InputError is raised if it is not that of the path and there is no feedback.
+    ``integrator`` is ``"euler"``, ``"rk4"`` (Runge–Kutta), or a :class:`LeafLock`, which corrects
+    the pose and the level at each step in place of integration. ``feedback`` is the gain of the
+    task error, 1/s. All arguments are checked but the start's pose; InputError is raised if it is
+    not that of the path and there is no feedback.
     """
     task = strategy.task
     period = period or path.period or PERIOD

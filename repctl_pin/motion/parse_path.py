@@ -92,10 +92,10 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
 def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
     """Create the function ``(task, q0, plane) → path`` for the shape ``kind`` with its parameters.
 
-    ``kind`` and ``parts`` are the texts between the colons, such as ``square`` and ``["0.2"]``.
-    ``text`` is the whole name, for messages, and ``blend`` the radius of rounded corners, m. A
-    shape can also be that of a plug-in. InputError is raised for an unknown shape, and for
-    parameters that it does not have.
+    ``plane`` is ``xy``, ``yz`` or ``xz``. ``kind`` and ``parts`` are the texts between the colons,
+    such as ``square`` and ``["0.2"]``. ``text`` is the whole name, for messages, and ``blend`` the
+    radius of rounded corners, m. A shape can also be that of a plug-in. InputError is raised for an
+    unknown shape, and for parameters that it does not have.
     """
     if kind == "circle" and len(parts) == 2:
         radius = _length(parts[0], text)

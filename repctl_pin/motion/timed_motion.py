@@ -99,7 +99,10 @@ class TimedMotion:
 
     @property
     def _shortest_part(self) -> tuple[float, str]:
-        """Shortest part of the motion that samples in a file must show: (duration in s, name)."""
+        """Shortest part of the motion that samples in a file must show: a cycle.
+
+        It is a pair (duration, s; noun for such a part in messages).
+        """
         return self.cycle_time, "cycle"
 
     def cycle(self, k: int) -> tuple[Array, Array, Array, Array]:

@@ -114,8 +114,9 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **attributes: Any) -> Task
 def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> ArcBound:
     """Make the function (a, b) → upper bounds (length, m; rotation, rad) between s = a and b.
 
-    ``ends`` are the last s of each piece, ``slopes`` the Chebyshev coefficients of the derivatives
-    of the pieces by s, and ``at`` is the function s → position, m, and quaternion.
+    ``ends`` are the last s of each piece, and ``slopes`` the Chebyshev coefficients (d, 3) or (d,
+    7) of the derivative of each piece by s. ``at`` is the function s → x, y, z, m, and, for seven
+    columns, the quaternion qx, qy, qz, qw.
     """
     # |T_k| ≤ 1, so a sum of norms bounds each slope
     rates = np.array(
@@ -197,8 +198,9 @@ def _fitted(
 def _placed(path: TaskPath, begin: float, end: float, turns: bool, u: Array) -> Array:
     """Evaluate a path at u (K,), which runs from −1 at s = ``begin`` to 1 at s = ``end``.
 
-    The result has positions (K, 3), m, or, if ``turns`` is True, positions and quaternions (K, 7).
-    Quaternions at successive u have a positive scalar product, so that they are continuous.
+    The result has positions (K, 3), m. If ``turns`` is True, it is (K, 7), with quaternions qx, qy,
+    qz, qw behind the positions. Quaternions at successive u have a positive scalar product, so that
+    they are continuous.
     """
     inner = 1e-13 * (end - begin)  # sample inside the piece: the path may have corners at its ends
     middles = (begin + end + u * (end - begin)) / 2

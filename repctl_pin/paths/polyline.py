@@ -200,9 +200,11 @@ def waypoints(
 
 
 def _placed(points: Any, rotation: Any) -> tuple[Array, list[Array]]:
-    """Convert waypoints to corners (P, 3), m, and one orientation, or P of them.
+    """Convert waypoints to corners (P, 3), m, and a list of one orientation, or P of them.
 
-    ``points`` and ``rotation`` are the arguments of :func:`waypoints`.
+    ``points`` are P positions, or P placements, which have orientations; ``rotation`` is then None.
+    For positions, ``rotation`` is one rotation, a matrix or a scipy Rotation, or P of them.
+    InputError is raised for other arguments.
     """
     if not isinstance(points, np.ndarray):
         points = list_of(points, "waypoints", "rows of three numbers")
@@ -372,8 +374,9 @@ def _rounded(
 ) -> tuple[list[_Curve], Array, Array]:
     """Round the corners (P, 3), m, of a closed polyline by bends, for a radius ρ, m, of arcs.
 
-    The bend at a corner, where the direction turns by φ, cuts ρ tan(φ/2), m, off both edges, as an
-    arc of radius ρ does. The path begins at the midpoint of the first corner's bend.
+    The last corner equals the first, so there are P − 1 edges. ``name`` is the path's name in error
+    messages. The bend at a corner, where the direction turns by φ, cuts ρ tan(φ/2), m, off both
+    edges, as an arc of radius ρ does. The path begins at the midpoint of the first corner's bend.
 
     Returns three results: the lines and half bends in order; the knots at their ends, which begin
     at 0 and increase by ``sizes`` (P − 1,), m, per full edge, and by the arc length, m, of a bend;

@@ -45,7 +45,10 @@ class SeveralPaths(TaskPath):
         """Skip the checks of :class:`TaskPath`: each path was checked when it was created."""
 
     def placement(self, s: float) -> Any:
-        """Evaluate the placements of all frames, in order, at s in [0, 1]: positions in m."""
+        """Evaluate the :class:`Placements` of all frames, in order, at s in [0, 1].
+
+        It is a tuple of pinocchio.SE3, with positions in m.
+        """
         return Placements(path.placement(s) for path in self.paths)
 
     def twist(self, s: float) -> Array:

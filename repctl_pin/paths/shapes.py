@@ -140,9 +140,10 @@ def figure_eight(
     radius
         Half of the length, m.
     normal
-        As for :func:`circle`.
+        Normal of the curve's plane, ``x``, ``y`` or ``z``, with ``-z`` for the opposite direction;
+        or the plane: ``yz``, ``xz``, ``xy``.
     start_angle
-        Direction of the long axis, rad from the plane's first axis.
+        Direction of the long axis, rad from the plane's first axis, such as x for ``z``.
 
     Returns
     -------
@@ -194,7 +195,8 @@ def rose(
     petals
         Number of petals, odd.
     normal
-        As for :func:`circle`.
+        Normal of the rose's plane, ``x``, ``y`` or ``z``, with ``-z`` for the opposite direction;
+        or the plane: ``yz``, ``xz``, ``xy``.
 
     Returns
     -------

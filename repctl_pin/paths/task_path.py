@@ -37,7 +37,8 @@ from .orientation import angular_velocity, rotation_matrix
 class ClosedPath(Protocol):
     """Interface of a closed path, which :class:`TaskPath` and custom classes implement.
 
-    A path is a function of s, from 0 at the start to 1 at the end of a cycle.
+    A path is a function of s, from 0 at the start to 1 at the end of a cycle. It has the attributes
+    ``name`` and ``breaks`` (corners), and the methods ``placement(s)`` and ``twist(s)``.
     """
 
     @property
@@ -214,7 +215,11 @@ def closed_path(path: Any) -> TaskPath:
 
 
 def with_arc(path: TaskPath, arc: ArcBound | None) -> TaskPath:
-    """Set the attribute ``arc`` of a path that has just been created, and return this path."""
+    """Set the attribute ``arc`` of a path that has just been created, and return this path.
+
+    ``arc`` is the function (a, b) → upper bounds of the length, m, and of the rotation, rad, from s
+    = a to b; None if there are no such bounds.
+    """
     object.__setattr__(path, "arc", arc)
     return path
 

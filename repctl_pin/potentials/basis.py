@@ -35,8 +35,8 @@ A_BASIS = (
 class Potentials(Protocol):
     """r potentials h(q), whose level sets h(q) = c are the leaves of a repeatable controller.
 
-    Each motion stays on one leaf. A subclass defines ``value`` and ``gradients``; ``gradient`` is
-    derived from ``gradients``.
+    Each motion stays on one leaf. A subclass defines ``value(q)`` (r,), and ``gradients(Q)`` (K, n,
+    r) at the rows of Q (K, n); ``gradient(q)`` (n, r) is derived from the latter.
     """
 
     def value(self, q: Array) -> Array:
@@ -156,7 +156,8 @@ class PotentialBasis(ABC):
     """Base class of bases h_1 … h_N of potentials, functions of the configuration q (35).
 
     A design combines them to r potentials, which its controller keeps constant. A subclass has a
-    ``size`` and defines ``values`` and ``gradients``.
+    ``size`` and defines ``values(Q)`` (K, N) and ``gradients(Q)`` (K, n, N) at the rows of Q (K,
+    n).
 
     Attributes
     ----------

@@ -298,8 +298,9 @@ class PolynomialMap(Potentials):
 def _weights(terms: dict[_Powers, Array], degree: int, scale: Array) -> dict[_Powers, Array]:
     """Compute the weights (r, k + 1) of each monomial u^β in the derivatives ``w = ∂h/∂z``.
 
-    The keys of the result are the exponents β. ``terms`` has the weights (r,) of the monomials by
-    exponents, ``degree`` is d, and ``scale`` (k,) the unit of each joint.
+    h, u and z (k + 1,) are those of :class:`PolynomialMap`: ``u = (q − center) / scale``, and ``z =
+    (1, q − center)``. The keys of the result are the exponents β. ``terms`` has the coefficients
+    (r,) in h by exponents, and ``degree`` is the total degree of h.
     """
     shares: dict[_Powers, Array] = {}
 

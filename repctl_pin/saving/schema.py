@@ -95,10 +95,11 @@ class FourierFile(Part, tag_field="kind", tag="fourier"):
 class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
     """Arm angle as a potential: the rotation of the elbow about the line from shoulder to wrist.
 
-    The keys are the attributes of :class:`repctl_pin.ArmAngle`; ``frames`` are shoulder, elbow and
-    wrist, and ``singular`` is null for the conventional angle. ``points`` are the origins of the
-    frames, m, at each check configuration of the task, by which a frame that has moved is detected.
-    Older files lack ``points``.
+    ``frames`` are shoulder, elbow and wrist. ``reference`` is the direction, in base axes, from
+    which the angle is measured, and ``singular`` the singular direction of a stereographic angle,
+    null for the conventional one. ``points`` are the origins of the frames, m, at each check
+    configuration of the task, by which a frame that has moved is detected. Older files lack
+    ``points``.
     """
 
     frames: tuple[str, str, str]
@@ -157,7 +158,8 @@ class WeightedFile(Part, tag_field="kind", tag="weighted"):
 class LimitsFile(Part, tag_field="kind", tag="limits"):
     """Desired inverse J⁺_M with a weight M by which joints slow down near their limits.
 
-    ``gain`` and ``onset`` are attributes of :class:`repctl_pin.LimitWeight`.
+    ``gain`` is the additional weight at a limit, and ``onset`` the distance from a limit at which
+    the weight rises, as a share of half the joint's range.
     """
 
     gain: float
@@ -181,7 +183,10 @@ class Check(Part):
 
 
 class JointRange(Part):
-    """Limits of one joint: position, rad or m, and speed, rad/s or m/s; null for no limit."""
+    """Limits of one joint; null for no limit.
+
+    ``lower`` and ``upper`` are positions, rad or m; ``velocity`` is a speed, rad/s or m/s.
+    """
 
     lower: float | None
     upper: float | None
@@ -230,7 +235,8 @@ class TaskFile(Part):
 class PieceFile(Part):
     """Polynomial piece of a path from s = ``begin`` to ``end``; s runs from 0 to 1 along a cycle.
 
-    The keys are the attributes of :class:`repctl_pin.paths.pieces.Piece`.
+    ``coefficients`` has one row per Chebyshev polynomial of ``u = (2 s − begin − end) / (end −
+    begin)``, from degree 0 on: x, y, z, m, and, if the frame rotates, a quaternion qx, qy, qz, qw.
     """
 
     begin: float
@@ -273,7 +279,10 @@ class CycleFile(Part):
 class Figures(Part):
     """Figures of merit of a saved design: cost, margins and errors, as in :class:`Design`.
 
-    They are computed when the design is made, not when it is loaded.
+    They are computed when the design is made, not when it is loaded. ``cost`` to ``inside_limits``
+    are figures over Ω, ``fit_cost`` to ``steps`` of the optimiser. ``samples`` and ``held_out`` are
+    numbers of nodes. ``dropped`` are the potentials left out, ``shrunk`` is the width of Ω over the
+    requested one, and ``degrees`` has (degree, cost, standard error) of each degree tried.
     """
 
     cost: float
@@ -299,7 +308,11 @@ class ClosingRadiusFile(Part):
 
     The motion along such a path ends in its initial configuration. ``metres`` and ``radians`` are
     the radius in position and orientation; ``radians`` is null if the task commands no orientation.
-    The keys are the attributes of :class:`repctl_pin.base.certificate.ClosingRadius`.
+    ``around`` is ``start`` or ``path``, ``kind`` the kind of task, and ``start`` a configuration.
+    ``positions``, m, and ``rotations``, matrices, are those of the start pose, or along the path.
+    ``boxes``, ``complete`` and ``reason`` tell how the proof ended. ``checked`` is the number of
+    points at which a path was checked to close, 0 if that is proved. ``leaf`` is the change of the
+    levels that the radius allows.
     """
 
     metres: float
@@ -317,13 +330,17 @@ class ClosingRadiusFile(Part):
 
 
 class ProofFile(Part):
-    """Bounds that are proved over a whole region or cell; see :class:`repctl_pin.Proof`.
+    """Bounds that are proved over a whole region or cell.
 
-    A null ``limit_margin`` means that the robot has no joint limits. A null ``asked_leaf_margin``
-    or ``asked_limit_margin`` means that no such bound was required. ``subject`` is a hash of what
-    is proved, and ``seal`` a hash of the whole proof; a proof without them, from an older file, is
-    dropped. ``seconds``, the computing time, occurs in older files only, so that equal proofs give
-    equal files.
+    They are lower bounds of the leaf margin, the limit margin and σ_min(J). ``boxes`` is the number
+    of boxes that were bounded, and ``worst`` ± ``half`` the box with the smallest bound, or that
+    could not be decided. ``what``, ``proved`` and ``reason`` state the result, and ``theorem`` is
+    the version of the theorem. Joints in ``excepted`` are left out of the limit margin, and
+    ``closes`` is the closing radius. A null ``limit_margin`` means that the robot has no joint
+    limits. A null ``asked_leaf_margin`` or ``asked_limit_margin`` means that no such bound was
+    required. ``subject`` is a hash of what is proved, and ``seal`` a hash of the whole proof; a
+    proof without them, from an older file, is dropped. ``seconds``, the computing time, occurs in
+    older files only, so that equal proofs give equal files.
     """
 
     what: str

@@ -58,7 +58,7 @@ of the order of its square."""
 
 
 class _Bounded(Protocol):
-    """Interface of a region Ω, as far as the search needs it."""
+    """Interface of a region Ω, as far as the search needs it: ratios of configurations."""
 
     def ratio(self, Q: Array) -> Array:
         """Compute the ratios (K,) of the rows of Q (K, n)."""
@@ -196,7 +196,9 @@ class Elbow:
     def _relative(self) -> tuple[Array, Array]:
         """Return the base's rotation (3, 3), and the elbow's position (3,) in the base frame, m.
 
-        The rotation is relative to the root of the robot; it is I if the base is the root.
+        Both are those at the configuration for which the caller has just computed the placements of
+        the frames. The rotation is relative to the root of the robot; it is I if the base is the
+        root.
         """
         p = self._data.oMf[self._frame].translation
         if self._base is None:
@@ -361,8 +363,8 @@ def _accepted(
 def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: Array) -> Array:
     """Move joints of q (n,) that are beyond their limits back to them, with the frame at ``place``.
 
-    Return the configuration (n,). If that would move a joint by more than :data:`_LONGEST`, the
-    joints stay beyond their limits.
+    Return the configuration (n,). If that would move a joint by more than 0.3 rad or m in one
+    iteration, the search ends with joints beyond their limits.
     """
     for _ in range(_NEWTON):
         back = np.clip(q, lower, upper) - q

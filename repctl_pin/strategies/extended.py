@@ -179,8 +179,9 @@ class _Posture:
 class _Given:
     """Potential U given as a function, with given or numerical derivatives.
 
-    The class has the methods of :class:`_Posture`. The functions ``gradient`` and ``hessian``
-    return ∇U (n,) and ∂²U/∂q² (n, n); None means central differences.
+    The methods :meth:`gradients` and :meth:`hessians` evaluate ∇U (K, n) and ∂²U/∂q² (K, n, n) at
+    the rows of Q, as those of :class:`_Posture` do. The functions ``gradient`` and ``hessian`` of
+    the user return ∇U (n,) and ∂²U/∂q² (n, n) at q; None means central differences.
     """
 
     def __init__(

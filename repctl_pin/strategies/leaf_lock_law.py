@@ -4,6 +4,7 @@ The leaf is the set h(q) = c on which the potentials h keep the arm; the leaf lo
 as a controller corrects the task error. J_V = [J; Vᵀ] is the augmented Jacobian, with V = ∂hᵀ/∂q.
 The law is written twice: in C (:mod:`.native_law`), the default, and here. This version is the
 reference, and is used for what C does not support: user-defined potentials, more than 64 joints.
+Numbers such as (31) are equations of the paper, see docs/notation.md.
 
 ``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``StepLimits`` are
 the limits of a step: joint speeds (n,), and the maximum damping.
@@ -26,8 +27,8 @@ from .step_arguments import StepLimits, failure
 class NumPyLaw:
     """The control law by the formulas of the paper: ``J_V = [J; Vᵀ]`` (37), and its inverse (31).
 
-    The class has the methods of :class:`NativeLaw`, whose results it must reproduce. Arguments are
-    checked by the caller.
+    It is made from a task and the potentials h. The class has the methods of :class:`NativeLaw`,
+    whose results it must reproduce. Arguments are checked by the caller.
     """
 
     def __init__(self, task: Task, potentials: Potentials) -> None:

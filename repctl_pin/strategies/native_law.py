@@ -141,10 +141,11 @@ class NativeLaw:
     ) -> Array:
         """Compute ``q + J_V⁻¹ (dt [ẋ; 0] + K dt [x − f(q); c − h(q)])`` (n,), the next q.
 
-        ``target`` is the placement x, ``twist`` the feed-forward (v, ω), ``leaf`` the level c, and
-        ``gain`` the feedback gain, 1/s; None removes the whole error in one step. ``bounds`` are
-        the speed limits and the maximum damping. An InputError or a SingularityError is raised if C
-        finds no step. ``dt`` is the duration of the step, s.
+        ``target`` is the placement x, ``twist`` the feed-forward (v, ω), m/s and rad/s, whose task
+        coordinates are ẋ, and ``leaf`` the level c. If ``twist`` or ``leaf`` is None, its term is
+        omitted. ``gain`` is K, 1/s; None removes the whole error in one step. ``bounds`` are the
+        speed limits and the maximum damping; None is neither. An InputError or a SingularityError
+        is raised if C finds no step. ``dt`` is the duration of the step, s.
         """
         given = 0
         self._q[...] = q

@@ -64,7 +64,8 @@ _EDGE = 1e-9
 class Bounded(Protocol):
     """A region of joint space that computes how far inside or outside configurations lie.
 
-    It is the interface of a region Ω by which a controller warns if q is outside.
+    It is the interface of a region Ω by which a controller warns if q is outside: one method,
+    :meth:`ratio`, gives the scale of the region at which its boundary passes through q.
     """
 
     def ratio(self, Q: Array) -> Array:
@@ -256,8 +257,10 @@ class RepeatableInverse:
     ) -> Step:
         """Compute the next q as :meth:`step` does, and report the step's damping and scale.
 
-        Both show whether the step differs from the requested one, as near a singularity or at a
-        speed limit.
+        The arguments are those of :meth:`step`. Without ``twist``, ``target`` is that at the end of
+        the step, dt is in s, and ``gain``, 1/s, is 1 / dt by default. Without ``leaf``, h is held
+        at its present value. Both show whether the step differs from the requested one, as near a
+        singularity or at a speed limit.
 
         Returns
         -------

@@ -39,7 +39,8 @@ class Step:
 class Strategy(Protocol):
     """A control strategy: joint velocities for a task velocity.
 
-    :func:`follow` integrates any object with these two members, a user's too.
+    :func:`follow` integrates any object with the attribute ``task`` and the method ``velocity``, a
+    user's too.
     """
 
     @property

@@ -209,8 +209,9 @@ def _around_motion(
 
     The motion of a design depends on its tube, and the tube on the motion. The first tube is
     therefore around the motion of a design of degree 1. If the motion of the new design leaves its
-    tube, the design is repeated in a tube around that motion, at most twice. ``make`` designs in a
-    given region, ``seed`` is that of the nodes, and ``say`` is called with the name of each step.
+    tube, the design is repeated in a tube around that motion, at most twice. ``width``, rad or m,
+    is the largest difference of a joint; None for 0.1 rad or 0.05 m. ``make`` designs in a given
+    region, ``seed`` is that of the nodes, and ``say`` is called with the name of each step.
     """
     path, q0 = problem.cycle, problem.start
     say("finding where the motion will be")

@@ -51,7 +51,8 @@ class Quantity:
     name : str
         Name in tables, with ``{cycles}`` for the number of cycles and ``{desired}`` for G_d.
     unit : str
-        ``m``, ``s``, :data:`JOINTS`, ``joints/s``, :data:`SHARE`, or empty.
+        ``m``, ``s``, ``joints`` (that of a norm over the joints: rad, m, or both), ``joints/s``,
+        ``share`` (a fraction, written in per cent), or empty.
     of : function of a motion, optional
         Computes the value; its result None means that the motion has no such value. Without a
         function, the value is the attribute of the controller's :class:`.Row` with the name

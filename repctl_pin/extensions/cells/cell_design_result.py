@@ -485,7 +485,7 @@ def tour(cell: Cell) -> TaskPath:
     moved = cell.moved
 
     def at(s: float) -> Array:
-        """Evaluate the coordinates u (1, k) at the path parameter s."""
+        """Evaluate the coordinates u (1, k) of the sample path at the path parameter s."""
         return np.asarray(a @ np.cos(k * s) + b @ np.sin(k * s), float)[None]
 
     def twists(U: Array) -> Array:

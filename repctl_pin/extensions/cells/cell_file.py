@@ -81,9 +81,13 @@ class _FailureFile(Part):
 class _TurnFile(Part):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
-    See :class:`repctl_pin.extensions.cells.evaluate.symmetric_coordinates.Turn`. Null stands for
-    infinity in ``joint_range``, and for NaN in ``nearly``, ``unasked``, ``covered`` and
-    ``as_covered``.
+    ``joint_range`` is the range of the joint (null without limits), ``spread`` the difference of
+    its values over the covered poses, and ``reach`` the range of the coordinate that is left.
+    ``nearly`` and ``most`` are those at 99.9 % and 99 % of the poses. ``price`` is the extra joint
+    speed that the requested range costs, and ``unasked`` the ``reach`` without that request.
+    ``covered`` is the fraction of poses that the function covers without regard to the joint's
+    limits, and ``as_covered`` the range at this fraction. ``bodies`` are the links that collide
+    beyond the range. Null stands for an unknown number.
     """
 
     coordinate: str
@@ -133,7 +137,7 @@ class _BodiesFile(Part):
 
 
 class _CellFigures(Part):
-    """Figures of a saved cell: those of an ``Evaluation``, some under other names.
+    """Figures of a saved cell, with the names of the attributes of :class:`Evaluation`.
 
     A margin is null without joint limits, and ``body_distance`` is null without collision bodies.
     Figures with a default are missing in older files. The leaf margin is stored as
@@ -167,8 +171,10 @@ class _CellFile(Sealed):
     ``placement`` (4, 4) is the pose in the middle of the cell, ``widths`` (m,) are the half-widths
     of its coordinates. ``coefficients`` (N, n, 1 + r) are those of the polynomials q_ref and n_ref
     of u, for N monomials of the given ``degree``. ``bodies`` is the fingerprint of the collision
-    bodies; older files lack it, as do files without a known body distance. The other keys are
-    attributes of :class:`CellDesign`.
+    bodies; older files lack it, as do files without a known body distance. ``desired`` is the
+    inverse to which ∂F/∂x is near, ``posture`` (n,) the configuration in the middle, ``degrees``
+    the degrees that were tried with their costs, and ``sector`` the coordinates of a sector. The
+    other keys are numbers of the fit and what was requested, as in :class:`CellDesign`.
     """
 
     desired: Desired
@@ -482,8 +488,11 @@ def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
 
     Parameters
     ----------
-    path, task
-        As for :func:`load`.
+    path
+        A file that :func:`save` wrote.
+    task
+        Task to control, which must be that of the file; by default created from the robot
+        catalogue. Required if the robot is not in the catalogue.
 
     Returns
     -------

@@ -2,9 +2,9 @@
 
 A cell is a box of poses; u (k,) are the coordinates of a pose in it, from −1 to 1. The function q =
 F(x; c) of a pose x has a level c (r,), the position along the self-motion; a leaf is the set of
-configurations F(x; c) with one level c. The chart of the function consists of two polynomials in u:
-q_ref approximates a configuration, and n_ref the null space of J. Letters: n joints, m task
-coordinates, r = n − m components of c, K targets.
+configurations F(x; c) with one level c. Quaternions are qx, qy, qz, qw. The chart of the function
+consists of two polynomials in u: q_ref approximates a configuration, and n_ref the null space of J.
+Letters: n joints, m task coordinates, r = n − m components of c, K targets.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``ToolFunction`` is the inverse kinematic function of a tool, made from that

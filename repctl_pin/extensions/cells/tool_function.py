@@ -56,7 +56,8 @@ class ToolFunction:
     def __call__(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate F': the configuration (n,) for a pose of the tool.
 
-        See :meth:`InverseFunction.__call__`.
+        ``leaf`` is the level c (r,), by default 0. Errors are those of
+        :meth:`InverseFunction.__call__`.
         """
         q: Array = self.of_frame(as_placement(target) * self._back, leaf=leaf)
         return q
@@ -104,7 +105,10 @@ class ToolFunction:
         return X @ self.tool.homogeneous, C
 
     def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
-        """Evaluate ∂F'/∂x (n, m) at a pose of the tool: the joint velocity per task velocity."""
+        """Evaluate ∂F'/∂x (n, m) at a pose of the tool: the joint velocity per task velocity.
+
+        ``leaf`` is the level c (r,), by default 0.
+        """
         return self.inverse(self(target, leaf=leaf))
 
     @cached_property
@@ -119,7 +123,8 @@ class ToolFunction:
     def leaves(self, target: Placement) -> Array:
         """Find the range (low, high) of each component of the level at a pose of the tool: (r, 2).
 
-        See :meth:`InverseFunction.leaves`.
+        The other components are 0. A range ends at a joint limit, at ±π, or near a fold of the
+        leaf, see :meth:`InverseFunction.leaves`.
         """
         intervals: Array = self.of_frame.leaves(as_placement(target) * self._back)
         return intervals

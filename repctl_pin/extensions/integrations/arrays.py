@@ -276,7 +276,8 @@ def _operator(function: Callable[..., Any]) -> Callable[..., Any]:
 def _operators() -> Callable[..., Any]:
     """Register torch's operator for all wrapped functions, with its derivative, and return it.
 
-    Its arguments are the index of the wrapped function and the arrays of that function.
+    Its arguments are the number under which :func:`_operator` has stored a function in
+    ``_functions``, and the one or two arrays of that function.
     """
     import torch
 
@@ -389,7 +390,11 @@ def _namespace(xp: Namespace) -> Namespace:
 
 
 def _floats(xp: Namespace, value: Numbers, name: str, *shape: int) -> Numbers:
-    """Check that the argument ``name`` is an array (..., *shape) of float32 or float64."""
+    """Check that the argument ``name`` is an array (..., *shape) of floats, and return it.
+
+    An array of another library is converted. InputError is raised unless its numbers are float32 or
+    float64.
+    """
     try:
         own = is_array_api_obj(value) and array_namespace(value) is xp
         array = value if own else xp.asarray(value)
@@ -587,8 +592,9 @@ def _reference(xp: Namespace, chart: Chart) -> Callable[[list[Numbers]], tuple[A
 def _monomials(xp: Namespace, u: Numbers, parent: Any, factor: Any, blocks: Any) -> Numbers:
     """Evaluate N monomials of u (k, K): (N, K).
 
-    Monomial i is monomial ``parent[i]`` times coordinate ``factor[i]``; ``blocks`` are the rows of
-    each degree.
+    Monomial i is monomial ``parent[i]`` times coordinate ``factor[i]``. The monomials of one degree
+    are computed together: ``blocks`` has a pair (first row, row after the last) for each degree
+    from 1, and row 0 is the constant 1.
     """
     T = xp.ones_like(u[:1, :])
     for first, end in blocks:
@@ -608,7 +614,8 @@ def _held(xp: Namespace, potentials: Any) -> Callable[..., tuple[Numbers, Number
 
     If ``Vᵀ q̇ = rates``, the potentials stay constant: V are their gradients, and the rates are 0,
     except for a cell, whose q_ref and n_ref move with the pose. ``inside`` is False for placements
-    outside the cell.
+    outside the cell. ``potentials`` are those of a cell, polynomials, Fourier series, or sums of
+    them; an InputError is raised for others.
     """
     if type(potentials) is CellPotentials:
         return _held_by_cell(xp, potentials.chart)
@@ -648,9 +655,10 @@ def _gradients(xp: Namespace, one: PolynomialMap | FourierMap, q: Numbers) -> Nu
 def _held_by_cell(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbers, Any]]:
     """Create the function (q, placement, ẋ) → (V, rates, inside) for a cell's potentials.
 
-    ``inside`` is False for placements outside the cell. V is n_ref, and the rates are ``n_refᵀ
-    dq_ref − dn_refᵀ (q − q_ref)``, with the time derivatives dq_ref and dn_ref of q_ref and n_ref
-    along the motion.
+    The arguments are q (n, K), the columns of a placement, and m arrays (K,) of task velocity; the
+    results are V (n, r, K), rates (r, K) and a mask (K,). ``inside`` is False for placements
+    outside the cell. V is n_ref, and the rates are ``n_refᵀ dq_ref − dn_refᵀ (q − q_ref)``, with
+    the time derivatives dq_ref and dn_ref of q_ref and n_ref along the motion.
     """
     reference, cell = _reference(xp, chart), chart.cell
     _, slopes = chart._differentiated
@@ -830,7 +838,8 @@ def _about_axis(
 def _from_middle(xp: Namespace, cell: Cell, v: Numbers) -> Numbers:
     """Convert vectors (3, K) to the axes of the tool in the middle of a cell.
 
-    In a sector they are given in the directions radial, tangential, and along the axis.
+    In a box they are given in base axes, in a sector in the directions radial, tangential, and
+    along the axis.
     """
     R_0 = cell.placement.rotation
     return _like(xp, (cell.directions @ R_0 if isinstance(cell, Sector) else R_0).T, v) @ v
@@ -846,7 +855,7 @@ def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
     """Evaluate the joint angles (n, K), rad, to add to q_ref for the coordinates that u leaves out.
 
     By a symmetry of the arm, a single joint moves the frame along such a coordinate. To turn a pose
-    around the base, for example, only the first joint turns.
+    around the base, for example, only the first joint turns. If u leaves out none, the result is 0.
     """
     if not cell.removed:
         return 0.0
@@ -919,7 +928,11 @@ def _tilt(xp: Namespace, aim: Sequence[Numbers]) -> list[Numbers]:
 
 
 def _tilted_back(xp: Namespace, t: list[Numbers], v: Numbers) -> Sequence[Numbers]:
-    """Rotate vectors v (3, K) by the inverse of the rotation vectors t = (t_1, t_2, 0), rad."""
+    """Rotate vectors v (3, K) by the inverse of rotations about tilt axes: three arrays (K,).
+
+    The rotation vectors are (t_1, t_2, 0), rad; ``t`` has two arrays (K,), or more, which are not
+    used.
+    """
     square = t[0] ** 2 + t[1] ** 2
     sine = _by_angle(xp, square, 1 - square / 6, lambda a: xp.sin(a) / a)
     w = xp.stack([-t[0], -t[1], xp.zeros_like(t[0])])
@@ -928,7 +941,10 @@ def _tilted_back(xp: Namespace, t: list[Numbers], v: Numbers) -> Sequence[Number
 
 
 def _log_rate(xp: Namespace, w: Numbers, omega: Numbers) -> Sequence[Numbers]:
-    """Compute the time derivatives of rotation vectors w (3, K) at angular velocities ω (3, K)."""
+    """Compute the time derivatives of rotation vectors w (3, K), as three arrays (K,).
+
+    The angular velocities ``omega`` (3, K) are in the fixed axes: R = exp w turns by Ṙ = [ω] R.
+    """
     square, once = xp.sum(w * w, axis=0), _cross(xp, w, omega)
     k = _by_angle(xp, square, 1 / 12 + square / 720, lambda a: (1 - a / (2 * xp.tan(a / 2))) / a**2)
     return _unstack(omega - once / 2 + k * _cross(xp, w, once))

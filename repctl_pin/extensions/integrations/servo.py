@@ -273,7 +273,9 @@ class Servo:
         """Set the point (3,) for the arm's elbow, in the base frame, m.
 
         The arm moves to the level whose elbow is nearest to the point, even while its frame is at
-        rest. ``age`` is the age of the message, s. An invalid point stops the arm.
+        rest. ``frame`` is the frame that the message names: the base, or empty if it names none.
+        ``age`` is the age of the message, s. A point in another frame, one that is too old or not
+        finite, stops the arm.
         """
         if self._usable("elbow", frame, age):
             if not np.isfinite(point).all():
@@ -378,7 +380,8 @@ class Servo:
     def brake(self) -> Array | None:
         """Compute the next configuration (n,) of a stop; None once at rest, or while WAITING.
 
-        Call it once per tick when the program ends; measured joints are not needed.
+        A servo is WAITING until it has measured joints for the first time. Call it once per tick
+        when the program ends; measured joints are not needed.
         """
         self._forget()
         return None if self.state is State.WAITING or self.at_rest else self._command()
@@ -426,7 +429,10 @@ class Servo:
         return beyond(self._closes, self._inverse, self.command)
 
     def _ahead(self) -> str:
-        """Describe what stops the arm early: joint limit, bodies, singularity or edge of Ω."""
+        """Describe what stops the arm before the target: a limit, bodies, a singularity, Ω's edge.
+
+        It is called only while :attr:`stopped_early` is True, so that there is a reason.
+        """
         if self.status is Status.LIMIT and self.command is not None:
             margin = self.task.limit_margin(self.command)
             return f"the limit of {self.task.joint_names[int(np.argmin(margin))]} is ahead"

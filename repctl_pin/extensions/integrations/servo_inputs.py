@@ -103,7 +103,10 @@ class JointReadings:
         return np.array([q for q, _, _ in found]), float(np.max(ages))
 
     def absent(self, now: float) -> str:
-        """Describe why the joints are not known at the time ``now``, s: missing, or too old."""
+        """Describe why the joints are not known at the time ``now``, s: missing, or too old.
+
+        It is called only if they are not known. They are too old after the timeout of the servo.
+        """
         missing = [name for name in self.names if name not in self._found]
         if len(missing) == len(self.names):
             return "no joint states yet"
@@ -131,7 +134,10 @@ class JointReadings:
         return now - self._still[1] >= duration
 
     def disturb(self) -> None:
-        """Begin the period of rest before the first command anew, after late readings."""
+        """Begin the period of :meth:`rest`, in which joints must be constant, anew.
+
+        The servo calls it after late readings, before its first command.
+        """
         self._still = None
 
 

@@ -145,7 +145,10 @@ def _between(U: Array, a: Array) -> Array:
 
 
 def _placed(F: Function, U: Array) -> Array:
-    """Convert cell coordinates U (K, k) to poses (K, 4, 4) of the tool."""
+    """Convert cell coordinates U (K, k) to poses (K, 4, 4) of the tool.
+
+    F is the function of the cell, of its frame or of a tool on it.
+    """
     return homogeneous(*F.cell.placements(U)) @ tool_of(F)
 
 
@@ -195,10 +198,12 @@ def _angle(into: Line, out: Line) -> float | None:
 def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
     """Blend two lines that meet at a pose; return None if the arm must rest there.
 
-    The blend begins and ends where an arc of the given radius, m, would begin and end. It replaces
-    at most half of each line. If the second line continues the first without a bend, the blend has
-    length 0. The arm must rest if a line is a rotation in place, or the second line reverses the
-    first; if the blend would replace more than half of a line; or if the radius is 0.
+    F is the function of the cell; its coordinates u give the poses of a blend between two lines
+    that are straight in u. The blend begins and ends where an arc of the given radius, m, would
+    begin and end. It replaces at most half of each line. If the second line continues the first
+    without a bend, the blend has length 0. The arm must rest if a line is a rotation in place, or
+    the second line reverses the first; if the blend would replace more than half of a line; or if
+    the radius is 0.
     """
     if into.turns or out.turns or not radius:
         return None

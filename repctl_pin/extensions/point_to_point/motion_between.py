@@ -255,7 +255,8 @@ def _timed_parts(
 def _times_at_poses(parts: Sequence[Part], segments: Sequence[Segment], rests: Array) -> Array:
     """Compute the time at each of P poses, s: (P,).
 
-    There is one segment per part; ``rests`` are the times, s, at the ends of all parts.
+    There is one segment per part. ``rests`` are the times of the start and of the end of each part,
+    s: one more than there are parts, because a part begins when the last one ends.
     """
     passed = [np.zeros(1)]
     for part, segment, ends in zip(parts, segments, pairwise(rests), strict=True):
@@ -265,7 +266,11 @@ def _times_at_poses(parts: Sequence[Part], segments: Sequence[Segment], rests: A
 
 
 def _poses(task: Task, poses: Any) -> tuple[Array, Array]:
-    """Convert a list of placements or an array to positions (P, 3), m, and rotations (P, 3, 3)."""
+    """Convert poses to positions (P, 3), m, and rotation matrices (P, 3, 3).
+
+    ``poses`` are a list of placements, homogeneous matrices (P, 4, 4), or rows x, y, z, qx, qy, qz,
+    qw (P, 7). An InputError is raised for anything else.
+    """
     if isinstance(poses, np.ndarray) and poses.shape[1:] in ((4, 4), (7,)):
         return as_poses(task, poses)
     what = "a list of placements, or a (P, 4, 4) or (P, 7) array"

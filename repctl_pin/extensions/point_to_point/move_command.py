@@ -126,9 +126,12 @@ def _poses(file: str, cell: rp.Cell) -> tuple[Any, list[str]]:
 
 
 def _result(moved: rp.MotionBetween, motion: JointMotion) -> dict[str, Any]:
-    """Convert the figures of a motion, which is also given as ``motion``, to plain Python types.
+    """Collect the figures of a motion in plain Python types, for ``--json``.
 
-    They are for JSON output.
+    ``motion`` is ``moved.motion``: the same samples, with limit margins and body distances. The
+    keys are those of the task (``robot``, ``frame``, ``joints``, …), the attributes ``duration``,
+    ``times``, ``rests`` and ``lines`` of ``moved``, ``samples`` (their number), ``limit_margin``,
+    the keys of :func:`bodies_dict`, and ``notes``.
     """
     from ...studies.study_result import bodies_dict
 
@@ -147,7 +150,11 @@ def _result(moved: rp.MotionBetween, motion: JointMotion) -> dict[str, Any]:
 
 
 def _lines(result: dict[str, Any], moved: rp.MotionBetween) -> Iterator[str]:
-    """Yield the lines of text that report the motion; ``result`` has its figures by key."""
+    """Yield the lines of text that report the motion.
+
+    Body distances, nearest bodies and notes are those of ``result``, the figures for ``--json``
+    (keys ``body_distance``, ``nearest_bodies``, ``notes``); the rest is taken from ``moved``.
+    """
     from ...model.bodies import bodies_of
     from ...motion.joint_motion import checked_words
     from ...show.text.table import margin_words

@@ -85,7 +85,8 @@ class Part:
         """Compute the fastest motion along the part, from rest to rest, and its duration, s.
 
         The motion meets the limits at the values ``grid``. If it exceeds a limit in between, the
-        returned duration is longer than that of the motion, which is then slowed down.
+        returned duration is longer than that of the returned segment; the caller slows the segment
+        down to it.
         """
         found = fastest_along(self.curve, self.grid, limits)
         if limits.jerk is not None:

@@ -242,7 +242,8 @@ def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> _GradientB
 
     ``P`` (K, k, M) are the coefficients of polynomials of degree 3 in ``(q − Q) / half``, one for
     each of the k joints that move the angle, and ``r`` (K, k) their error bounds; ``half`` (K, n)
-    are the half-widths of the boxes. Bounds on the terms of higher order are added to ``rest``.
+    are the half-widths of the boxes. The M monomials are the constant, the k linear ones, then
+    those of higher degree; bounds on the latter are added to ``rest``, the error of the expansion.
     """
     on, (K, n) = chain.moving, half.shape
     V, dV, rest = np.zeros((K, n)), np.zeros((K, n, n)), np.zeros((K, n))

@@ -27,6 +27,10 @@ along F. From both follows a bound on the leaf margin σ_min(Nᵀ V̂): the colu
 orthonormal bases of the null space and of V. The reciprocal of the leaf margin, minus 1, is the
 extra joint speed in the worst direction, relative to J⁺.
 
+F is proved to be the only solution near c, a continuous function q = c(u) on the cell: q_ref with a
+correction, see :class:`_Correction`. d* (n,), rad or m, is a distance from c within which F is the
+only solution. Some distances d* are tried, see :attr:`CellProof.distances`.
+
 docs/theory.md derives this.
 
 ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses, with the kinematics
@@ -94,8 +98,8 @@ class CellBounds:
     split : (K,) array of int
         Index of the coordinate u along which to halve each box if its bounds are too weak.
     level : (K,) array of int
-        Index of d*, the distance from c within which F was shown to be the only solution, among the
-        distances of :class:`CellProof`; −1 where F was not.
+        Index among :attr:`CellProof.distances` of the distance d* from c within which F was proved
+        to be the only solution; −1 where F was not.
     Q, reach : (K, n) arrays
         Centres and half-widths, rad or m, of boxes of joints. On each box of poses, F(u) lies in
         the box of joints; NaN where F was not proved to exist.
@@ -202,8 +206,9 @@ class CellProof:
     def _tightness(self, chain: Chain, Uc: Array, half: Array, start: Array) -> float:
         """Sum the lower bounds of the leaf margin on boxes Uc ± half, (K, k) each, for a chain.
 
-        ``chain`` is the arm with its middle link, which stays set. The middle link with the largest
-        sum is chosen, because its proof needs the fewest boxes.
+        ``chain`` is the arm with its middle link, which stays set. ``start`` (K, n, 1 + k) is the
+        estimate of F − q_ref, see :meth:`bounds_from`. The middle link with the largest sum is
+        chosen, because its proof needs the fewest boxes.
         """
         self.see_from(chain)
         return float(self.bounds_from(Uc, half, start).leaf_margin.sum())
@@ -332,11 +337,11 @@ def _tips(chain: Chain, farthest: Array) -> Array:
 
 
 def farthest(cell: Cell, away: Callable[[Array], Array]) -> Array:
-    """Find the largest distance of F from c in a cell, per joint: (n,), rad or m.
+    """Find the largest distance ``|F − c|`` in a cell, per joint: (n,), rad or m.
 
     ``away`` evaluates it at K poses in the coordinates of the cell, (K, k) → (K, n). The result is
-    sampled, not proved: d* follows from it, the distance from c within which F is then proved to be
-    unique. Random poses and corners are evaluated, then poses around the worst.
+    sampled, not proved; the distances d* to be tried are made from it. Random poses and corners are
+    evaluated, then poses around the worst.
     """
     rng = np.random.default_rng(1)
     Y = np.concatenate([cell.sample(2048, 1), cell.corners()])
@@ -409,9 +414,10 @@ class _Correction:
     def beside(self, Uc: Array, half: Array, start: Array) -> Array:
         """Bound ``|q_0 − c| = |η − Δ|`` on boxes Uc ± half, (K, k) each: (K, n).
 
-        ``start`` (K, n, 1 + k) is η: the value of F − q_ref at the centre, and k slopes times
-        ``half``. Where a box is cut by the lines of the grid, η − Δ is linear along each coordinate
-        on each part: it is largest at a corner.
+        q_0 = q_ref + η is the estimate of F from which a proof starts. ``start`` (K, n, 1 + k) is
+        η: the value of F − q_ref at the centre, and k slopes times ``half``. Where a box is cut by
+        the lines of the grid, η − Δ is linear along each coordinate on each part: it is largest at
+        a corner.
         """
         if not self.values.any():
             return np.asarray(np.abs(start).sum(axis=2) * (1 + 1e-12))
@@ -429,7 +435,11 @@ class _Correction:
 
 
 def _nested(found: Array) -> Array:
-    """Make the distances d* (L, n), the largest first, from sampled distances (n,), rad or m."""
+    """Make the distances d* (L, n), the largest first, that are tried in a proof, rad or m.
+
+    They are multiples of ``found`` (n,), the largest sampled distance ``|F − c|`` of each joint,
+    plus a small summand.
+    """
     first = [factor * found + more for factor, more in _SLACKS]
     return np.array([*first, *np.outer(_NEARER, first[-1])])
 

@@ -1,8 +1,11 @@
 """Branch and bound over a cell, to prove that its function F exists and keeps its margins.
 
 The cell is a box of poses with coordinates u from −1 to 1. F gives one configuration for each pose.
-Boxes of poses are halved until their bounds suffice. c is a continuous function of u near F, see
-:class:`.CellProof`.
+Boxes of poses are halved until their bounds suffice. c is a continuous function of u near F, and d*
+a distance from c within which F is the only solution; they are tried in the order of
+:attr:`.CellProof.distances`, the largest first. The values of F are a leaf of r potentials; the
+leaf margin, from 0 to 1, is the distance from an algorithmic singularity, at which the controller
+that stays on this leaf fails. The limit margin is the distance from the joint limits, rad or m.
 
 ``CellBounds`` are proved bounds on the margins of a function F on K boxes of poses.
 """
@@ -77,9 +80,9 @@ class _CellSearch:
     ``low`` and ``high`` (K, k) are the corners of the undecided boxes of poses, in the cell's
     coordinates u. ``margins`` (3,) are the smallest proved leaf margin, σ_min(J) and limit margin.
     ``at`` is the box with the smallest leaf margin, or the box at which the search stopped: its
-    centre and half-widths. ``level`` is the index of the smallest distance d* from c within which
-    F is the only solution on a box. ``reason`` says why the search stopped; it is empty while
-    the search runs.
+    centre and half-widths. ``level`` is the index in :attr:`.CellProof.distances` of the smallest
+    d* that a box needed. ``leaf`` and ``limit`` are the goals of the proof: a leaf margin and a
+    limit margin. ``reason`` says why the search stopped; it is empty while the search runs.
     """
 
     def __init__(self, problem: CellProof, leaf: float, limit: float) -> None:
@@ -118,7 +121,7 @@ class _CellSearch:
         return np.ones(k)
 
     def _proved(self, found: CellBounds) -> NDArray[np.bool_]:
-        """Test on which of the K boxes both margins are proved to exceed their goals: (K,)."""
+        """Test on which of the K boxes leaf margin and limit margin exceed their goals: (K,)."""
         return np.asarray((found.leaf_margin > self.leaf) & (found.limit_margin > self.limit))
 
     def volume(self) -> float:

@@ -4,8 +4,9 @@ The region Ω is the part of joint space over which a design was made. A level i
 a potential, which the controller holds constant; a leaf is the set of configurations with the same
 levels. The leaf margin, from 0 to 1, is the distance from an algorithmic singularity, at which the
 controller fails. Within the closing radius of a start or a path, each closed path of the frame ends
-in the configuration it began in. An argument ``field`` has the r potentials of a design, and
-``report`` is the progress callback (step, fraction).
+in the configuration it began in. J_V is the task Jacobian stacked on the potentials' gradients;
+where it is singular, the controller fails. An argument ``field`` has the r potentials of a design,
+and ``report`` is the progress callback (step, fraction).
 
 ``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle. ``_Closing``
 is a request for a closing radius: its path, and the level range within which it must hold.
@@ -195,8 +196,10 @@ class _Closing(NamedTuple):
 def _asked_closing(closes: Any, ratio: float, leaf: float) -> _Closing | None:
     """Convert ``closes``, ``ratio`` and ``leaf`` of :func:`prove` to a request; None for no radius.
 
-    ``closes`` is True, False (no radius), a closed path, metres, or (metres, radians); other values
-    raise an InputError. ``ratio`` is in rad per m; a pair (metres, radians) replaces it.
+    ``leaf`` is how far each level may be from its level at the start, in units of its potential; 0
+    stands for the start's own leaf. ``closes`` is True, False (no radius), a closed path, metres,
+    or (metres, radians); other values raise an InputError. ``ratio`` is in rad per m; a pair
+    (metres, radians) replaces it.
     """
     ratio = positive(ratio, "ratio", "rad per m", zero=True)
     if isinstance(closes, ClosedPath):
@@ -334,8 +337,9 @@ def _close_pair(
 ) -> tuple[Array, Array] | None:
     """Bring two configurations a and b (n,), at which ``value`` has opposite signs, close together.
 
-    ``value`` is det J_V up to a factor; the line from a to b is bisected. Return None if a sign at
-    a or b is uncertain.
+    ``value`` is det J_V up to a factor. The line from a to b is bisected until the distance is 3 %
+    of the half-widths of ``region`` in each joint, the signs become uncertain, or the line leaves
+    ``region``. Return None if a sign at a or b is uncertain.
     """
     half = region.bounds.half_width
     if min(abs(value(a)), abs(value(b))) < _CERTAIN:

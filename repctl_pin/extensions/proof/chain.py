@@ -229,8 +229,8 @@ def screw_sizes(chain: Chain, theta: Array, eta: Array) -> Array:
     """Bound the entries of each row of the screws on a box of joints: (6,).
 
     Slopes times half-widths of the box are included; rounding errors are relative to these bounds.
-    The first three rows are linear, the others angular. The box of the P joint positions is θ ± η,
-    ``theta`` and ``eta`` (P,) each.
+    The first three rows are linear, the others angular. The box is θ ± η, ``theta`` and ``eta``
+    (P,) each, for all P joints of the chain, mimic joints and virtual joints included.
     """
     L = chain.reach.max() + (np.abs(theta) + eta)[~chain.revolute].sum()
     columns = np.abs(chain.S).sum(axis=0).max()

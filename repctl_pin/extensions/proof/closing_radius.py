@@ -117,7 +117,8 @@ def _at_start(
 ) -> Enclosure:
     """Enclose in boxes the configurations at the start's pose whose levels differ little.
 
-    ``start`` (n,) is the start; ``leaf`` is the maximum difference of each level from its level.
+    ``start`` (n,) is the start. ``leaf`` is the maximum difference of each level from that at the
+    start. If it is 0, the only box is the start itself.
     """
     if leaf == 0:
         return Enclosure(start[None], np.zeros((1, design.task.n)), True, "")

@@ -277,9 +277,10 @@ def _proved_arcs(
 
 
 class LiftBoxes:
-    """Bounds on the inverse A of J_V at K samples Q (K, n), and on changes of J_V around them.
+    """Boxes around K samples Q (K, n) in which lifts stay, from the inverse A of J_V there.
 
-    J_V is the task Jacobian stacked on the potentials' gradients.
+    J_V is the task Jacobian stacked on the potentials' gradients. :meth:`moved` gives ``|A| ℓ``,
+    :meth:`bent` ``|A| Δ(h) h``, and :meth:`around` the boxes, all as arrays (K, n), rad or m.
     """
 
     def __init__(self, inverse: RepeatableInverse, problem: LeafMarginProblem, Q: Array) -> None:
@@ -317,8 +318,8 @@ class LiftBoxes:
 
         ``arc``, rad or m, bounds the motion of each joint over an arc of the path. Return three
         arrays (K, n): bounds on the motion of the lifts; half-widths h of boxes in which Φ, pose
-        and levels, is injective; and the nonlinear part of the bounds. Return None if a lift may
-        leave its box.
+        and levels, is injective; and ``|A| Δ(h) h``, the part of the bounds beyond ``arc``. Return
+        None if a lift may leave its box.
         """
         h = 1.5 * arc
         for _ in range(3):

@@ -137,7 +137,10 @@ class _Search:
             self._stop(Q, half, int(np.argmax(small)), "a box too small to halve is undecided")
 
     def _next(self) -> NDArray[np.intp]:
-        """Choose the undecided boxes to halve next, the newest or the lowest: return indices."""
+        """Choose the undecided boxes to halve next, one batch at most: return their indices.
+
+        With a goal, they are the newest; without a goal, those with the smallest bounds.
+        """
         count = len(self.low)
         if count <= _BATCH:
             return np.arange(count)
@@ -165,11 +168,11 @@ class _Search:
         return self.goal
 
     def _still_short(self, enough: float, stays: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Count waiting boxes as decided if their bound is at least ``enough``.
+        """Count boxes that are undecided and not just halved as decided from the bound ``enough``.
 
         Without a goal, ``enough`` falls when a smaller leaf margin is found. ``stays`` is a mask of
-        the undecided boxes, False for those that were just halved. Return a mask of the undecided
-        boxes: False for those that now count as decided, True for all others.
+        the undecided boxes, False for those that were just halved. Return a mask of the same boxes:
+        False for those that now count as decided, True for all others, also those just halved.
         """
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():

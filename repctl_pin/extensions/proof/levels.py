@@ -91,9 +91,10 @@ def _solved(
 ) -> tuple[Array, Array]:
     """Solve for the configuration in the middle of each cell, from cell to neighbouring cell.
 
-    ``count`` cells along each level divide the range ± ``most``. Return the indices (K, r) of the
-    cells, counted from the start's cell (0, …, 0), and the configurations (K, n), ordered so that
-    neighbouring rows are neighbouring cells.
+    ``count`` cells along each level divide the range ± ``most`` around the start's level, in units
+    of the potential. An error is raised if a middle has no solution. Return the indices (K, r) of
+    the cells, counted from the start's cell (0, …, 0), and the configurations (K, n), ordered so
+    that neighbouring rows are neighbouring cells.
     """
     task, c, x = inverse.task, inverse.leaf(start), inverse.task.placements(start)
     width, side = 2 * most / count, count // 2
@@ -111,13 +112,20 @@ def _far(cell: tuple[int, ...]) -> int:
 
 
 def _inward(cell: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the neighbour of a cell that is one step nearer to the start's cell (0, …, 0)."""
+    """Return the neighbour of a cell that is one step nearer to the start's cell (0, …, 0).
+
+    The step is along the level whose index is the largest in absolute value. The start's cell has
+    no such neighbour, and is returned itself.
+    """
     k = int(np.argmax(np.abs(cell)))
     return (*cell[:k], cell[k] - int(np.sign(cell[k])), *cell[k + 1 :])
 
 
 def _in_turn(side: int, r: int) -> list[tuple[int, ...]]:
-    """List all cells of r levels with indices from −side to side; each is next to its neighbour."""
+    """List all cells of r levels, with indices from −side to side, as tuples of r indices.
+
+    Each is a neighbour of the one before: one index differs, by 1.
+    """
     if r == 0:
         return [()]
     found: list[tuple[int, ...]] = []

@@ -343,7 +343,7 @@ def _sampled(
     signs = np.sign(np.random.default_rng(0).uniform(-1, 1, (max(8, _SAMPLES // K), n)))
 
     def largest(Q: Array) -> Array:
-        """Evaluate the largest rates at each place over its configurations Q (K, s, n): (K, n)."""
+        """Evaluate the largest rates (K, n) of the joints over Q (K, s, n), s rows per place."""
         return _rates(task, field, Q, ratio).max(axis=1)
 
     # rates at the start give the length of a step
@@ -377,9 +377,9 @@ def _sampled(
 
 
 def _rates_at_start(rates: Array) -> Array:
-    """Replace zero rates (K, n), those of joints that do not move, by a small positive rate.
+    """Replace zero rates (K, n), those of joints that do not move, by 1e-9 of the largest rate.
 
-    A SingularityError is raised if J_V is singular at the start.
+    A SingularityError is raised if a rate is above 1e8 or NaN, because J_V is singular there.
     """
     if not rates.max() < _SINGULAR:
         raise SingularityError("J_V is singular at the start")

@@ -125,8 +125,9 @@ class _Argument(NamedTuple):
 class _Feature(NamedTuple):
     """One feature: 1, a product, a sine or a cosine.
 
-    ``kind``, ``parent`` and ``variable`` are as in :class:`Features`. ``bound`` bounds the absolute
-    value of the feature in Ω, ``error`` its rounding error.
+    ``kind`` is 0 for 1, 1 for a product, 2 for a sine and 3 for a cosine. ``parent`` is the index
+    of the earlier feature of a product, ``variable`` that of the argument z. ``bound`` bounds the
+    absolute value of the feature in Ω, ``error`` its rounding error.
     """
 
     kind: int
@@ -263,9 +264,11 @@ class _Builder:
     ) -> None:
         """Add the term ``c u^three`` to the third derivative of h along the joints ``ijl``.
 
-        ``c`` (r,) are the coefficients in the r potentials, and ``three`` are the exponents of the
-        variables u. ``joints`` and ``scale`` have the joint and the scale of each variable, and
-        ``most`` bounds each |u_i| in Ω. ``monomial(exponents)`` is the index of a feature.
+        ``ijl`` are three indices of the arm's joints, in ascending order. ``c`` (r,) are the
+        coefficients in the r potentials, and ``three`` are the exponents of the polynomial's
+        variables ``u = (q − center) / scale``. ``joints`` and ``scale`` have the joint and the
+        scale of each variable, and ``most`` bounds each |u_i| in Ω. ``monomial(exponents)`` is the
+        index of a feature.
 
         The derivatives of the term are bounded in T4. Because T4 is symmetric, only those with
         respect to the last of the three joints and to later joints are added.
@@ -373,7 +376,11 @@ class _Builder:
         return G, C
 
     def _third_and_fourth(self) -> tuple[NDArray[np.int32], Array, Array]:
-        """Create the arrays ``third``, ``C3`` and ``T4`` of :class:`Features`."""
+        """Create the arrays ``third``, ``C3`` and ``T4`` of :class:`Features`, for its attributes.
+
+        ``third`` (F_3,) are the numbers of the features of C_3, ``C3`` (r, n, n, n, F_3) their
+        coefficients, and ``T4`` (r, n, n, n, n) the bounds; it is (r, 0, 0, 0, 0) if F_3 is 0.
+        """
         assert self.T is not None, "a field has at least one term"
         r, n = len(self.T), self.n
         third = np.array(sorted({f for terms in self.C3.values() for f in terms}), np.int32)
@@ -393,8 +400,8 @@ class _Builder:
 def _lowered(beta: _Exponents) -> list[tuple[int, _Exponents, int]]:
     """Differentiate a monomial with exponents ``beta`` with respect to each of its variables.
 
-    Return one triple per derivative that is not 0: the index of the variable, and the exponents and
-    the factor of the derivative.
+    ``beta`` has one exponent per variable. Return one triple per derivative that is not 0: the
+    index of the variable, and the exponents and the factor of the derivative.
     """
     return [
         (i, (*beta[:i], power - 1, *beta[i + 1 :]), power) for i, power in enumerate(beta) if power

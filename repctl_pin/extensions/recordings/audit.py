@@ -135,7 +135,10 @@ class Audit:
 
     @property
     def begins(self) -> float | None:
-        """Time by the clock of the log, s, at which a later drift begins; None without one."""
+        """Time from the start of the log, s, at which a drift begins after equal visits.
+
+        It is the time of the last equal visit; None if there is no such drift.
+        """
         if self.found is None or self.verdict != LATER:
             return None
         return float(self.visits.t[self.found.begins - 1] - self.log.t[0])

@@ -55,7 +55,10 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Audit the log, print the answer and write the page and the figure; return the exit code."""
+    """Audit the log, print the answer and write the page and the figure.
+
+    Return the exit code, 0 for any verdict.
+    """
     folder = options.output_folder(Path(options.log).stem)
     say = progress(options.json)
     from .audit_report import audit_answer, write_audit

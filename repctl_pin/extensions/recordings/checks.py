@@ -195,7 +195,11 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
 
 
 class _Explanation(NamedTuple):
-    """Explanation of a constant offset, a text; its remedy; and the difference that remains."""
+    """Explanation of a constant offset.
+
+    ``why`` is a text that completes an error message, ``remedy`` the instruction behind it, and
+    ``miss`` (m, rad) the difference that the explanation leaves.
+    """
 
     why: str
     remedy: str
@@ -235,7 +239,8 @@ def _other_base(
 def _size(miss: tuple[float, float]) -> float:
     """Combine a difference (m, rad) into one number, by which explanations are compared.
 
-    It is counted in the usual corrections by the calibration of an arm: 3 mm and 0.01 rad.
+    It is the sum of both parts, counted in the usual corrections by the calibration of an arm: 3 mm
+    and 0.01 rad.
     """
     return miss[0] / _CALIBRATED_M + miss[1] / _CALIBRATED_RAD
 

@@ -195,7 +195,11 @@ def _require(table: Table, levels: Sequence[str]) -> None:
 
 
 def _of_data_set(path: Path, task: Task, units: Array, levels: Sequence[str]) -> JointLog:
-    """Read the joints of a data set; its demonstrations follow each other without pauses."""
+    """Read the joints of a data set; its demonstrations follow each other without pauses.
+
+    ``units`` (n,) is the unit of each position in the file, in rad or m, such as π/180. ``levels``
+    are the names of the k columns with levels.
+    """
     table, _ = open_data_set(path, task)
     _require(table, levels)
     try:
@@ -427,10 +431,10 @@ def _checked(
 ) -> JointLog:
     """Make a log without rows that lack a number or repeat the time of the preceding row.
 
-    ``values`` (T, n + k) are the joints in the file's ``units`` (n,), and k levels. ``by_name`` is
-    True if the joints were found by their names. ``table`` is the file that was read, with which an
-    error names the line; None for arrays. InputError is raised if time runs backwards, or fewer
-    than three rows remain.
+    ``values`` (T, n + k) are the joints, times ``units`` (n,) in rad or m, and k levels.
+    ``by_name``, True if the joints were found by their names, is an attribute of the log. ``table``
+    is the file that was read, with which an error names the line; None for arrays. InputError is
+    raised if time runs backwards, or fewer than three rows remain.
     """
     rows = np.flatnonzero(np.isfinite(t) & np.isfinite(values).all(axis=1))
     steps = np.diff(t[rows])

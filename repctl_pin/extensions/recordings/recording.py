@@ -439,9 +439,10 @@ def _joint_columns(
 ) -> tuple[list[str] | None, tuple[int, ...] | None]:
     """Find the columns of the joints, and the index of each joint in a row of an array of them.
 
-    ``array`` is the column of such an array, used if no joint has a column of its own; None if the
-    table lacks it. ``given`` are the names of the numbers in the array. InputError is raised for
-    only some of the joints, and for names without an array.
+    ``array`` has one name, that of the column of such an array, used if no joint has a column of
+    its own; None if the table lacks it. ``given`` are the names of the numbers in the array. The
+    indices are None if each joint has its own column; both results are None if there are no joints.
+    InputError is raised for only some of the joints, and for names without an array.
     """
     missing = [name for name in task.joint_names if name not in table.widths]
     if not missing:

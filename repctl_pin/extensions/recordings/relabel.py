@@ -122,7 +122,10 @@ class Relabeled:
 
     @property
     def margins_before(self) -> Array | None:
-        """Joint-limit margin of the recorded configurations: (K,), rad or m."""
+        """Joint-limit margin of the recorded configurations: (K,), rad or m.
+
+        It is negative beyond a limit, and None if no configurations were recorded.
+        """
         before = self.recording.joints
         return None if before is None else self._margins(before)
 
@@ -146,7 +149,7 @@ class Relabeled:
 
     @property
     def residual_after(self) -> float:
-        """Ambiguity of the new configurations, rad or m, as in :attr:`residual_before`."""
+        """Ambiguity of the new configurations: rms misfit, rad or m, of a function of the pose."""
         return self.ambiguity.residuals[-1]
 
     @property
@@ -231,7 +234,10 @@ class Relabeled:
 
     @property
     def written(self) -> tuple[str, ...]:
-        """Names of the columns that hold the new joints; for an array, also their indices."""
+        """Names of the columns that hold the new joints.
+
+        If a column has several numbers per row, the indices of the joints follow in brackets.
+        """
         return self._columns.written
 
     @property
@@ -396,7 +402,9 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 def _with_further(recording: Recording) -> Recording:
     """Append the further columns of joints of a data set as frames to a recording, without times.
 
-    The cell then contains their poses, too, and the level is chosen such that F reaches them.
+    They are joints in ``recording.further``, such as commanded ones, K frames per column. Without
+    any, the recording itself is returned. The cell then contains their poses, too, and the level is
+    chosen such that F reaches them.
     """
     if not recording.further:
         return recording
@@ -408,8 +416,8 @@ def _with_further(recording: Recording) -> Recording:
 def _leaves(F: InverseFunction, recording: Recording) -> Array | None:
     """Compute the level c (K, r), rad or m, of each recorded configuration; None without joints.
 
-    The level is the position of the elbow along the self-motion; in consistent demonstrations, it
-    is constant.
+    A row is NaN if its pose lies outside the cell. The level is the position of the elbow along the
+    self-motion; in consistent demonstrations, it is constant.
     """
     if recording.joints is None:
         return None
@@ -433,7 +441,8 @@ def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | No
 
     A level is as good if it relabels as many frames as c = 0, with a limit margin that is as large,
     or large enough. Levels between the median of ``recorded`` (K, r) and 0 are tried, the nearest
-    to the median first; the last is c = 0, for which the function was designed.
+    to the median first; the last is c = 0, for which the function was designed. If there are no
+    recorded levels, the result is 0.
     """
     zero = np.zeros(F.task.r)
     if recorded is None or np.isnan(recorded).all():

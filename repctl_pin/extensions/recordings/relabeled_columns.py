@@ -63,7 +63,10 @@ class Columns(NamedTuple):
 
     @property
     def written(self) -> tuple[str, ...]:
-        """Names of the columns of new joints; for arrays, also the joints' indices, from 0."""
+        """Names of the columns of new joints.
+
+        The indices of the joints, from 0, follow the name of an array, such as ``action [0–6]``.
+        """
         return tuple(
             name if len(cells.at) == 1 else f"{name} [{_ranges(cells.at)}]"
             for name, cells in self.new.items()
@@ -151,10 +154,11 @@ def _copy(
 ) -> tuple[Array, Sequence[int]] | None:
     """Make new rows for an array of a file that repeats the recorded joints; None if it does not.
 
-    ``known`` has, for each column of joints, their indices in a row (or None), the recorded and the
-    new joints. Further numbers of the array, such as a gripper's, are kept. In a data set, the
-    array can have the cosines or sines of the joints. Return the new array, and the indices of the
-    joints in its rows.
+    ``known`` has, for each column of joints, their indices in a row, the recorded and the new
+    joints, (K, n) each. The joints are looked for at these indices, then at any n consecutive ones;
+    with None, at the latter only. Further numbers of the array, such as a gripper's, are kept. In a
+    data set, the array can have the cosines or sines of the joints. Return the new array, and the
+    indices of the joints in its rows.
     """
     width = source.widths[name]
     known = [one for one in known if 1 < one[1].shape[1] <= width]

@@ -83,7 +83,10 @@ class Verdict:
     Attributes
     ----------
     kind : str
-        ``repeats``, ``drifts``, ``drifts later``, ``jumps``, ``scatters`` or ``inconclusive``.
+        ``repeats``: all differences are within the noise. ``drifts``: joints change steadily.
+        ``drifts later``: they do so after equal visits. ``jumps``: each visit is in one of a few
+        configurations. ``scatters``: the configurations differ in no such way. ``inconclusive``:
+        there are too few visits, or the noise could hide a difference.
     trend : Trend
         Drift of every joint, rad/s or m/s, over the visits from ``begins`` on.
     begins : int
@@ -92,7 +95,8 @@ class Verdict:
         Index of each visit's configuration. Visits with equal indices differ by no more than the
         noise.
     within : bool
-        True if the differences of all visits are within the noise.
+        True if the differences of all visits are within the noise, whatever the kind: a slow drift
+        can be significant although they are.
     """
 
     kind: str
@@ -105,12 +109,13 @@ class Verdict:
 def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> Verdict:
     """Compare the configurations q (N, n) of visits at times t (N,), s, in view of their noise.
 
-    An arm that repeats has the same configuration at all visits. Each value has an interval, whose
-    half-width is its deviation times a quantile of the normal distribution, plus its bias. The
-    quantile is corrected for the number of pairs (Bonferroni), so that intervals of equal
-    configurations with equal deviations fail to overlap in only one of 10,000 logs. The bias is a
-    wide bound, and must not hide a difference. So an arm counts as repeating only if the intervals
-    with a quarter of the bias also overlap.
+    The verdict says whether they repeat, drift, drift later, jump or scatter, or that the log does
+    not show which, and has the drift of every joint. An arm that repeats has the same configuration
+    at all visits. Each value has an interval, whose half-width is its deviation times a quantile of
+    the normal distribution, plus its bias. The quantile is corrected for the number of pairs
+    (Bonferroni), so that intervals of equal configurations with equal deviations fail to overlap in
+    only one of 10,000 logs. The bias is a wide bound, and must not hide a difference. So an arm
+    counts as repeating only if the intervals with a quarter of the bias also overlap.
 
     Parameters
     ----------
@@ -176,9 +181,11 @@ class _Visits(NamedTuple):
         return _steady(self.t[first:], self.q[first:], self.r[first:], line)
 
     def later(self, groups: NDArray[np.intp]) -> int:
-        """Find the number of the visit at which a drift begins after equal visits; 0 without one.
+        """Find the index of the visit at which a drift begins after equal visits; 0 without one.
 
-        ``groups`` (N,) has the number of each visit's group.
+        It is the first visit that is not in group 0; ``groups`` (N,) has the number of each visit's
+        group. From there on, the joints must drift steadily, and fast enough for the same drift
+        before to have exceeded the noise.
         """
         head = int(np.argmax(groups != 0))
         if not ENOUGH <= head <= len(self.t) - _LATER:

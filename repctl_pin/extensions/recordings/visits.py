@@ -8,7 +8,8 @@ counts as a length, ``radian``, m. A gap is a time step of the log that is too l
 self-motion, such as the position of the elbow. A pass is a run of consecutive rows near the pose.
 
 Letters: T rows of the log, n joints, N visits, d coordinates of a pose as a point, m task
-coordinates; e is the task error.
+coordinates; e is the task error. ``noise`` (n,) is the standard deviation of a reading of each
+joint, rad or m.
 
 ``_Pass`` is consecutive rows of a log near one pose. ``Visits`` are the visits of the hand at one
 pose: their times and configurations. ``Kind`` is the kind of a task, such as ``pose``, with the
@@ -114,7 +115,7 @@ def _most_visited(
 ) -> tuple[int, list[_Pass], float]:
     """Find the row of X whose pose the hand visits most often.
 
-    The rows of X (T, k) are points in m, ``steps`` (T - 1,) the distances between them; ``whole``
+    The rows of X (T, d) are points in m, ``steps`` (T - 1,) the distances between them; ``whole``
     is False at gaps of the log. Returns the row, the passages within the tolerance, and how near
     the hand comes to any tried pose at other times, m.
     """
@@ -335,8 +336,9 @@ def _closest(
 def _second(X: Array, row: int, found: list[_Pass]) -> float:
     """Compute the smallest distance, m, at which the hand returns to the pose of a row of X (T, d).
 
-    ``found`` are the passes of that pose; if there is only that of the row itself, all rows outside
-    it count. The result is inf if the hand never leaves the pose.
+    ``found`` are the passes of that pose. The distance is that of the nearest other pass. If the
+    only pass is that of the row itself, it is the distance of the nearest row outside it. The
+    result is inf if the hand never leaves the pose.
     """
     others = [one.distance for one in found if row not in one.run]
     if others:
@@ -369,8 +371,8 @@ def _configuration(
 ) -> _Estimate:
     """Estimate the configuration of a visit: the mean of at least four rows, or an interpolation.
 
-    ``one`` is the visit, ``target`` the pose, and ``noise`` (n,) the noise of the joints. If
-    ``late``, a mean over a motion uses the last half of its rows, else the first half.
+    ``one`` is the visit, and ``target`` the pose. If the arm moves during the visit by more than
+    the noise, the mean is over the last half of the rows if ``late``, else over the first half.
     """
     if len(one.rows) >= _AVERAGED:
         q, A, bend = _average(task, Q[one.rows], target, noise, late)
@@ -428,9 +430,9 @@ def _average(
 
     Returns
     -------
-    Configuration (n,); its derivative A (n, n) with respect to errors of the rows, in units
-    of the standard deviation of one row; and the error (n,) of the regression, which is at most the
-    change that it makes to the mean.
+    Configuration (n,); a matrix A (n, n) such that independent errors of the rows change it as A
+    times the error of one row; and the error (n,) of the regression, which is at most the change
+    that it makes to the mean.
     """
     Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_ROWS)).astype(int)]
     E = np.array([task.error(q, target) for q in Q])
@@ -456,8 +458,8 @@ def _interpolated(
 
     Returns
     -------
-    Configuration (n,); its derivative A (n, n) with respect to errors of the rows, which
-    also shift the time; and the error (n,) of interpolation.
+    Configuration (n,); its derivative A (n, n) with respect to an error that all rows share, which
+    also shifts the time; and the error (n,) of interpolation.
     """
     low = min(int(at), len(Q) - 2)
     step = t[low + 1] - t[low]
@@ -483,7 +485,10 @@ def _interpolated(
 
 
 def _near(t: Array, low: int) -> NDArray[np.intp]:
-    """List up to six rows around the interval that begins at row ``low``, up to the next gaps."""
+    """List up to six rows around the interval that begins at row ``low``, up to the next gaps.
+
+    Rows that are farther than 2.5 times this interval from its middle are beyond a gap.
+    """
     step = t[low + 1] - t[low]
     near = np.arange(max(low - 2, 0), min(low + 4, len(t)))
     return near[np.abs(t[near] - t[low] - step / 2) < 0.5 * step * _GAP]

@@ -158,13 +158,17 @@ class BodyGuard:
         self.recall(remembered)
 
     def remembered(self) -> dict[str, Any]:
-        """Copy the distances that the guard remembers, and its state, to return to them later."""
+        """Copy the distances that the guard remembers, and its state, for :meth:`recall`."""
         known = {name: self._own.held[name].copy() for name in _KNOWN}
         numbers = {"next": self._own.next, "left": self._own.left}
         return {"known": known, "nearest": self.nearest} | numbers
 
     def recall(self, remembered: dict[str, Any]) -> None:
-        """Return to a state that was copied before: distances, and the rest of the guard."""
+        """Return to the state that :meth:`remembered` copied, a dictionary with these keys.
+
+        ``known`` has the remembered distances by name of their array, ``nearest`` the nearest
+        bodies, and ``next`` and ``left`` what is left of the work of a tick.
+        """
         for name, values in remembered["known"].items():
             self._own.held[name][...] = values
         self._own.next, self._own.left = remembered["next"], remembered["left"]

@@ -459,9 +459,10 @@ class Governor:
     def _guarded_step(self, guard: BodyGuard, given: int) -> tuple[Array, Status]:
         """Compute the next configuration (n,) and its status, with a guard of body distances.
 
-        ``given`` has a bit for each argument of :meth:`step` that is given: target, twist, leaf.
-        Errors of the guard must not pass through C, so they are raised after the call. After an
-        error, the governor is as it was before the tick.
+        ``given`` is the sum of 1 for a target, 2 for a twist and 4 for a level: those arguments of
+        :meth:`step` that are given, and stored for C already. Errors of the guard must not pass
+        through C, so they are raised after the call. After an error, the governor is as it was
+        before the tick.
         """
         self._native.call_governor_keep(self._address)
         self._error: BaseException | None = None

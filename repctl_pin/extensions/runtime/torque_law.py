@@ -239,8 +239,8 @@ class NativeTorques:
 
         q and q̇ (n,) are joint positions and velocities, M (n, n) and b (n,) inertia and bias, and
         ``leaf`` (r,) is the level c. ``target`` is the pose to follow, ``twist`` (v, ω) its
-        velocity. SingularityError is raised where [J; Vᵀ] is singular, InputError if numbers
-        overflow.
+        velocity; None is rest. Without an ``observer``, disturbances are not compensated.
+        SingularityError is raised where [J; Vᵀ] is singular, InputError if numbers overflow.
         """
         self._q[...] = q
         self._qdot[...] = qdot

@@ -179,8 +179,9 @@ def with_jerk(
     limits
         Limits to respect, jerk included.
     seams
-        Empty, or the indices in ``first.passed`` of two points that get equal ṡ and s̈, so that the
-        profile between them can be repeated.
+        Empty, or two points that get equal ṡ and s̈, so that the profile between them can be
+        repeated. They are indices among the points from which the curve was made, whose times are
+        ``first.passed``.
     weight
         Number of times that the profile between the seams will be traversed; the total duration is
         minimised.
@@ -307,8 +308,9 @@ class _Path:
         Largest x = ṡ² within the speed limits, at the stages and halfway between them.
     points : tuple
         Three tuples, for the beginning, the middle and the end of all intervals. Each has the
-        fraction of the interval (0, ½ or 1), q′ and q″ there, (K − 1, n) each, and the terms of the
-        joint torques there; None without torque limits.
+        fraction of the interval (0, ½ or 1), q′ and q″ there, (K − 1, n) each, and the terms (a, b,
+        g), (K − 1, n) each, of the joint torques ``τ = a s̈ + b ṡ² + g`` there; None without torque
+        limits.
     curve
         q(s), a piecewise polynomial.
     """
@@ -430,7 +432,7 @@ class _Rows(NamedTuple):
     bounds: Array
 
     def scaled(self, units: Array) -> _Rows:
-        """Convert the rows to unknowns z in new ``units``, (2 m,)."""
+        """Convert the rows to unknowns ``z / units``, with units (2 m,)."""
         return self._replace(coefficients=self.coefficients * units[self.columns])
 
     def excess(self, z: Array) -> Array:

@@ -168,9 +168,9 @@ def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTim
     """Smooth s(t), at rest before and after, by convolution with a triangle of width r, in seconds.
 
     ``curve`` is q(s), and ``s`` (T,) are the values of s(t) at the times ``own`` (T,), s, linear in
-    between. Smoothing makes the motion longer by r. The motion keeps r/2 of this per added end,
-    with ``added`` ends, 0 to 2; a higher speed compensates the rest. With h = r/2, the smoothed
-    acceleration is ``(s(t + h) − 2 s(t) + s(t − h)) / h²``, piecewise linear in t.
+    between. Smoothing makes the motion longer by r, half of it at each end. At ``added`` ends, 0 to
+    2, the duration may grow: each keeps r/2. A higher speed compensates the rest. With h = r/2, the
+    smoothed acceleration is ``(s(t + h) − 2 s(t) + s(t − h)) / h²``, piecewise linear in t.
     """
     h = r / 2
     T = own[-1] + added * h

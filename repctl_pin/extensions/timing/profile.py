@@ -516,8 +516,9 @@ def _rows(
 
     A row is a strip, ``low ≤ along s̈ + across x ≤ high``, at one end of an interval between
     stages. There, ``s̈ = (x₁ − x₀) / 2h``, where h is the interval's length, and x₀ and x₁ are x at
-    its two ends. Strips without a finite bound give no row. ``grid`` and ``scale`` (K,) are the
-    stages and the unit of each x.
+    its two ends. Strips without a finite bound give no row. ``along``, ``across``, ``low`` and
+    ``high`` (K, L) have L strips per stage. ``grid`` and ``scale`` (K,) are the stages and the unit
+    of each x. Return A, a sparse matrix, low and high.
     """
     from scipy.sparse import csr_array  # slow to import
 
@@ -538,7 +539,7 @@ def _rows(
 
 
 def _without_rests(program: _Program, found: Array) -> Array:
-    """Improve the solution y = ``found`` (K,) of a program that rests between the ends.
+    """Improve a solution ``found`` (K,), y = x / scale, of a program that rests between the ends.
 
     The program maximises a sum of x, and x can be 0 at inner stages in its solution. Here each x is
     weighted by the time that a larger x would save at its stage. Return the y (K,) of a shorter

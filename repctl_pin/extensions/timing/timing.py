@@ -5,7 +5,7 @@ A cycle is one traversal of the closed path; the steady cycle is the one between
 and slow down. ``JointLimits`` are the limits of all n joints, as arrays. s is the length of the
 joint path. An argument ``laps`` is the joint path of a few cycles, see :class:`_Laps`.
 
-``Profile`` is the bend and the stretch of a sector as functions of the height. ``Segment`` is a
+``Profile`` is the timing of a few cycles: segments with pauses between them. ``Segment`` is a
 smooth part of a joint path between two stops, with its speed at each stage. ``JointMotion`` is a
 joint motion over several cycles: q, q̇ (T, n) at times t, without the path of the frame. ``Row`` is
 the result of one strategy in a study: its motion and figures, or why it stopped.
@@ -470,7 +470,11 @@ def _check_bodies(task: Task, line: Array) -> None:
 
 
 def with_cycle_time(row: Row) -> Row:
-    """Return a row of a study's table with ``cycle_time``, the minimum duration of a cycle, s."""
+    """Return a row of a study's table with ``cycle_time``, the minimum duration of a cycle, s.
+
+    It is that of cycle 1 from rest to rest within the limits of speed and acceleration. A row
+    without a motion is returned unchanged.
+    """
     if row.motion is None:
         return row
     return replace(row, cycle_time=_fastest_cycle(row.motion))

@@ -73,7 +73,8 @@ class Dialog(NamedTuple):
     Attributes
     ----------
     uses, words : dict
-        How to use the result, and what the words of the page mean.
+        How to use the result, and what the words of the page mean: for each heading or word, the
+        text behind it.
     """
 
     uses: Mapping[str, str]
@@ -92,12 +93,13 @@ def page(
     Parameters
     ----------
     scene
-        Data for the page's script in plain Python types, see :mod:`.scene`, with title and caption.
+        Data for the page's script in plain Python types, as :func:`.scene.animation_page` makes
+        them. The keys ``title`` and ``caption`` are also used here.
     commands
         Commands for meshcat's viewer, each encoded as msgpack, see :mod:`.meshes`.
     motion : sequence of (T, W) arrays
-        Series of W numbers at T samples, such as poses and points, in the order that the script
-        expects; T and W differ between arrays.
+        Series of W numbers at T samples; T and W differ between arrays. In this order: those of
+        each arm (see :func:`.scene._describe`), the paths, and the rows of the joint plot.
     headline
         Headline above the animation.
     dialog

@@ -177,10 +177,11 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
 
 
 def _path(motion: Motion) -> list[int | None] | None:
-    """List, for each frame, the index of its path on the page; None for a frame that stands still.
+    """List, for each frame, the index of its path among those drawn on the page, one per frame.
 
-    If a visitor changes the start, the page follows these paths from the new start. The result is
-    None if a frame rotates along its path, which the page cannot compute.
+    It is None for a frame that stands still. If a visitor changes the start, the page follows these
+    paths from the new start. The result is None if a frame rotates along its path, which the page
+    cannot compute.
     """
     paths = paths_of(motion.path)
     if any(np.abs(path.twist(s)[3:]).max() > 1e-12 for path in paths for s in (0.1, 0.4, 0.7)):
@@ -210,10 +211,12 @@ def _first_axis(task: Task) -> _Numbers | None:
 
 
 def _law(strategy: Strategy) -> list[_Numbers] | None:
-    """Describe a controller by its potentials, a list of dictionaries; empty for J⁺.
+    """Describe a controller by its potentials: one dictionary per map in their sum; empty for J⁺.
 
-    The result is None if the page cannot compute the controller: it is neither J⁺ nor a
-    :class:`RepeatableInverse`, its potentials are user-defined, or they have more than 2000 terms.
+    The keys are ``joints``, ``center``, ``scale`` and ``terms`` of a polynomial, or ``waves``,
+    ``sines`` and ``cosines`` of a Fourier series. The result is None if the page cannot compute the
+    controller: it is neither J⁺ nor a :class:`RepeatableInverse`, its potentials are user-defined,
+    or they have more than 2000 terms.
     """
     if type(strategy) is Pseudoinverse:
         return []
@@ -229,8 +232,9 @@ def _law(strategy: Strategy) -> list[_Numbers] | None:
 def _potentials(h: Potentials) -> list[_Numbers] | None:
     """Describe potentials h as a sum of polynomials and Fourier series, one dictionary per term.
 
-    The keys are attributes of :class:`PolynomialMap` or :class:`FourierMap`. The result is None for
-    any other potentials.
+    The keys are attributes of :class:`PolynomialMap` (``joints``, ``center``, ``scale``, ``terms``)
+    or :class:`FourierMap` (``waves``, ``sines``, ``cosines``). The result is None for any other
+    potentials.
     """
     if isinstance(h, SumMap):
         found: list[_Numbers] = []

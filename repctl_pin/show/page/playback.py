@@ -269,8 +269,8 @@ def _joint_origins(
 ) -> list[Array]:
     """Compute the joint origins of every chain at the start of each motion: (n, 3) arrays, m.
 
-    They are relative to the robot's root link, where ``base`` (1, 4, 4) is the placement of the
-    tasks' base.
+    The list has all motions of the first chain, then those of the next. The origins are relative to
+    the robot's root link, where ``base`` (1, 4, 4) is the placement of the tasks' base.
     """
     return [
         on_base(base, chain.task.joint_origins(chain.task.from_robot(track.Q[0]))[None])[0]

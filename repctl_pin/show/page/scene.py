@@ -187,8 +187,8 @@ class JointRows:
     ----------
     task : Task
         Task to which the joints belong.
-    rows : tuple of (shown cycles · per_cycle, n) arrays
-        Joint positions of each arm, rad or m.
+    rows : tuple of (C · F, n) arrays
+        Joint positions of each arm, rad or m, at F samples of each of the C shown cycles.
     at : (F,) array
         Times of the F samples of a cycle, both ends included, as fractions of the cycle.
     """
@@ -214,9 +214,9 @@ class JointRows:
     def described(self) -> dict[str, Any]:
         """Describe the joints, without the rows, in plain types for JSON.
 
-        The keys are names, lower and upper limits (None for no limit), whether each joint is
-        revolute, the number of samples per cycle, their times, and the factor, 0.001, by which the
-        page's script divides the rows.
+        ``names``, ``lower``, ``upper`` (None for no limit) and ``turns`` (True if revolute) have
+        one entry per joint. ``perCycle`` is the number of samples per cycle, ``at`` are their
+        times, and ``scale`` is the factor, 0.001, by which the page's script divides the rows.
         """
         lower, upper = self.task.lower, self.task.upper
         return {
@@ -388,12 +388,15 @@ def _describe(
     """Describe an arm in plain types for the page's script, and append its arrays to ``parts``.
 
     ``frames`` are the samples of its motion, ``library`` has the number of each body in the
-    viewer's library, and ``link`` is the link of the part that the page marks. ``rides`` (S,) is
-    True for shapes that can move, even if they do not move in this motion.
+    viewer's library by its :data:`~.meshes.Key`, and ``link`` is the link of the part that the page
+    marks. ``rides`` (S,) is True for shapes that can move, even if they do not move in this motion.
+    The keys of the result are the names by which the script reads them, such as ``label``,
+    ``drift`` (one number per cycle) and ``shapes`` (a list of dictionaries).
 
     The first appended array has the poses of the M moving shapes (T, M, 7), then that of a moving
-    workpiece. Tips and elbows (T, K, 3) of K chains follow, then the origin of a violation (T, 3),
-    if there is one, and the points (P, 3) of each moving shape in one row.
+    workpiece: x, y, z, qx, qy, qz, qw. Tips and elbows (T, K, 3) of K chains follow, then the
+    origin of a violation (T, 3), if there is one, and the points (P, 3) of each moving shape in one
+    row.
     """
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)

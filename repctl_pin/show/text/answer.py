@@ -192,7 +192,7 @@ def _part(summaries: Sequence[MotionSummary | None]) -> str:
     """Name the most displaced part; "farthest part" if it differs between the controllers.
 
     Motions that end with all parts where they began are ignored, as are controllers that stopped,
-    whose summary is None.
+    whose summary is None. The name is "farthest part", too, if nothing is left.
     """
     names = {one.part for one in summaries if one is not None and not one.back}
     return names.pop() if len(names) == 1 else "farthest part"
@@ -249,12 +249,19 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
 
 
 def _rank(note: str) -> int:
-    """Rank a note by its first words: notes of rank 0 are listed first, of rank 2 last."""
+    """Rank a note by its first words: 0 if it is listed first, 2 if last, 1 otherwise.
+
+    The words of ranks 0 and 2 are those in ``_FIRST`` and ``_LAST``.
+    """
     return 0 if note.startswith(_FIRST) else 2 if note.startswith(_LAST) else 1
 
 
 def _meanings(study: Study) -> list[str]:
-    """Explain the letters and units of the short table, in texts that follow the other notes."""
+    """Explain the words of the short table, in texts that are listed with the study's notes.
+
+    One text explains the usual control and r. Another explains joint displacements that combine rad
+    and m, if the arm has both types of joint.
+    """
     said = ["the usual control is the pseudoinverse J⁺, r the number of spare joints"]
     if study.task.unit == "rad and m":
         said.append("joints off: root of the sum of squares; rad if revolute, m if prismatic")

@@ -69,10 +69,10 @@ def hands_are(count: int) -> str:
 
 @dataclass(frozen=True)
 class Headline:
-    """Sentence on the drift of the arm, as spans, and notes on joint speed, limits and bodies.
+    """Sentence on the drift of the arm, and notes on joint speed, limits and bodies.
 
-    ``str()`` joins both without colours. ``about`` is an explanation of the sentence, which a page
-    shows on request.
+    Both are tuples of spans, ``sentence`` and ``notes``; ``str()`` joins them without colours.
+    ``about`` is an explanation of the sentence, which a page shows on request.
     """
 
     sentence: tuple[Span, ...]
@@ -426,7 +426,11 @@ def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list
 
 
 def _faster(cost: float) -> str:
-    """Write a change of the joint speed, a fraction, in words: ``0.3 % faster``."""
+    """Write a change of the joint speed, a fraction, in words: ``0.3 % faster``.
+
+    A positive change is faster, a negative one slower; if it is 0 when rounded, the text is ``no
+    faster``.
+    """
     change = percent(cost)
     if change.startswith("0"):
         return "no faster"
@@ -502,6 +506,7 @@ def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
 def _nearest(near: Sequence[MotionSummary], summaries: Sequence[MotionSummary]) -> list[Span]:
     """Write the minimum body distance of each motion in ``near``, with its two links: one span.
 
+    ``summaries`` are all motions; if there are several, each distance names its controller.
     Distances between different links that round to the same number get a third digit, so that they
     are not read as one. The list is empty if ``near`` is.
     """
@@ -520,7 +525,10 @@ def _nearest(near: Sequence[MotionSummary], summaries: Sequence[MotionSummary]) 
 
 
 def _distance(one: MotionSummary, digits: int = 2) -> str:
-    """Format the minimum body distance of a motion, such as ``6.7 mm``, kept on one line."""
+    """Format the minimum body distance of a motion, such as ``6.7 mm``, kept on one line.
+
+    ``digits`` is the number of significant digits. Without bodies, the text is ``0``.
+    """
     return _whole(metres(one.body_distance or 0.0, digits))
 
 

@@ -322,7 +322,8 @@ def evaluate_cell(
     ``count`` held-out poses, drawn with ``seed``, corners of the cell, and poses found by searches
     for the smallest margins, the largest joint speeds and collisions. With ``quick``, only the
     limit margin and σ_min(J) are searched for. A body distance below ``required``, m, is a failure
-    with the cause ``collision``. The result has no ``turns``; the fit adds them.
+    with the cause ``collision``. The ``turns`` of the result, the ranges of F along symmetric
+    coordinates, are empty: the fit adds them.
     """
     cell, candidate = chart.cell, CandidateFunction.zero(chart)
     U = np.concatenate([cell.sample(count, seed), cell.corners()])
@@ -352,7 +353,10 @@ def evaluate_cell(
 
 
 def _nothing_covered(failures: tuple[FailureReason, ...]) -> Evaluation:
-    """Make the evaluation of a function that covers no held-out pose, and so has no figures."""
+    """Make the evaluation of a function that covers no held-out pose: coverage 0, figures NaN.
+
+    The names of the nearest bodies are empty texts.
+    """
     figures: dict[str, Any] = dict.fromkeys(Evaluation.__dataclass_fields__, float("nan"))
     figures |= {"nearest_bodies": ("", ""), "coverage": 0.0, "failures": failures, "turns": ()}
     return Evaluation(**figures)
@@ -362,7 +366,9 @@ def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
     """Evaluate cost and extra joint speed: means over ``inside``, maxima over ``tested``.
 
     ``inside`` are the covered held-out poses. ``tested`` are all covered poses, including corners
-    and poses found by searches. Return the figures by name, such as ``cost`` and ``extra_speed``.
+    and poses found by searches. The keys are attributes of :class:`Evaluation`: the means ``cost``,
+    ``cost_error``, ``extra_speed`` and ``extra_speed_error``, and the maxima ``extra_speed_worst``
+    and ``extra_speed_direction``.
     """
     root = np.sqrt(len(inside.U))
     desired_square = inside.desired_square.mean()
@@ -382,8 +388,9 @@ def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
 def _limit_figures(candidate: CandidateFunction, held_out: Sample, low: Sample) -> dict[str, Any]:
     """Evaluate the smallest limit margins, at held-out poses and at the poses ``low`` of a search.
 
-    At both poses, evaluate also the largest limit margin on any leaf. Return the figures by name,
-    such as ``limit_margin`` and ``attainable_margin``.
+    At the poses of both minima, evaluate also the largest limit margin on any leaf. The keys are
+    attributes of :class:`Evaluation`: ``limit_margin`` and ``attainable_margin`` at the held-out
+    pose, and ``limit_margin_worst`` and ``attainable_margin_worst`` at the worst pose found.
     """
     chart = candidate.chart
     worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))

@@ -56,9 +56,10 @@ class FailureReason:
 
 
 def _reason(cause: str, share: float, cell: Cell, u: Array, what: str) -> FailureReason:
-    """Make the :class:`FailureReason` for coordinates u (k,) of a cell.
+    """Make the :class:`FailureReason` for coordinates u (k,) of the worst pose of a cell.
 
-    Coordinates that a symmetry of the arm removes from u are added as 0.
+    ``what`` is the sentence that tells where and how the function fails there. Coordinates that a
+    symmetry of the arm removes from u are added as 0.
     """
     return FailureReason(cause, share, cell._lifted(u[None])[0], what)
 

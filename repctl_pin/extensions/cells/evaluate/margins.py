@@ -87,7 +87,8 @@ _FARTHER = 0.01
 class Quantity(ABC):
     """A quantity that :func:`searched` minimises over the cell of a function.
 
-    Subclasses are kinds of margins, and joint speeds relative to the desired inverse.
+    Subclasses are kinds of margins, and joint speeds relative to the desired inverse. They define
+    :meth:`least`, its value at given points; :meth:`slope` is its gradient.
     """
 
     @abstractmethod
@@ -193,10 +194,11 @@ class Margin(Quantity):
         s, goals = here.copy(), chart.goals(at.U)
 
         def look(label: Array, Q: Array) -> None:
-            """Evaluate the margin at one label per pose, (K, r); keep it where it is the largest.
+            """Evaluate the margin at one label (K, r) per pose, and store the largest so far.
 
-            Newton's method starts from the configurations Q (K, n), which are overwritten by the
-            solutions.
+            A larger margin is stored in ``most``, its label in ``s``, its configuration in
+            ``best``. Newton's method starts from the configurations Q (K, n), which the solutions
+            overwrite.
             """
             on = np.flatnonzero(most < enough)
             there = rows_of(goals, on)
@@ -447,7 +449,10 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
     tried, visited = here, [here.U]
 
     def least(which: NDArray[np.intp], at: Points) -> Array:
-        """Evaluate one quantity at each of K points: (K,). ``which`` (K,) has their numbers."""
+        """Evaluate one quantity at each of K points: (K,).
+
+        ``which`` (K,) has for each point the index of its quantity in ``quantities``.
+        """
         values = np.empty(len(which))
         for i, quantity in enumerate(quantities):
             own = which == i

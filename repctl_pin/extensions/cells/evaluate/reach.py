@@ -262,8 +262,9 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
 def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
     """Evaluate how well configurations Q (K, n) reach poses p (K, 3), m, and R (K, 3, 3).
 
-    Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and whether J has full rank and all
-    joints are within their limits: (K,), True or False.
+    ``box`` has the task, and the coordinates in which task errors are measured; the poses need not
+    lie in it. Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and whether J has full
+    rank and all joints are within their limits: (K,), True or False.
     """
     p_now, R_now, J = placed(box.task, Q)
     G, s = inverses(J)

@@ -133,8 +133,8 @@ class CellFit:
         the best configuration is used. If collisions are the only fault of the first design, only
         configurations whose rays are free of collisions are compared with it.
 
-        Return the configuration used (n,), and the best full design from it, or the reasons for
-        failure.
+        Return the configuration used (n,), and the best full design from it: a CellDesign or, if
+        that failed, a tuple of FailureReason.
         """
         first = postures[0]
         doubtful = len(postures) > 1 and first.margin < 0

@@ -10,8 +10,9 @@ q_ref and n_ref of u: q_ref approximates a configuration, from which s is measur
 null space.
 
 Letters: n joints, r components of s, N monomials of u in which s is written, K nodes, L penalised
-poses, P margins of one kind per configuration. The residual is (∂F − G_d E) C. A hinge is
-max(0, asked − margin), by which a margin falls short of the asked value.
+poses in all (those of all penalties, one penalty after the other, behind the nodes), P margins of
+one kind per configuration. ``weight`` is the factor of all penalties. The residual is ``(∂F − G_d
+E) C``. A hinge is max(0, asked − margin), by which a margin falls short of the asked value.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``Penalty`` is a kind of margin that the cost penalises, and the poses at
@@ -75,12 +76,12 @@ class _Value:
         ``mean ‖G_d E C‖_F²``. If G_d is J⁺, the extra joint speed is about
         ½ nearness / desired_square.
     points : Points
-        Configurations of F at the K nodes, then at the L poses of each penalty.
-    ds : (K + L + …, r, k) array
+        Configurations of F at the K nodes, then at the L penalised poses.
+    ds : (K + L, r, k) array
         ∂s/∂u at the points.
-    residual : (K', n, k + l) array
-        ``(∂F − G_d E) C`` at the K' nodes; empty if the cost is infinite.
-    B : (K', n, r) array
+    residual : (K, n, k + l) array
+        ``(∂F − G_d E) C`` at the nodes; empty if the cost is infinite.
+    B : (K, n, r) array
         ∂F/∂s at the nodes; empty if the cost is infinite.
     """
 
@@ -103,7 +104,7 @@ class Penalty:
     margin : Margin
         The kind of margin, such as joint limits.
     U : (L, k) array
-        Poses at which the margin is penalised.
+        Poses at which the margin is penalised; here L counts those of this penalty.
     asked : (L,) array
         Value at each of these poses below which the margin is penalised.
     """
@@ -209,7 +210,7 @@ class Cost:
 
     @cached_property
     def _features(self) -> Array:
-        """Stack the monomials and their slopes at nodes and poses: (K + L + …, 1 + k + l, N).
+        """Stack the monomials and their slopes at nodes, then at poses: (K + L, 1 + k + l, N).
 
         Their products with a are s and, at the nodes, ∂s/∂u C; slopes at penalised poses are 0.
         """
@@ -291,9 +292,9 @@ def _products(features: Array, L: Array, r: int) -> Array:
 
     The result is half of the Hessian of the cost. ``features`` (K, 1 + k, N) are the monomials and
     their slopes, the same for each of the r components of the label; here k counts the removed
-    coordinates, too. L (K, r (1 + k), r (1 + k)) has one lower Cholesky factor per pose. In L, the
-    rows of component j have entries only in the first j + 1 of r blocks; the products leave out the
-    other blocks.
+    coordinates, and K all poses. L (K, r (1 + k), r (1 + k)) has, per pose, the lower Cholesky
+    factor of its part of the Hessian with respect to s and ∂s/∂u C. In L, the rows of component j
+    have entries only in the first j + 1 of r blocks; the products leave out the other blocks.
     """
     p, N = features.shape[1:]
     rows = []
@@ -379,9 +380,10 @@ class _Problem:
     def model(self, at: Point[_Value]) -> tuple[Array, Array, Array]:
         """Evaluate g (N r,), H (N r, N r), and the diagonal (N r,) of D.
 
-        ``at`` is the evaluated cost. g is its gradient, H its Gauss–Newton Hessian. Terms are added
-        to H that hold components of the label which hardly change the cost. D is the diagonal of H,
-        with no entry of 0; it scales the damping.
+        Their entries are in the order of a (N, r), row by row. ``at`` is the evaluated cost. g is
+        its gradient, H its Gauss–Newton Hessian. Terms are added to H that hold components of the
+        label which hardly change the cost. D is the diagonal of H, with no entry of 0; it scales
+        the damping.
         """
         gradient, H = self.cost.model(at.data)
         return gradient, _held(H, at.data), _scaling(H)
@@ -408,11 +410,12 @@ def _scaling(H: Array) -> Array:
 
 
 def _held(H: Array, at: _Value) -> Array:
-    """Add terms to the Hessian H (N r, N r) that hold label components with hardly any effect.
+    """Add a small multiple of the identity to the Hessian H (N r, N r).
 
-    In an axis task, a joint that turns the tool about its axis changes the task coordinates only
-    because the URDF is rounded, for example 1.5708 in place of π/2. Newton's step along such a
-    joint would be a ratio of rounding errors. ``at`` is the evaluated cost.
+    It holds components of the label on which the cost hardly depends. In an axis task, a joint that
+    turns the tool about its axis changes the task coordinates only because the URDF is rounded, for
+    example 1.5708 in place of π/2. Newton's step along such a joint would be a ratio of rounding
+    errors. The term is proportional to ``at.desired_square`` of the evaluated cost ``at``.
     """
     return H + _IDLE * at.desired_square * np.eye(len(H))
 

@@ -200,8 +200,9 @@ def _found(fit: CellFit, cell: Cell, posture: Any, incomplete: str) -> CellDesig
     """Find the function over the cell, or over the part that ``incomplete`` allows.
 
     ``fit`` has the arguments of the design, and ``posture`` (n,) is the configuration in the
-    middle; None to search for it. ``incomplete`` is the argument of
-    :func:`nearest_inverse_function`. NoFunctionError is raised if there is no such function.
+    middle; None to search for it. If no function covers the whole cell, ``incomplete`` decides:
+    ``refuse`` raises NoFunctionError, ``shrink`` covers a smaller part, and ``keep`` returns a
+    function that covers some poses only. NoFunctionError is raised if there is no such function.
     """
     fit.report("the middle posture", 0.0)
     postures = (
@@ -264,10 +265,10 @@ def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
 
 
 def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
-    """Return a cell without the symmetric coordinates, which make a design slower.
+    """Return the same set of poses without symmetric coordinates in u, which make a design slower.
 
-    A ``body_distance`` above 0 requires all coordinates, and ``desired`` those in which it is not
-    symmetric itself.
+    A symmetric coordinate stays in u if ``desired``, G_d, gives other joint velocities after the
+    joint of the symmetry has moved. All stay with a ``body_distance`` above 0.
 
     Raises
     ------

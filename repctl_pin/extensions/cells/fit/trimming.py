@@ -8,8 +8,11 @@ motion along a straight line from the middle of the cell. A quick design is fast
 accurate. A chart is the pair of polynomials of u in which a function is written. Extra joint speed
 is the joint speed relative to that of the desired inverse, such as J⁺, minus 1.
 
-The argument ``fit`` has the arguments of the design, ``limits`` what a function must meet. K poses
-are the rows of U (K, k). A corner, low or high (k,), has the ends of all ranges, from −1 to 1.
+The argument ``fit`` has the arguments of the design, ``limits`` what a function must meet, and q
+(n,) is the configuration in the middle of the cell. ``found`` is a design or, if too few poses are
+reached, a tuple of the reasons for failure. ``useful`` is a function that tells whether a part of a
+cell is still of use. K poses are the rows of U (K, k). A corner, low or high (k,), has the ends of
+all ranges, from −1 to 1.
 
 ``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
 ``Required`` holds the limits of a function: mean and maximum extra joint speed relative to G_d
@@ -182,8 +185,8 @@ def _failing(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Test at sampled poses whether a function fails or exceeds limits: return U (K, k), bad (K,).
 
-    ``bad`` is True at such poses. ``found`` is a design; else a pose is bad if the ray to it from
-    the configuration q (n,) in the middle stops before the pose, or violates a joint limit.
+    ``bad`` is True at such poses. If ``found`` is no design, a pose is bad if the ray to it from q
+    stops before the pose, or violates a joint limit.
     """
     U = np.concatenate([cell.sample(_POSES, 17), cell.corners()])
     if not isinstance(found, CellDesign):
@@ -482,7 +485,10 @@ def _evaluated(fit: CellFit, found: CellDesign, chart: Chart, limits: Required) 
 
 
 def _how(found: CellDesign) -> dict[str, object]:
-    """Return the attributes by name that a design keeps when its cell is cut."""
+    """Return the attributes that a design keeps when its cell is cut, by name.
+
+    They are those of its fit (``degrees``, ``samples``, …) and what was requested.
+    """
     names = ["degrees", "samples", "held_out", "seed", "steps"]
     names += [f"requested_{name}" for name in ("limit_margin", "body_distance", "sigma_min")]
     return {name: getattr(found, name) for name in names}

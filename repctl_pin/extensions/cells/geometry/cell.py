@@ -224,13 +224,19 @@ class Cell:
 
     @property
     def _movable(self) -> Sequence[int]:
-        """Indices of the task coordinates, 0 to m − 1, whose middle may move in a part of it."""
+        """Indices, 0 to m − 1, of the task coordinates whose middle can change in a part.
+
+        A part is what trimming leaves of the cell. Positions may be cut on one side only. A
+        rotation is cut on both sides alike, because its middle is the cell's orientation.
+        """
         return range(len(self.half_width))
 
     def _kept_middles(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Narrow a part of the cell so that only :attr:`_movable` coordinates change their middles.
 
-        The part is between the corners low and high (k,); return the new ones.
+        Those are positions or, in a sector, radius, angle, height and, at times, spin. The range of
+        any other coordinate becomes the largest one in it that is symmetric to 0. The part is
+        between the corners low and high (k,); return the new ones.
         """
         half = np.minimum(-low, high)
         fixed = ~np.isin(self.moved, self._movable)
@@ -240,7 +246,8 @@ class Cell:
         """Compute the offset (m,) of the middle, and the half-widths (m,), of a part, m and rad.
 
         The part is between the corners low and high (k,); the offset is from the middle of the
-        cell. It is 0 for coordinates that are not :attr:`_movable`.
+        cell. It is 0 for coordinates that are not :attr:`_movable`, such as tilts: their range is
+        narrowed until it is symmetric.
         """
         low, high = self._kept_middles(low, high)
         middles, widths = np.zeros(len(self.widths)), self.widths.copy()
@@ -446,7 +453,8 @@ class Cell:
     def _lifted(self, U: Array) -> Array:
         """Convert coordinates U (K, k) to those of :attr:`whole`, (K, k + l).
 
-        The removed coordinates are 0.
+        That is the same cell with the removed coordinates, which are 0 here. All are in the order
+        of the task coordinates.
         """
         Y, whole = self.spread(U), self.whole
         return (Y - whole._offset)[:, whole.moved] / whole._active_widths

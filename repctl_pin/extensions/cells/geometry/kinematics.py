@@ -53,7 +53,8 @@ def chain_for_c(task: Task) -> Any | None:
 def run(name: str, arm: Any, count: int, *given: Any) -> None:
     """Call a function of the native library for ``count`` configurations, with a kinematic chain.
 
-    ``name`` is the name of the function; ``given`` are its further arguments, arrays or C numbers.
+    ``name`` is the name of the function, and ``arm`` the C struct of the chain. The function is
+    called with its address, ``count``, and ``given``: further arguments, arrays or C numbers.
     Arrays that the function fills must be contiguous arrays of float.
     """
     kept = [np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x for x in given]

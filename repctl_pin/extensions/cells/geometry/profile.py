@@ -5,6 +5,7 @@ radius of the middle and y the radial coordinate of the sector, from −w to w, 
 of the radius in the middle. The bend b and the stretch s are polynomials with b(0) = 0 and s(0) =
 1. With b = 0 and s = 1, the sector has the same range of radius at all heights. With any profile,
 the coordinates of the sector form a box, so a straight line in them stays in the sector.
+Coefficients (D + 1,) of a polynomial of degree D begin with the constant one.
 """
 
 from __future__ import annotations
@@ -146,7 +147,11 @@ def as_profile(radius: Any, height: float) -> tuple[Profile, float, float] | Non
 
 
 def _side_pair(radius: Any) -> tuple[Array, Array]:
-    """Check the two sides of a sector, lists of at most 9 coefficients each, and return them."""
+    """Check the sides of a sector, and return them as arrays: inner and outer radius, m.
+
+    ``radius`` are two lists of at most 9 coefficients each: polynomials in the height above the
+    middle divided by its half-width. An InputError is raised for other values.
+    """
     try:
         low, high = (np.asarray(side, float) for side in radius)
     except (TypeError, ValueError, OverflowError):
@@ -165,7 +170,10 @@ def _side_pair(radius: Any) -> tuple[Array, Array]:
 
 
 def _value(coefficients: Array, x: Array) -> Array:
-    """Evaluate a polynomial at x (K,) by Horner's rule, in the order of chart.c."""
+    """Evaluate a polynomial with ``coefficients`` at x (K,): (K,).
+
+    Horner's rule is used, with the operations in the same order as in chart.c, the function in C.
+    """
     value = np.zeros_like(x)
     for c in coefficients[::-1]:
         value = value * x + c
@@ -173,7 +181,7 @@ def _value(coefficients: Array, x: Array) -> Array:
 
 
 def _derivative(coefficients: Array) -> Array:
-    """Return the coefficients of the derivative of a polynomial: (D,), or none for a constant."""
+    """Return the coefficients of the derivative of a polynomial: (D,), empty for a constant."""
     return coefficients[1:] * np.arange(1, len(coefficients))
 
 

@@ -57,7 +57,8 @@ def range_phrase(cell: Cell, reaches: Mapping[str, float] | None = None) -> str:
     cell
         The cell or sector.
     reaches
-        Ranges that a design found, rad, by the name of the coordinate.
+        Whole ranges that a design found, rad, by the names ``angle`` and ``spin``; a range of the
+        cell that is larger is replaced.
     """
     if not isinstance(cell, Sector):
         return _box_phrase(cell)
@@ -112,7 +113,10 @@ def _radius_phrase(sector: Sector) -> str:
 
 
 def _heights(sector: Sector, u: Array) -> Array:
-    """Return the heights above the base along the sector's axis, m, at coordinates u (K,)."""
+    """Return heights (K,) above the base along the sector's axis, m.
+
+    ``u`` (K,) is the coordinate of the height, from −1 at the lowest end to 1 at the highest.
+    """
     origin, a = sector.axis
     return float(origin @ a) + sector.middle[1] + sector.widths[HEIGHT] * u
 

@@ -320,7 +320,10 @@ class Sector(Cell):
 
     @property
     def _offset(self) -> Array:
-        """Offset (m,) of the middle from the placement; 0 unless the spin's middle is moved."""
+        """Offset (m,) of the sector's middle from its placement, rad in the entry of the spin.
+
+        It is 0 except that the spin has the offset :attr:`spin_middle` if a design moved it.
+        """
         offset = np.zeros(self.task.m)
         if self.spin_middle and self._active[SPIN]:
             offset[SPIN] = self.spin_middle
@@ -364,7 +367,10 @@ class Sector(Cell):
         return widths
 
     def _middle_of(self, i: int) -> str:
-        """Write `` at its height`` if u_i is the radius, and its middle depends on the height."""
+        """Write `` at its height`` if u_i is a radius whose middle depends on the height.
+
+        Else the text is empty. Error messages append it to "from the middle".
+        """
         return " at its height" if self.profile.degree and self.moved[i] == RADIUS else ""
 
     # ---- other sectors
@@ -448,7 +454,11 @@ class Sector(Cell):
 
     @property
     def _movable(self) -> Sequence[int]:
-        """Indices of the task coordinates, 0 to m − 1, whose middle may move in a part of it."""
+        """Indices, 0 to m − 1, of the task coordinates whose middle can change in a part.
+
+        A part is what trimming leaves of the sector. Tilts are always cut on both sides alike; so
+        is the spin if the tool tilts.
+        """
         return [RADIUS, ANGLE, HEIGHT] if self.tilted else [RADIUS, ANGLE, HEIGHT, SPIN]
 
     def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:
@@ -456,7 +466,8 @@ class Sector(Cell):
 
         A design thus centres a range between the limits of the joint. ``middles`` has the offsets
         of the new middle, ``halves`` the new half-widths, rad, by number of the coordinate. An
-        offset of the spin moves :attr:`spin_middle` if the tool tilts, else the placement.
+        offset of the spin turns the placement. If the tool tilts, it moves :attr:`spin_middle`, the
+        middle of the spin, instead: the axes of the tilts would turn with the placement.
         """
         y, widths = np.zeros(self.task.m), self.widths.copy()
         for i, middle in middles.items():

@@ -133,7 +133,7 @@ def cell_page(
 
 
 def _slice_words(design: CellDesign) -> str:
-    """Describe the figure of slices."""
+    """Write the caption of the figure of slices, maps of the function over pairs of coordinates."""
     words = (
         f"Slices through the middle of the {shape_word(design)} (+). First: the smallest "
         f"joint-limit margin. Second: joint speed relative to the {usual(design)} control at the "

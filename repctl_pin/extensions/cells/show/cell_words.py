@@ -48,15 +48,20 @@ def cell_uses(design: CellDesign) -> dict[str, str]:
 
 
 def usual(design: CellDesign) -> str:
-    """Return the word for the control with which the speed of the function is compared.
+    """Return the adjective of the control with whose joint speed that of a function is compared.
 
-    It is ``usual`` if the desired inverse is J⁺, else ``desired``.
+    It is ``usual`` if the design was made for J⁺, the pseudoinverse, and ``desired`` if it was made
+    for another inverse. Texts append "control".
     """
     return "usual" if type(design.desired) is Pseudoinverse else "desired"
 
 
 def cell_words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
-    """Explain the words of the page, by name; ``motions`` are those along the sample path."""
+    """Explain the words of the page, by name.
+
+    ``motions`` are those along a sample path through the cell, by the label of the controller, such
+    as ``J⁺``; empty if the page has no animation.
+    """
     return _of_the_sentences(design, motions) | _of_the_figures(design) | _of_the_evidence(design)
 
 
@@ -84,7 +89,7 @@ def _of_the_sentences(design: CellDesign, motions: Mapping[str, Motion]) -> dict
 
 
 def _of_the_figures(design: CellDesign) -> dict[str, str]:
-    """Explain the rows in numbers and the coordinates of a sector, by their names there."""
+    """Explain the rows of the page's table of figures, and the coordinates of a sector, by name."""
     words = {}
     if isinstance(design.cell, Sector):
         rows = design.figures()

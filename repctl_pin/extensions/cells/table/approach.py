@@ -61,8 +61,9 @@ def approach_axis(task: Task, given: Any = None) -> Approach:
 
     The tool points along the axis of the last joint, toward the fingers or, without fingers, the
     frame's origin. If these lie beside that axis, the tool points from the joint to them. The
-    approach axis is the axis of the frame nearly along that direction, or z if there is none.
-    InputError is raised for a given text that names no axis.
+    approach axis is the axis of the frame nearly along that direction, or z if there is none. The
+    result has the name of the axis, and a text on how it was found. With a ``given`` name, that is
+    returned; InputError is raised if it names no axis.
     """
     if given is not None:
         require_choice(given, AXES, "approach axis")

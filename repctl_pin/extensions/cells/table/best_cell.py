@@ -347,10 +347,11 @@ def _oriented(
     """Return the approach axis, the task with that axis as z, and the tool's rotation (3, 3).
 
     The rotation is in base axes. ``orientation`` is "down", "forward", "up", a rotation matrix, or
-    None for the orientation at the task's reference. ``yaw``, rad, is a further rotation about the
-    base's z axis. The approach axis is None, and the task unchanged, if ``approach`` is None and
-    ``orientation`` is not a word. An InputError is raised for other values, or if the task leaves
-    the rotation free.
+    None for the orientation at the task's reference. ``approach`` names an axis of the frame, "x"
+    to "-z"; None stands for the axis along which the tool points. ``yaw``, rad, is a further
+    rotation about the base's z axis. The approach axis is None, and the task unchanged, if
+    ``approach`` is None and ``orientation`` is not a word. An InputError is raised for other
+    values, or if the task leaves the rotation free.
     """
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, finite(yaw, "yaw"))
     for name, value in (("orientation", orientation), ("approach", approach)):
@@ -581,10 +582,10 @@ def _best_of(
 
 
 def _repeats(task: Task, one: Candidate, others: list[Candidate]) -> bool:
-    """Test whether a candidate is alike to another with at least its limit margin.
+    """Test whether one of ``others`` has nearly the same joints as ``one``, and no smaller margin.
 
-    Both are in the middle of the same box. Full turns of revolute joints make no difference to the
-    function, only to the margin.
+    All are in the middle of the same box. Joints are compared up to full turns of revolute ones,
+    which make no difference to the function, only to the limit margin.
     """
     away = one.q - np.array([other.q for other in others])
     away -= 2 * np.pi * np.round(away / (2 * np.pi)) * task.revolute

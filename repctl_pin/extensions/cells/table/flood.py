@@ -241,7 +241,10 @@ class Rectangles(NamedTuple):
 
 
 def rectangles(mask: NDArray[np.bool_]) -> Rectangles:
-    """Find the largest rectangle of True entries in each of the masks (S, I, J)."""
+    """Find the largest rectangle of True entries in each of the masks (S, I, J).
+
+    Its area is measured between the outer nodes, in units of the spacing squared; 0 without one.
+    """
     S, rows, columns = mask.shape
     area = np.zeros(S)
     first, last = np.zeros((S, 2), int), np.zeros((S, 2), int)

@@ -3,8 +3,10 @@
 A table is a grid of radius and height around the arm, at the angle 0. A flood is the set of its
 nodes that the arm reaches from one configuration without a change of branch (of the inverse
 kinematics). A locked flood is that of an arm with r of its joints locked, which is therefore not
-redundant. A node is a pair of indices (radius, height), I radii and J heights. S is the number of
-floods, n that of joints, K that of nodes or configurations.
+redundant. ``line`` (2, 3) is the axis of the joint that turns the arm: a point, m, and a direction.
+``rotation`` (3, 3) is the orientation of the frame at the angle 0. A node is a pair of indices
+(radius, height), I radii and J heights. S is the number of floods, n that of joints, K that of
+nodes or configurations.
 
 ``Floods`` are S floods: each is a set of neighbouring nodes with one configuration per node, so
 that q changes continuously. ``Table`` is a grid of poses (nodes) over radius and height around an
@@ -87,9 +89,11 @@ def drawn_nodes(
     heights: tuple[float, float],
     rng: np.random.Generator,
 ) -> tuple[Table, NDArray[np.intp], Array]:
-    """Draw random configurations, and move each to the nearest node of a new table.
+    """Draw 2048 random configurations, and move each to the nearest node of a new table.
 
-    Return the table, and the K that reach it: the nodes (K, 2) and the configurations (K, n) there.
+    ``heights`` are the lowest and the highest of the table, m. ``symmetries`` are the joints that
+    alone turn the arm and, if there is one, the tool. Return the table, and the K configurations
+    that reach a node: the nodes (K, 2) and the configurations (K, n) there.
     """
     Q = random_configurations(task, _DRAWN, rng)
     p = placed(task, Q)[0] - line[0]
@@ -120,9 +124,11 @@ def grid_around(
     rho: Array,
     z: Array,
 ) -> Table:
-    """Create the table that covers the radii ``rho`` and the heights ``z``, (K,) each, m.
+    """Create a table of radii and heights, m, up to the largest of ``rho`` and the ends of ``z``.
 
-    Heights outside ``heights`` (lowest, highest), m, are left out.
+    ``rho`` and ``z`` are (K,) each. Heights outside ``heights`` (lowest, highest) are left out. The
+    first of the ``symmetries`` is that of the joint that turns the arm about ``line``. Limits of
+    the joints of symmetries are not checked in floods.
     """
     low, high = max(heights[0], z.min()), min(heights[1], z.max())
     counted = np.ones(task.n, bool)
@@ -150,9 +156,11 @@ def grid_around(
 def locked_floods(
     table: Table, nodes: NDArray[np.intp], Q: Array, rng: np.random.Generator
 ) -> Floods:
-    """Flood a table with r joints locked, chosen at random, at 0 or at their values in Q.
+    """Make up to 128 floods of a table, each with r joints locked, chosen at random.
 
-    The floods begin at random rows of nodes (K, 2) and Q (K, n).
+    They begin at random rows of nodes (K, 2) and Q (K, n). In every second one, the joints are
+    locked at 0 where their limits allow it, else at their values in Q. Floods whose first node is
+    not reached are left out; those that are alike are kept.
     """
     task = table.task
     rows = rng.integers(len(Q), size=_LOCKED)

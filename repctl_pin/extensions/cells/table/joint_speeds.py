@@ -48,7 +48,8 @@ def least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
 def _unit_twists(cell: Cell, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate at Q (K, n): J (K, m, n), E = ∂x/∂y (K, m, k) and C = (EᵀE)^(−1/2) (K, k, k).
 
-    y are the k coordinates of a cell, m and rad, the removed ones last.
+    y are the coordinates of a cell in m and rad, where u are scaled to ±1; k counts also those that
+    symmetries remove, which are last. A column of E is a task velocity per m or rad.
     """
     p, R, J = placed(cell.task, Q)
     E = cell._all_twists(cell._measured(p, R), R)[:, :, [*cell.moved, *cell._removed]]

@@ -3,9 +3,11 @@
 A table is a grid of radius and height around the arm, at the angle 0. A flood is the set of its
 nodes that the arm reaches from one configuration without a change of branch (of the inverse
 kinematics). A locked flood is that of an arm with r of its joints locked, which is therefore not
-redundant: it has one configuration per pose. Masks (I, J) have one entry per node, for I radii and
-J heights. S is the number of floods, n that of joints, K that of nodes or configurations. Squared
-joint speeds are defined in :mod:`.joint_speeds`.
+redundant: it has one configuration per pose. A sector is a cell of poses around the arm, with a
+range of radius, angle and height. The middle of a flood is the node in the middle of its largest
+rectangle. G_d is the desired inverse of a design, here J⁺. Masks (I, J) have one entry per node,
+for I radii and J heights. S is the number of floods, n that of joints, K that of nodes or
+configurations. Squared joint speeds are defined in :mod:`.joint_speeds`.
 
 ``Floods`` are S floods, see :mod:`.flood_sets`. ``Table`` is a grid of poses (nodes) over radius
 and height around an axis, at the angle 0 and one orientation. ``Required`` holds the limits of a
@@ -84,8 +86,8 @@ class LockedJoints(NamedTuple):
 class LargerArm(NamedTuple):
     """Arm with locked joints that covers a larger sector than a design.
 
-    ``found`` has the sector's range of radius, ``posture`` (n,) the arm's configuration in the
-    middle.
+    ``found`` has the sector's range of radius, between two polynomials of the height, and
+    ``posture`` (n,) is the arm's configuration in the middle.
     """
 
     arm: LockedJoints
@@ -181,8 +183,9 @@ def _locked_joints(
 ) -> LockedJoints | None:
     """Evaluate an arm with locked joints on the nodes of a mask ``inside`` (I, J).
 
-    The arm is that of flood number ``k`` of ``locked``. Nodes at which bodies are always nearer
-    than ``distance``, m, are left out. Return None if no node is left.
+    The arm is that of flood number ``k`` of ``locked``. Nodes at which bodies are nearer than
+    ``distance``, m, at all angles of ``cell`` are left out. Joint speeds are those along the
+    coordinates of ``cell``. Return None if no node is left.
     """
     clear = locked.reached[k] & inside
     on = np.argwhere(clear)
@@ -199,8 +202,9 @@ def _locked_arm(
 ) -> LockedJoints:
     """Evaluate an arm with locked joints on all nodes of a mask ``clear`` (I, J).
 
-    The arm is that of flood number ``k`` of ``locked``, which reaches these nodes. The ``share`` of
-    the result is 1; the caller may replace it.
+    The arm is that of flood number ``k`` of ``locked``, which reaches these nodes. Joint speeds are
+    those along the coordinates of ``cell``. The ``share`` of the result is 1; the caller may
+    replace it.
     """
     task, Q = table.task, locked.Q[k][clear]
     joints = np.flatnonzero(locked.held[k])
@@ -216,8 +220,9 @@ def _locked_arm(
 def with_middles(table: Table, locked: Floods, design: CellDesign) -> Floods:
     """Add floods with locked joints that begin in the middle of a design's sector.
 
-    The joints are locked at the design's values in the middle of the sector, or at 0. Return the
-    new floods, followed by ``locked``.
+    Each set of r joints is locked twice: at the design's configuration there and, as far as their
+    limits allow it, at 0. Floods whose first node is not reached are left out. Return the new
+    floods, followed by ``locked``.
     """
     cell, task = design.cell, table.task
     assert isinstance(cell, Sector), "a table is a sector"

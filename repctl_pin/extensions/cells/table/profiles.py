@@ -203,10 +203,10 @@ def affordable_between(
 ) -> Between:
     """Find the largest part of one opening, by polynomials of the height, that keeps speed limits.
 
-    ``mask`` (I, J) has the nodes of the opening; ``own`` and ``usual`` are (I, J). Nodes with the
-    largest extra joint speed are left out until the mean over the part meets its limit. A part of
-    at most the area ``least``, in units of the spacing squared, may be missed. The area of the
-    result is 0 if nothing is found.
+    ``mask`` (I, J) has the nodes of the opening; ``own`` and ``usual`` (I, J) are the squared joint
+    speeds of a function and of J⁺ at the nodes. Nodes with the largest extra joint speed are left
+    out until the mean over the part meets its limit. A part of at most the area ``least``, in units
+    of the spacing squared, may be missed. The area of the result is 0 if nothing is found.
     """
     best = Between.none()
     with np.errstate(invalid="ignore"):

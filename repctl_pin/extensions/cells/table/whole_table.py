@@ -10,11 +10,15 @@ nodes that it leaves. The spin of a sector is the rotation of the tool about its
 Symmetries are the joints that alone turn the whole arm, or the tool; ``line`` (2, 3) is the axis of
 the first, a point, m, and a direction. The joint speed of a node is squared, ``‖∂F/∂u C‖_F²`` of a
 function (array ``own``) or of J⁺ (``usual``). Its limits (``limits``) are the maximum extra joint
-speed on average and at the worst node. A quick design has low accuracy, and serves to rank sectors.
-A locked flood is that of an arm with r of its joints locked, which is therefore not redundant.
-Masks (I, J) have one entry per node, for I radii and J heights. S is the number of floods, n that
-of joints, K that of openings, nodes or configurations. A node is a pair of indices (radius,
-height). The argument ``fit`` has the arguments of a design, ``report`` is the progress callback.
+speed on average and at the worst node. The *worth* of a sector, m², is its area times (1 + s) / 2;
+s is the fraction of a full turn that is left to its angle or, if that is less, its spin. The
+*rating* is the worth, reduced for high joint speed and near bodies. A design keeps a body distance
+of 5 mm or, where that leaves less than 85 % of the rating, the smaller one of 1 mm. A quick design
+has low accuracy, and serves to rank sectors. A locked flood is that of an arm with r of its joints
+locked, which is therefore not redundant. Masks (I, J) have one entry per node, for I radii and J
+heights. S is the number of floods, n that of joints, K that of openings, nodes or configurations. A
+node is a pair of indices (radius, height). The argument ``fit`` has the arguments of a design,
+``report`` is the progress callback.
 
 ``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
 ``Required`` holds the limits of a function: mean and maximum extra joint speed relative to G_d
@@ -209,16 +213,19 @@ def _at_bodies(design: CellDesign) -> bool:
 class Straight:
     """Sectors with one range of radius, and the function over the largest that one covers.
 
+    :attr:`design` is that function, designed when it is first read; the rest is known before.
+
     Parameters
     ----------
     fit
         Arguments of the design.
     places
-        The sectors.
+        The sectors, those with the highest bounds of their worth first.
     limits
         Limits of the function.
     rectangle
-        Area of the largest rectangle in a flood without collision, m².
+        Area of the largest rectangle in a flood without collision, m². If the function covers much
+        less because bodies are near, one that keeps away from bodies is designed, too.
     """
 
     def __init__(
@@ -229,22 +236,25 @@ class Straight:
 
     @property
     def most(self) -> float:
-        """Upper bound of the function's area times (1 + s) / 2, m²; s is its share of a turn."""
+        """Upper bound of the worth of a function over one of the sectors, m²; 0 without sectors."""
         return max((place.most for place in self._places), default=0.0)
 
     @property
     def largest(self) -> float:
-        """Upper bound of the area of its sector, m²."""
+        """Area of the largest of the sectors, m², an upper bound of that of a design; 0 if none."""
         return max((area_of(place.cell) for place in self._places), default=0.0)
 
     @property
     def limits(self) -> Required:
-        """Limits of the function; where bodies end the sectors, with the smaller body distance."""
+        """Limits of the function: those given, or with the smaller body distance.
+
+        The latter are used if the given distance leaves too little of the best sector.
+        """
         return self._ranking[1]
 
     @cached_property
     def _ranking(self) -> tuple[list[_Place], Required]:
-        """Sectors, the best first, with quick designs; and the limits for them."""
+        """Sectors, the best first, with quick designs; and :attr:`limits`."""
         limits, ranked = self._given, _ranked(self._fit, self._places, self._given)
         if limits.distance == _CLEAR and ranked and ranked[0].rating < _MUCH * ranked[0].most:
             # where bodies end the sector, a smaller distance may leave more of it
@@ -443,10 +453,9 @@ def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float,
 class _Place(NamedTuple):
     """Sector, and configuration (n,) in its middle, for which a function can be designed.
 
-    ``most`` is an upper bound of its rating. ``window`` is the range of the sector's angle in which
-    bodies keep their distance; None for a whole turn. ``design`` is a quick design; its ``rating``,
-    m², is its area, reduced for a small angle, high joint speed and near bodies. They are None and
-    0 before.
+    ``most`` is an upper bound of its worth, and so of its rating, m². ``window`` is the range of
+    the sector's angle in which bodies keep their distance; None for a whole turn. ``design`` is a
+    quick design, and ``rating`` the rating by it, m². They are None and 0 before.
     """
 
     cell: Cell
@@ -465,7 +474,7 @@ def _sectors(
     line: Array,
     symmetries: tuple[Symmetry, ...],
 ) -> list[_Place]:
-    """Choose the rectangles with the highest bounds of their ratings as sectors, the best first.
+    """Choose the rectangles with the highest bounds of their worth as sectors, the best first.
 
     ``found`` has one rectangle per opening. Among sectors with nearly equal configurations in their
     middles, only the best is kept.
@@ -515,7 +524,8 @@ def _place(
     """Make the place of a sector in the opening k from a configuration q (n,) in its middle.
 
     ``most`` is the upper bound of its rating. ``sector(turns)`` makes the sector, turned by two
-    angles, rad: about the arm's axis, and about the tool's.
+    angles, rad: about the arm's axis, and about the tool's. They lead to the middle of the opening,
+    or to the middles of the ranges of the joints that turn arm and tool.
     """
     window, at = None, 0.0
     if openings.half[k] < np.pi:
@@ -538,7 +548,7 @@ def _shaped_places(
     """Choose the best sectors whose range of radius depends on the height, the best first.
 
     They contain only nodes at which joint speed can meet its limits. ``speeds`` (2, S, I, J) are
-    the minimum squared joint speeds, of a function and then of J⁺. Sectors whose rating is below
+    the minimum squared joint speeds, of a function and then of J⁺. Sectors whose worth is below
     that of the best one by more than 5 % may be missed.
     """
     own, usual = speeds[:, openings.flood]
@@ -581,10 +591,10 @@ def _best_shape(
 
 
 def _settled(found: CellDesign, most: float, limits: Required, straight: Straight) -> bool:
-    """Test whether neither a sector with one range nor a smaller body distance gives much more.
+    """Test that no sector with one range is larger, and that a smaller body distance is not needed.
 
-    ``most`` is an upper bound of the worth of designs, m²: area times (1 + s) / 2, with s the
-    fraction of a full turn that the angle or spin covers.
+    It is not needed if ``limits`` have it already, if bodies do not come near in ``found``, or if
+    its worth is above 85 % of ``most``, m², an upper bound of the worth of any sector's design.
     """
     larger = _worth(found) > straight.most and area_of(found.cell) > straight.largest
     free = limits.distance < _CLEAR or not _at_bodies(found) or _worth(found) > _MUCH * most
@@ -603,7 +613,7 @@ def _larger_design(
 
 
 def _larger_of(found: CellDesign, design: CellDesign) -> CellDesign:
-    """Return ``found`` if it is larger in area and in area · (1 + s) / 2, else ``design``."""
+    """Return ``found`` if both its area and its worth are larger, else ``design``."""
     larger = _worth(found) > _worth(design) and area_of(found.cell) > area_of(design.cell)
     return found if larger else design
 
@@ -613,8 +623,7 @@ def _first_design(
 ) -> CellDesign | None:
     """Design the places in turn; return the first design, or None.
 
-    Places that cannot be worth more than ``worth`` are left out. The worth, m², is the area of the
-    sector times (1 + s) / 2, with s the fraction of a full turn that the angle or the spin covers.
+    Places whose worth cannot be above ``worth``, m², are left out.
     """
     for place in places:
         if place.most <= worth:
@@ -630,7 +639,10 @@ def _first_design(
 
 
 def _can_outdo(part: Cell, place: _Place, worth: float) -> bool:
-    """Test whether a design over a part of a place can be worth more than ``worth``, m²."""
+    """Test whether a design over a part of a place's sector can have more than ``worth``, m².
+
+    The bound of the place, ``place.most``, is reduced in proportion to the area of the part.
+    """
     return place.most / area_of(place.cell) * area_of(part) > worth
 
 
@@ -680,7 +692,8 @@ def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectang
 def _speeds(floods: Floods, cell: Cell) -> Array:
     """Evaluate minimum squared joint speeds in S floods, of a function, then of J⁺: (2, S, I, J).
 
-    They are per unit of task speed along the coordinates of ``cell``; NaN outside a flood.
+    No function through the configuration of a node is slower there. Speeds are per unit of task
+    speed along the coordinates of ``cell``; NaN outside a flood.
     """
     speeds = np.full((2, *floods.reached.shape), np.nan)
     speeds[:, floods.reached] = least_speeds(cell, floods.Q[floods.reached])
@@ -701,10 +714,11 @@ def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
 
 
 def _ranked(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]:
-    """Rate places by a quick design of each; return them, the best first.
+    """Rate places by a quick design of each, within ``limits``; return them, the best first.
 
-    A place that cannot be more than 20 % better than the best so far keeps the rating 0, without a
-    design. A place whose configuration does not lead to its middle is left out.
+    The rating is that of the part of the sector in which the design meets the limits. A place that
+    cannot be more than 20 % better than the best so far keeps the rating 0, without a design. A
+    place whose configuration does not lead to its middle is left out.
     """
     ranked: list[_Place] = []
     for place in places:
@@ -746,8 +760,7 @@ def _farther_from_bodies(
     """Design a function that keeps away from bodies; return it if it is better, else ``design``.
 
     The given ``design`` was made for minimum joint speed only, and its sector ends at bodies. The
-    better one has the larger worth, m²: area times (1 + s) / 2, with s the fraction of a full turn
-    that its angle or spin covers.
+    better one has the larger worth.
     """
     away = replace(fit, body_distance=_AWAY * limits.distance)
     with suppress(InputError):
@@ -767,7 +780,10 @@ def _worth(design: CellDesign) -> float:
 
 
 def _failed(ranked: list[_Place], limits: Required) -> str:
-    """Write why the first place with a quick design fails; the text completes an error message."""
+    """Write why the first place with a quick design fails; the text completes an error message.
+
+    It is empty if no place has a quick design.
+    """
     design = next((place.design for place in ranked if place.design is not None), None)
     if design is None:
         return ""
@@ -896,9 +912,9 @@ def _best_clear(
 ) -> tuple[float, _Openings]:
     """Choose the body distance to keep, 5 mm or 1 mm; return it, m, with the openings that keep it.
 
-    1 mm is chosen if the best rating with 5 mm is below 85 % of that with 1 mm. A rating is the
-    area of an opening's largest rectangle, in units of the spacing squared, times (1 + s) / 2 for a
-    range s of a full turn. ``bound`` (S,) is the rating of each flood without regard to bodies.
+    1 mm is chosen if the best worth with 5 mm is below 85 % of that with 1 mm. The worth of an
+    opening is that of its largest rectangle, in units of the spacing squared. ``bound`` (S,) is the
+    worth of each flood without regard to bodies.
     """
     known: dict[int, Shut] = {}
     wide = _opened(table, floods, bound, _CLEAR, symmetries, known)
@@ -918,11 +934,12 @@ def _opened(
     symmetries: tuple[Symmetry, ...],
     known: dict[int, Shut],
 ) -> _Openings:
-    """Find the best openings of floods in which bodies keep a distance, m.
+    """Find the best openings of floods, up to three per flood, in which bodies keep a distance, m.
 
-    The test of bodies is slow, so floods are left out that can have neither a better rating than
-    others nor a larger rectangle. ``bound`` (S,) is the rating of each flood without bodies.
-    ``known`` has results for a larger distance by number of the flood; those of this call are set.
+    The test of bodies is slow, so floods are left out that can have neither a better worth than
+    others nor a larger rectangle. ``bound`` (S,) is the worth of each flood without bodies, in
+    units of the nodes' spacing squared. ``known`` has results for a larger distance by number of
+    the flood, whose free nodes are not tested again; those of this call replace them.
     """
     parts: list[list[Any]] = []
     clear: list[NDArray[np.bool_]] = []
@@ -1015,7 +1032,11 @@ def _shaped_sector(
     found: Between,
     turns: tuple[float, float],
 ) -> Cell:
-    """Make the sector between two polynomials of the height, turned by angles ``turns``, rad."""
+    """Make the sector between two polynomials of the height.
+
+    Its middle is turned by two angles, ``turns``, rad: about the arm's axis, and about the tool's z
+    axis. At the angles 0 the orientation is that of the table.
+    """
     first, last = (np.array([0, j]) for j in (found.first, found.last))
     return _sector(table, line, symmetries, first, last, turns, found)
 
@@ -1025,7 +1046,8 @@ def _larger_place(
 ) -> _Place:
     """Make the place for a function of free joints from the sector of an arm with locked ones.
 
-    ``larger`` is the arm with its sector.
+    ``larger`` is the arm with its sector. The place has the same sector; the bound ``most`` is the
+    area of the sector.
     """
     q, turns = _central(table.task, symmetries, larger.posture)
     cell = _shaped_sector(table, line, symmetries, larger.found, turns)

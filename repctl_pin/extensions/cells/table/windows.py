@@ -92,10 +92,11 @@ class Windows(NamedTuple):
 def shut(table: Table, flood: Array, distance: float, farther: Shut | None = None) -> Shut:
     """Find where bodies are nearer than a distance, m, at the nodes of a flood (I, J, n).
 
-    Pairs of bodies that do not move relative to each other when the arm turns are tested once per
-    node. The other pairs are tested at each angle, at one node per block of nodes. ``farther`` is
-    the result for a larger distance, if there is one: nodes at which bodies keep that distance are
-    not tested again.
+    The masks of the result are (M, I, J), for M even angles around the arm from 0 on; ``out`` is
+    True beyond the limits of the joint that turns the arm. Pairs of bodies that do not move
+    relative to each other when the arm turns are tested once per node. The other pairs are tested
+    at each angle, at one node per block of nodes. ``farther`` is the result for a larger distance,
+    if there is one: nodes at which bodies keep that distance are not tested again.
     """
     found = Shut(*np.ones((2, _ANGLES, *table.shape), bool))
     on = np.argwhere(np.isfinite(flood[..., 0]))
@@ -118,9 +119,11 @@ def free_nodes(
 ) -> NDArray[np.bool_]:
     """Find the nodes (I, J) of a flood at which bodies keep a distance at all angles of a range.
 
-    Angles beyond the limits of the joint that turns the arm are left out; a node with no other
-    angle is False. A node at which bodies are near at one angle is not tested at others. If the
-    nodes that are left are not ``enough``, the search ends, and the result can have too many.
+    ``angles`` are the first and the last, rad, and ``enough`` is a function that tells of a mask
+    (I, J) of nodes whether it is still of use. Angles beyond the limits of the joint that turns the
+    arm are left out; a node with no other angle is False. A node at which bodies are near at one
+    angle is not tested at others. If the nodes that are left are not ``enough``, the search ends,
+    and the result can have too many.
     """
     on = np.argwhere(np.isfinite(flood[..., 0]))
     nodes = _Nodes(table, flood[on[:, 0], on[:, 1]], on, distance, np.ones(len(on), bool))
@@ -138,7 +141,10 @@ def free_nodes(
 
 
 def _within(angles: tuple[float, float]) -> NDArray[np.bool_]:
-    """Test which of the M angles are in a range from the first to the last angle, rad: (M,)."""
+    """Test which of M even angles of a turn are in a range (first angle, last angle), rad: (M,).
+
+    Angles differ by full turns without effect, so a range may contain half a turn.
+    """
     half = (angles[1] - angles[0]) / 2
     away = STEP * np.arange(_ANGLES) - sum(angles) / 2
     return np.asarray(np.abs((away + np.pi) % (2 * np.pi) - np.pi) <= half + STEP / 2)
@@ -185,15 +191,19 @@ class _Nodes:
         self._first, self._block = np.flatnonzero(~self.always)[first], block.ravel()
 
     def out(self, k: int) -> NDArray[np.bool_]:
-        """Test where the joint that turns the arm is beyond its limits at angle number k: (K,)."""
+        """Test where the joint that turns the arm is beyond its limits at the angle k: (K,).
+
+        k is the number of the angle, from 0 to M − 1, of M even angles around the arm.
+        """
         task, joint = self._table.task, self._table.around.joint
         Q = turned(task, self._Q, self._table.around, STEP * k)
         return np.asarray(Q[:, joint] > task.upper[joint])
 
     def near(self, k: int, doubtful: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Test where bodies are near at angle number k: (K,).
+        """Test where bodies are near at the angle k, from 0 to M − 1, of M around the arm: (K,).
 
-        Blocks of nodes that are all not ``doubtful`` (K,) are taken for free.
+        Neighbouring nodes form a block, of which one node is tested. A block without a ``doubtful``
+        (K,) node is taken for free.
         """
         closed = np.zeros(len(self._first), bool)
         closed[self._block[doubtful[~self.always]]] = True

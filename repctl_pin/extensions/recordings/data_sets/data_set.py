@@ -66,17 +66,22 @@ class DataSet(Table):
 
     @abstractmethod
     def write(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> None:
-        """Write the data set to a new path, with ``new`` cells and without columns ``removed``."""
+        """Write the data set to a new path.
+
+        ``new`` has the changed numbers by name of their column. ``removed`` are the names of the
+        columns that are left out.
+        """
 
     def actions(self) -> tuple[str, ...]:
         """Return the names of the columns of actions."""
         return tuple(name for name in self.widths if _ACTION.search(name))
 
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
-        """Write a copy of the data set with changed columns: beside the path, then renamed.
+        """Write a copy of the data set with changed columns to ``path``, and return ``path``.
 
-        ``new`` has the changed numbers by name of their column; the columns ``removed`` are left
-        out.
+        The copy is made in a temporary folder beside ``path`` and then renamed, so that nothing is
+        left if it fails. ``new`` has the changed numbers by name of their column; the columns
+        ``removed`` are left out.
 
         Raises
         ------

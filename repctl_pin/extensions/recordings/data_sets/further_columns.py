@@ -77,7 +77,8 @@ def require_positions(
 ) -> None:
     """Raise InputError if the column of joints has further numbers that depend on the joints.
 
-    ``labels`` are the names of its numbers, ``places`` the indices of the joints among them.
+    ``labels`` are the names of the numbers in a row of the column ``table.joints``; None, if they
+    have no names, passes the test. ``places`` are the indices of the joints among them.
     """
     for at, label in enumerate(labels or ()):
         if at not in places and any(joint in label for joint in task.joint_names):

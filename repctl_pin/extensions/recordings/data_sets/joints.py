@@ -36,6 +36,9 @@ def joints_of(
 ) -> tuple[str, tuple[int, ...]]:
     """Find the column of joints of a data set, and the index of each of the task's joints in a row.
 
+    ``given`` are names of all numbers in a row of that column, in order. By default, they are those
+    in the data set. If it has none, the column must have exactly one number per joint; a LeRobot
+    data set must have names.
     Raises
     ------
     InputError
@@ -63,7 +66,8 @@ def joints_of(
 def require_known(name: str, lerobot: Sequence[str], task: Task) -> None:
     """Raise InputError if none of LeRobot's names of numbers in a column is a joint of the task.
 
-    Even if their count fits, the numbers could then belong to another arm.
+    Even if their count fits, the numbers could then belong to another arm. ``name`` is the column,
+    for the message.
     """
     own = task.joint_names
     if not set(own) & {stem(text, own) for text in lerobot}:

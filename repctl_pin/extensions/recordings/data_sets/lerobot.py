@@ -81,7 +81,11 @@ def labels_of(info: Mapping[str, Any], name: str) -> list[str] | None:
 
 
 class LeRobotData(DataSet):
-    """A LeRobot data set of version 2.1 or 3.0."""
+    """A LeRobot data set of version 2.1 or 3.0, opened from its folder.
+
+    As a :class:`DataSet`, it gives columns by name, one row per frame. The column of joints is
+    ``observation.state``, if there is one. An InputError is raised if the folder is incomplete.
+    """
 
     sessions = "episode_index"
     times = "timestamp"
@@ -162,7 +166,11 @@ class LeRobotData(DataSet):
         return f"{self._files[at]}, row {row - int(self._ends[at])}"
 
     def write(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> None:
-        """Write the data set: copy the other files, then data, statistics and description."""
+        """Write the data set: copy the other files, then data, statistics and description.
+
+        ``new`` has the changed numbers by name of their column. ``removed`` are the names of the
+        columns that are left out of all three.
+        """
         rewritten = {file.relative_to(self.file).as_posix() for file in self._files}
         self._require_known_statistics()
         _copy(self.file, path, rewritten)
@@ -225,7 +233,7 @@ def _opened(file: Path) -> Any:
 
 
 def _part(new: Mapping[str, NewCells], rows: slice) -> dict[str, NewCells]:
-    """Select rows of all new columns; return them by name."""
+    """Select rows of all new columns: those of one file, counted from its start; by column name."""
     return {name: NewCells(c.values[rows], c.at, c.rows[rows]) for name, c in new.items()}
 
 
@@ -298,7 +306,10 @@ def _updated(
 
 
 def _statistic(key: str, X: Array, file: Path) -> Array:
-    """Compute a statistic per column of X (K, w), by its name in LeRobot, such as ``q01``."""
+    """Compute a statistic per column of X (K, w), by its name in LeRobot, such as ``q01``: (w,).
+
+    An InputError for an unknown name also names the ``file`` that has it.
+    """
     if key in _STATISTICS:
         return np.asarray(_STATISTICS[key](X))
     if key[0] == "q" and key[1:].isdecimal() and len(key) == 3:

@@ -90,7 +90,11 @@ class RobomimicData(DataSet):
         return np.arange(int(self._ends[-1])) / rate
 
     def write(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> None:
-        """Copy the file, and write the arrays that change."""
+        """Copy the file, write the arrays that change, and delete others.
+
+        ``new`` has the changed numbers by name of their array; the arrays named in ``removed`` are
+        deleted in all demonstrations.
+        """
         shutil.copyfile(self.file, path)
         columns = {name: replaced(self.column(name), cells) for name, cells in new.items()}
         with _opened(path, "r+") as h5:
@@ -103,7 +107,7 @@ class RobomimicData(DataSet):
                     del group[name]
 
     def _controller(self) -> str | None:
-        """Read from robosuite's ``env_args`` whether the actions command the hand; None if not."""
+        """Return ``hand`` if robosuite's ``env_args`` say that actions command it, else None."""
         kinds = set(_types(self._arguments.get("controller_configs")))
         arms = {kind for kind in kinds if kind.startswith((*_HAND, "JOINT_"))}
         hand = arms and all(kind.startswith(_HAND) for kind in arms)
@@ -120,7 +124,10 @@ def _opened(file: Path, mode: str = "r") -> Any:
 
 
 def _demonstrations(data: Any, file: Path) -> list[str]:
-    """List the groups of demonstrations, in order of their numbers."""
+    """List the names of the demonstrations, such as ``demo_0``, in order of their numbers.
+
+    ``data`` is the group ``data`` of the open file. InputError is raised if it has none.
+    """
     import h5py
 
     names = [] if not isinstance(data, h5py.Group) else [n for n in data if _DEMO.fullmatch(n)]
@@ -138,9 +145,10 @@ def _number(demo: str) -> int:
 
 
 def _arrays(group: Any, file: Path, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the name, shape and type of each array in a group, and in the groups below.
+    """Yield (name, (shape, type)) for each array in a group, and in the groups below.
 
-    InputError is raised for a link to another file, which a copy would not contain.
+    ``prefix`` is the path of the group, which begins each name. InputError is raised for a link to
+    another file, which a copy would not contain.
     """
     import h5py
 
@@ -191,9 +199,11 @@ def _sizes(
 
 
 def _widths(sets: Mapping[str, Mapping[str, Any]], sizes: Array) -> dict[str, int]:
-    """Count the numbers per row of each array.
+    """Count the numbers per row of each array, by its name.
 
-    The count is 0 unless the array has a row of floats per frame in every demonstration.
+    ``sets`` has (shape, type) by demonstration and by name of the array, ``sizes`` the number of
+    frames of each demonstration. The count is 0 unless the array has a row of floats per frame in
+    every demonstration.
     """
     widths: dict[str, int] = {}
     first = next(iter(sets.values()))

@@ -243,7 +243,8 @@ def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
 def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str) -> str:
     """Write a test vector, and Python's results for it, as the C initialiser of a struct.
 
-    ``said`` has Python's results and status codes by name.
+    ``said`` has Python's results and status codes by their names in the struct, and ``name`` is the
+    prefix of all exported C names.
     """
     task = inverse.task
     limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit
@@ -283,7 +284,8 @@ def _optional(given: Array | None, size: int) -> tuple[int, Array]:
 def _function_vectors(function: InverseFunction, name: str) -> str:
     """Write C test vectors of a cell's function q = F(x; c): targets, levels, statuses and q.
 
-    Targets lie inside and outside the cell; outside, the status is OUTSIDE.
+    Targets lie inside and outside the cell; outside, the status is OUTSIDE. ``name`` is the prefix
+    of all exported C names.
     """
     rows = []
     for target, leaf in targets(function):

@@ -2,7 +2,10 @@
 
 The files are templates filled with sizes, numbers and code of the native library. Ω is the region
 of joint space, or the cell of poses, for which the inverse was designed. The function of a cell is
-q = F(x; c), with the pose x and the level c, which is the position along the self-motion.
+q = F(x; c), with the pose x and the level c, which is the position along the self-motion. The
+governor moves the arm to any pose and level within all limits, with a stop known at every tick. The
+closing radius is the distance from a start or a path within which closed paths are proved to end in
+the configuration that they began in.
 
 ``Source`` is the texts of the C header and of the C source file, and parts of the C++ header.
 ``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.
@@ -45,8 +48,8 @@ _MEANING = {
 class Source(NamedTuple):
     """Texts of the C header ``header`` and the C source file ``code``, and parts of the C++ header.
 
-    The parts are ``governor`` and ``closing``, on the governor and the closing radius; empty if
-    they are not exported.
+    The parts are classes of the governor, ``governor``, and of the closing radius, ``closing``;
+    empty texts if they are not exported.
     """
 
     header: str
@@ -176,7 +179,10 @@ def _frame_sizes(arm: Any) -> dict[str, str | int]:
 
 
 def _function_code(function: InverseFunction, name: str) -> str:
-    """Write the C code of a cell's function q = F(x; c), which follows that of its inverse."""
+    """Write the C code of a cell's function q = F(x; c), which follows that of its inverse.
+
+    ``name`` is the prefix of all exported C names.
+    """
     parts = {
         "library": pasted("function.h", "function_parts.c", "function.c"),
         "keep": int(function.keep_limits),
@@ -201,8 +207,9 @@ def _closing_source(closes: ClosingRadius | None, task: Task, name: str) -> tupl
     """Write the parts on the closing radius: of C header, C source and C++ header, in this order.
 
     The closing radius is the distance from a start or a path within which closed paths are proved
-    to close in the joints. The texts are empty if it is None. An InputError is raised if the radius
-    is not proved, or belongs to another kind of task.
+    to close in the joints. ``name`` is the prefix of all exported C names. The texts are empty if
+    ``closes`` is None. An InputError is raised if the radius is not proved, or belongs to another
+    kind of task.
     """
     if closes is None:
         return "", "", ""
@@ -250,7 +257,10 @@ def _own(cell: Cell, inverse: RepeatableInverse) -> bool:
 
 
 def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) -> str:
-    """Write the comment that begins the C files: robot, frame, task, joints, region, units."""
+    """Write the comment that begins the C files: robot, frame, task, joints, region, units.
+
+    The region is "none given" if it is None.
+    """
     task = control.task
     robot = task.robot
     placed = [
@@ -274,14 +284,14 @@ def about(control: RepeatableInverse | InverseFunction, region: Bounded | None) 
         ),
         f"joints  {joints[0]}",
         *(f"        {line}" for line in joints[1:]),
-        f"region  {_of(region)}",
+        f"region  {_region_line(region)}",
         "units   m, rad, s; a q outside the joint limits is accepted",
     ]
     return "\n".join([lines[0], *(f" * {line}".rstrip() for line in lines[1:])])
 
 
-def _of(region: Bounded | None) -> str:
-    """Describe Ω in one line, for a C comment."""
+def _region_line(region: Bounded | None) -> str:
+    """Describe Ω in one line, for a C comment: "none given" if it is None."""
     if isinstance(region, Cell):
         return f"the cell {comment(repr(region))}"
     return "none given" if region is None else comment(str(region).replace("±", "+-"))
