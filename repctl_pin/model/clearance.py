@@ -103,6 +103,7 @@ def clearance(model: _CollisionModel, Q: Array, rows: NDArray[np.intp]) -> Clear
     search = _Search(model, Q)
     undecided = search.look_at(rows)
     search.settle(rows, undecided)
+    search.test_undecided(rows)
     return search.found()
 
 
@@ -126,7 +127,7 @@ class _Search:
         self._touch = np.inf
         self._points = 0
         self._left = _MOST
-        self._undecided: int | None = None
+        self._undecided: list[int] = []
 
     def found(self) -> Clearance:
         """Return the result, with the names of the links."""
@@ -145,13 +146,14 @@ class _Search:
             overlap,
             distances,
             self._points,
-            touch is None and self._undecided is None,
-            None if self._undecided is None else self._model.names(self._undecided),
+            touch is None and not self._undecided,
+            self._model.names(self._undecided[0]) if self._undecided else None,
         )
 
     def look_at(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Measure the minimum distance at samples ``rows`` (R,), and list what stays undecided.
 
+        Pairs that are checked for collisions only are not measured there: they stay undecided.
         Piece k is the motion from sample ``rows[k]`` to ``rows[k + 1]``. Return two index arrays of
         equal length, (pairs, pieces): on each of these pieces, the lower bounds at both ends do not
         decide whether the pair collides or is the closest.
@@ -224,7 +226,20 @@ class _Search:
 
     def _leave(self, pair: int) -> None:
         """Record that a pair is left undecided; only the first such pair is reported."""
-        self._undecided = pair if self._undecided is None else self._undecided
+        self._undecided.append(pair)
+
+    def test_undecided(self, rows: NDArray[np.intp]) -> None:
+        """Test undecided pairs for collisions at samples ``rows`` (R,), before the first one found.
+
+        Measured pairs were evaluated there already.
+        """
+        pairs = np.unique([k for k in self._undecided if not self._measured[k]]).astype(np.intp)
+        for row in rows.tolist() if len(pairs) else ():
+            if row >= self._touch:
+                return
+            self._points += 1
+            if (self._model.some_distances(self._Q[row], pairs, exact=True) < 0).any():
+                self._note(float(row), self._measure_all(float(row))[0])
 
     def _pieces(self, pair: int, begin: Array, end: Array) -> _Pieces:
         """Make M pieces of the motion, from the positions ``begin`` to ``end`` (M,).

@@ -232,14 +232,15 @@ class _CollisionModel:
         """Yield (index of the first row, bounds, distances) for blocks of B rows of Q (K, N).
 
         ``bounds`` (B, P) are lower bounds on the distances of all pairs, m, and ``distances`` (B,)
-        the minimum distances over all pairs, m.
+        the minimum distances over the measured pairs, m; inf without one.
         """
-        last = 0
+        measured = np.flatnonzero(~self._only_contact)
+        last = int(measured[0]) if len(measured) else -1
         for start, block, bounds in self._bounded(Q):
             found = np.full(len(block), np.inf)
             # _least changes the bounds of pairs that it has measured
-            telling = self._telling(bounds.copy()) if len(self.pairs) else bounds
-            for k, q in enumerate(block if len(self.pairs) else ()):
+            telling = np.where(self._only_contact, np.inf, bounds)
+            for k, q in enumerate(block if len(measured) else ()):
                 with self._lock:
                     found[k], last = self._least(q, telling[k], last, self._exact)
             yield start, bounds, found
