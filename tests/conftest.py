@@ -175,6 +175,17 @@ def quick_module() -> Iterator[None]:
         yield
 
 
+QUICK = ("codegen", "integrations", "paths", "point_to_point", "robot", "saving", "strategies")
+"""Rooms whose tests use designs and studies, and judge something else."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_room(request: pytest.FixtureRequest) -> None:
+    """The same for those rooms, and for the tests of the whole package."""
+    if request.path.parent.name in ("tests", *QUICK):
+        request.getfixturevalue("quick_module")
+
+
 def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
     use_few_nodes(monkeypatch)
     evaluate_cells_quickly(monkeypatch)

@@ -41,7 +41,7 @@ def test_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture) -> Non
         "--start",
         PANDA_START,
         "--degree",
-        "2",
+        "1",
         *SMALL,
         "--out",
         str(tmp_path / "here"),
