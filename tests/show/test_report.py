@@ -19,6 +19,7 @@ from browser import asleep, errors, schemes, wait_until_drawn
 from commands import main, without_pictures
 from PIL import Image
 from said import reads
+from store import study_of
 
 import repctl_pin as rp
 
@@ -42,7 +43,7 @@ class Tags(HTMLParser):
 
 @pytest.fixture(scope="module")
 def study() -> rp.Study:
-    return rp.study("planar3r", cycles=2, steps=100, degree=1)
+    return study_of("planar3r", 2, 100)
 
 
 @pytest.mark.slow
