@@ -281,7 +281,11 @@ def test_what_cannot_be(
         (["--half-width", "0.1", "--angle", "1"], "--angle requires --sector"),
         (["--radius", "0.1"], "--radius requires --sector"),
         ([], "the shape of the cell is missing; give --half-width, --size"),
-        (["--sector", "--radius", "0.1", "--angle", "4"], "more than a full turn"),
+        pytest.param(
+            ["--sector", "--radius", "0.1", "--angle", "4"],
+            "more than a full turn",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(["--sector", "--radius", "0.9"], "reaches the axis", marks=pytest.mark.slow),
         pytest.param(
             ["--sector", "--radius", "0.1", "--height", "a"], "--height", marks=pytest.mark.slow

@@ -86,7 +86,6 @@ def arm(name: str) -> tuple[rp.Task, np.ndarray]:
     "name",
     some(
         ["planar3r xy", "ppr xy", "panda", "panda axis", "panda position", "kinova position"],
-        "ppr xy",
         "panda",
     ),
 )

@@ -45,7 +45,7 @@ REDUNDANT = [
 
 MY_ARM = Path(__file__).parents[2] / "examples" / "my_arm.urdf"
 
-QUICK = {("planar4r", "xy"): {"degree": 1}, ("ppr", "xy"): {}}
+QUICK = {("planar4r", "xy"): {"degree": 1}}
 """Beside the panda, whose table the README shows; what is not at its default."""
 
 
