@@ -167,6 +167,7 @@ def small() -> rp.Study:
         rp.Problem("panda", plane="yz", path="circle:0.05"),
         cycles=2,
         steps=100,
+        degree=2,
         progress=STEPS.append,
     )
 
