@@ -296,7 +296,11 @@ def test_what_cannot_be(
             "must be 6 numbers",
             marks=pytest.mark.slow,
         ),
-        (["--sector", "--radius", "0.1", "--axis", "0,0.1,0,0,0,1"], "a joint that turns the"),
+        pytest.param(
+            ["--sector", "--radius", "0.1", "--axis", "0,0.1,0,0,0,1"],
+            "a joint that turns the",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_options_of_a_sector_that_make_no_sense(words: list[str], says: str, capsys) -> None:
