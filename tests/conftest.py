@@ -184,7 +184,7 @@ def quick_module() -> Iterator[None]:
         yield
 
 
-QUICK = ("codegen", "integrations", "paths", "point_to_point", "robot", "saving", "strategies")
+QUICK = ("codegen", "paths", "point_to_point", "robot", "saving", "strategies")
 """Rooms whose tests use designs and studies, and judge something else."""
 
 
