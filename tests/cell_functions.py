@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from arms import Q_PANDA
+from store import shared
 
 import repctl_pin as rp
 from repctl_pin.extensions.cells.chart import chart
@@ -44,6 +45,7 @@ def chart_of(cell: rp.Cell, q: np.ndarray, degree: int = 3, count: int = 128) ->
     return chart.Chart.fitted(cell, ends.U, ends.Q, ends.N, degree)
 
 
+@shared
 def function_of(name: str) -> rp.InverseFunction:
     """A section near straight fibres; what it is worth does not matter here."""
     kind, rotation = CELLS[name]

@@ -92,7 +92,7 @@ def without_pictures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
 
 def without_tours(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the motion along a sample path out of the page of a cell."""
-    module = import_module("repctl_pin." + "extensions.cells.cell_command")
+    module = import_module("repctl_pin.extensions.cells.cell_command")
     monkeypatch.setattr(module, "_tour", lambda design: ({}, []))
 
 

@@ -26,6 +26,7 @@ from arms import Q_PANDA
 from browser import browser, require_browser
 from commands import without_pictures, without_tours
 from controls import c_compiler, evaluate_cells_quickly, shared_folder, use_few_nodes
+from store import folder
 
 import repctl_pin as rp
 
@@ -89,6 +90,14 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_collection_finish() -> None:
     """Leave all that is imported and collected out of the search for garbage."""
     gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def store_of_results(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Results that are computed once are kept in a folder that the workers share."""
+    store = shared_folder(tmp_path_factory) / "results"
+    store.mkdir(exist_ok=True)
+    folder[:] = [store]
 
 
 @pytest.fixture(scope="session")
@@ -173,6 +182,17 @@ def quick_module() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         choose_quickly(patch)
         yield
+
+
+QUICK = ("codegen", "paths", "point_to_point", "robot", "saving", "strategies")
+"""Rooms whose tests use designs and studies, and judge something else."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick_room(request: pytest.FixtureRequest) -> None:
+    """The same for those rooms, and for the tests of the whole package."""
+    if request.path.parent.name in ("tests", *QUICK):
+        request.getfixturevalue("quick_module")
 
 
 def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,7 +36,7 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def evaluate_cells_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search for the worst poses of a cell from fewer starts, by fewer steps."""
-    evaluate = "repctl_pin." + "extensions.cells.evaluate."
+    evaluate = "repctl_pin.extensions.cells.evaluate."
     monkeypatch.setattr(import_module(evaluate + "cell_evaluation"), "_SPEED_STARTS", 2)
     margins = import_module(evaluate + "margins")
     monkeypatch.setattr(margins, "_LENGTHS", replace(margins._LENGTHS, steps=5))

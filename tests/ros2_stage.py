@@ -71,8 +71,7 @@ class Stage:
         self._thread = threading.Thread(target=self._spin, daemon=True)
         self._ends = False
         self._thread.start()
-        log = str(folder / "arm.log")
-        self.arm = self._run(str(ARM), json.dumps([list(names), list(map(float, q)), log, age]))
+        self.arm = self._run(str(ARM), json.dumps([list(names), list(map(float, q)), age]))
 
     def _run(self, *words: str) -> subprocess.Popen:
         process = subprocess.Popen([sys.executable, *words], stderr=subprocess.DEVNULL)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from arms import Q_PANDA
 from cell_functions import panda
 from controls import evaluate_cells_quickly
+from store import shared
 
 import repctl_pin as rp
 
@@ -56,7 +56,7 @@ def sector_of(name: str = "one orientation", **change: Any) -> rp.Sector:
     return rp.Sector(task, middle, **({"radius": 0.08} | WIDTHS[name] | change))
 
 
-@cache
+@shared
 def found(name: str = "one orientation") -> rp.CellDesign:
     """A small design over a sector: what it costs does not matter here."""
     sector = sector_of(name)

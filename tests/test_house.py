@@ -109,28 +109,37 @@ def test_the_documentation_names_files_that_exist() -> None:
         assert any((root / name).is_file() for root in (ROOT, ROOT / "repctl_pin")), name
 
 
+RELATIVE = re.compile(r"^[ \t]*(from \.[\w.]* import (?:\([^)]*\)|.*))", re.MULTILINE)
+"""A statement that imports from the package, inside functions and for types too."""
+
+
+@cache
+def package_files() -> set[Path]:
+    return set((ROOT / "repctl_pin").rglob("*.py"))
+
+
 @cache
 def imports_of(path: Path) -> set[Path]:
-    """List the files of the package that a file imports, inside functions and for types too."""
+    """List the files of the package that a file imports; only its imports are parsed."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            module = path.parents[node.level - 1].joinpath(
-                *(node.module.split(".") if node.module else ())
-            )
-            for name in node.names:
-                stems = (module / name.name, module)
-                places = [
-                    place for stem in stems for place in (Path(f"{stem}.py"), stem / "__init__.py")
-                ]
-                found.add(next(place for place in places if place.is_file()))
+    for statement in RELATIVE.findall(path.read_text(encoding="utf-8")):
+        (node,) = ast.parse(statement).body
+        assert isinstance(node, ast.ImportFrom)
+        module = path.parents[node.level - 1].joinpath(
+            *(node.module.split(".") if node.module else ())
+        )
+        for name in node.names:
+            stems = (module / name.name, module)
+            places = [
+                place for stem in stems for place in (Path(f"{stem}.py"), stem / "__init__.py")
+            ]
+            found.add(next(place for place in places if place in package_files()))
     return found - {path}
 
 
 def test_no_two_files_import_each_other() -> None:
     """repctl_pin/__init__.py is left out: it imports a public name when the name is first used."""
-    package = ROOT / "repctl_pin"
-    files = set(package.rglob("*.py")) - {package / "__init__.py"}
+    files = package_files() - {ROOT / "repctl_pin" / "__init__.py"}
     graph = {path: imports_of(path) & files for path in files}
     assert sum(map(len, graph.values())) > 300
     TopologicalSorter(graph).prepare()  # raises CycleError, which names the files
@@ -154,9 +163,8 @@ def test_public_names_are_those_of_the_type_checker() -> None:
 
 def test_the_core_imports_no_extension() -> None:
     """Issue 21: it finds them by name, through ``plugins.py``."""
-    package = ROOT / "repctl_pin"
-    extensions = package / "extensions"
-    core = [path for path in package.rglob("*.py") if extensions not in path.parents]
+    extensions = ROOT / "repctl_pin" / "extensions"
+    core = [path for path in package_files() if extensions not in path.parents]
     found = {path: [p for p in imports_of(path) if extensions in p.parents] for path in core}
     assert len(core) > 100 and not any(found.values()), found
 

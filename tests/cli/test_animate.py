@@ -14,6 +14,7 @@ import pytest
 from arms import planar_urdf
 from commands import main, parsers, printed, refused, told
 from page_file import Drawn, Pane, panes, read
+from store import study_of
 
 import repctl_pin as rp
 
@@ -27,7 +28,7 @@ KEYS = {
 
 @pytest.fixture(scope="module")
 def study() -> rp.Study:
-    return rp.study("ppr", cycles=3, steps=60, degree=1)
+    return study_of("ppr")
 
 
 @pytest.fixture(scope="module")

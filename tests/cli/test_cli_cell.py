@@ -18,7 +18,7 @@ import sectors
 from arms import planar_urdf, upright_urdf
 from browser import asleep, errors, schemes, wait_until_drawn
 from commands import main
-from controls import NEEDS_C
+from controls import NEEDS_C, some
 from page_file import read
 from scipy.spatial.transform import Rotation
 
@@ -281,7 +281,11 @@ def test_what_cannot_be(
         (["--half-width", "0.1", "--angle", "1"], "--angle requires --sector"),
         (["--radius", "0.1"], "--radius requires --sector"),
         ([], "the shape of the cell is missing; give --half-width, --size"),
-        (["--sector", "--radius", "0.1", "--angle", "4"], "more than a full turn"),
+        pytest.param(
+            ["--sector", "--radius", "0.1", "--angle", "4"],
+            "more than a full turn",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(["--sector", "--radius", "0.9"], "reaches the axis", marks=pytest.mark.slow),
         pytest.param(
             ["--sector", "--radius", "0.1", "--height", "a"], "--height", marks=pytest.mark.slow
@@ -292,7 +296,11 @@ def test_what_cannot_be(
             "must be 6 numbers",
             marks=pytest.mark.slow,
         ),
-        (["--sector", "--radius", "0.1", "--axis", "0,0.1,0,0,0,1"], "a joint that turns the"),
+        pytest.param(
+            ["--sector", "--radius", "0.1", "--axis", "0,0.1,0,0,0,1"],
+            "a joint that turns the",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_options_of_a_sector_that_make_no_sense(words: list[str], says: str, capsys) -> None:
@@ -451,7 +459,7 @@ class Table(NamedTuple):
 
 
 @NEEDS_C
-@pytest.mark.parametrize("provable", [True, False])
+@pytest.mark.parametrize("provable", some([True, False], False))
 def test_a_sector_whose_radius_depends_on_the_height_is_taken_if_it_is_proved(
     provable: bool,
     tmp_path: Path,

@@ -35,17 +35,7 @@ def size_of(png: Path) -> tuple[int, int]:
 
 @pytest.mark.pictures
 def test_table_and_picture(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    arguments = [
-        "design",
-        "panda",
-        "--start",
-        PANDA_START,
-        "--degree",
-        "2",
-        *SMALL,
-        "--out",
-        str(tmp_path / "here"),
-    ]
+    arguments = ["design", "planar4r", "--degree", "2", *SMALL, "--out", str(tmp_path / "here")]
     assert main(arguments) == 0
     captured = capsys.readouterr()
     assert captured.err == ""  # progress is for terminals

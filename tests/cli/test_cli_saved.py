@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import planar_urdf, spatial_urdf
-from commands import main, refused, told
+from commands import main, refused, told, without_pictures
 
 import repctl_pin as rp
 
@@ -26,7 +26,7 @@ def designed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     where = ["--frame", "link7", "--task", "position", "--lock", "q3", "--base", "link1"]
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr("repctl_pin.show.plots.motions.png", lambda *_, **__: b"")
+        without_pictures(patch)
         assert main(["design", "rail.urdf", *where, *SMALL, "--out", "."]) == 0
     return folder
 

@@ -144,7 +144,7 @@ def test_it_commands_the_joints_that_the_library_does(
 
 
 LEVELS = [
-    pytest.param(planar, id="planar"),
+    pytest.param(planar, id="planar", marks=SLOW),
     pytest.param(workpiece, id="workpiece", marks=SLOW),
     pytest.param(both_hands, id="both hands"),
     pytest.param(lambda: panda("axis"), id="axis", marks=SLOW),

@@ -1113,9 +1113,8 @@ def test_the_curve_leaves_out_degrees_without_a_regular_design() -> None:
     assert 1 not in [degree for degree, *_ in lower]
 
 
-@pytest.mark.parametrize(
-    ("joints", "degree"), [([1, 3], 2), pytest.param([1, 2, 3], 3, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("joints", "degree"), [([1, 3], 2), ([1, 2, 3], 3)])
 def test_the_curve_designs_with_the_same_potentials_but_for_the_degree(
     joints: list[int], degree: int
 ) -> None:

@@ -91,11 +91,17 @@ def test_the_spectral_norm_is_the_papers(panda_design: rp.Design) -> None:
     assert design.cost / 3 < spectral < 0.9 * design.cost  # rank 3
 
 
-def test_baselines_stand_beside_it(panda: rp.Robot, panda_design: rp.Design) -> None:
-    rows, extended = baselines = panda_design.evaluate_baselines()
+@pytest.mark.slow
+def test_baselines_have_the_costs_of_the_theory(panda_design: rp.Design) -> None:
+    rows, extended = panda_design.evaluate_baselines()
     assert rows.evaluation is not None and extended.evaluation is not None
     assert abs(rows.evaluation.cost - 0.531) < 1e-3
     assert abs(extended.evaluation.cost - 0.376) < 1e-3
+    assert panda_design.cost < extended.evaluation.cost < rows.evaluation.cost
+
+
+def test_baselines_are_summarised_below_it(panda_design: rp.Design) -> None:
+    rows, extended = baselines = replace(panda_design, held_out=512).evaluate_baselines()
     assert panda_design.cost < extended.evaluation.cost < rows.evaluation.cost
     text = panda_design.summary(baselines)
     assert "constant rows" in text and "extended Jacobian" in text and "converged" in text
@@ -287,6 +293,7 @@ def test_degree_auto_compares_degrees_over_one_region_that_is_shrunk() -> None:
     assert design.degrees[0][1:] == pytest.approx(due, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_degree_auto_stops_where_the_cost_stops_falling() -> None:
     task = rp.Robot.load("ppr").task(None, "xy")
     design = rp.nearest_repeatable(
@@ -620,7 +627,7 @@ def test_potentials_that_depend_on_others_change_nothing() -> None:
 
 def test_the_same_seed_is_the_same_design(panda: rp.Robot) -> None:
     first, again, other = (
-        panda_design_of(panda, "pose", 0.4, 2, samples=1024, held_out=256, seed=seed)
+        panda_design_of(panda, "pose", 0.4, 1, samples=64, held_out=64, seed=seed)
         for seed in (3, 3, 4)
     )
     assert np.array_equal(first.coefficients, again.coefficients) and first.cost == again.cost
@@ -786,9 +793,7 @@ def test_a_start_near_a_limit_is_left_with_more_room() -> None:
 # ---- refusals ------------------------------------------------------------------------------------
 
 
-def test_a_singularity_of_V_is_refused_with_the_largest_free_box_and_shrink_takes_it(
-    panda_pose: rp.Task,
-) -> None:
+def test_a_singularity_of_V_is_refused_with_the_largest_free_box(panda_pose: rp.Task) -> None:
     desired, box = rp.Pseudoinverse(panda_pose), rp.Box(Q0, 1.4)
     with pytest.raises(rp.SingularRegionError, match="shrink=True") as error:
         rp.nearest_repeatable(
@@ -798,11 +803,6 @@ def test_a_singularity_of_V_is_refused_with_the_largest_free_box_and_shrink_take
     assert "\n" not in str(found) and "panda_joint1 = " in str(found)
     assert box.contains(found.at[None])[0]
     assert isinstance(found.free, rp.Box) and 0 < found.free.half_width[0] < 1.4
-    design = rp.nearest_repeatable(
-        desired, None, box, degree=1, options=rp.FitOptions(samples=512, held_out=256), shrink=True
-    )
-    assert design.leaf_margin > 0 and 0.1 < design.shrunk < 1
-    assert np.allclose(design.region.half_width, 1.4 * design.shrunk)
 
 
 def test_a_desired_inverse_that_is_singular_in_the_region_is_said_to_be() -> None:
@@ -884,16 +884,18 @@ def test_a_singularity_of_the_arm_is_refused_by_place() -> None:
     search finds."""
     task = rp.Robot.load("planar3r").task(None, "xy")
     box = rp.Box([0.3, 0.5, 0.4], [0.5, 0.8, 0.8])
+    few = rp.FitOptions(samples=512, held_out=64)
     with pytest.raises(rp.SingularRegionError, match="loses rank") as error:
-        rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2)
+        rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, options=few)
     at, free = error.value.at, error.value.free
     assert np.abs(at[1:]).max() < 1e-2
     # the nearest point of the line: |0 − 0.5| / 0.8 and |0 − 0.4| / 0.8, the larger
     assert isinstance(free, rp.Box) and 0.6 < free.half_width[1] / 0.8 < 0.5 / 0.8 + 1e-9
-    design = rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, shrink=True)
+    design = rp.nearest_repeatable(
+        rp.Pseudoinverse(task), None, box, degree=2, shrink=True, options=few
+    )
     assert design.shrunk < 0.5 / 0.8 and design.leaf_margin > 0
     # and of a box that just reaches the line, hardly less is taken
-    few = rp.FitOptions(samples=512, held_out=64)
     wide = rp.Box([0.3, 0.5, 0.5], [0.1, 0.52, 0.52])
     with pytest.raises(rp.SingularRegionError, match="loses rank"):  # not shrunk unasked
         rp.nearest_repeatable(rp.Pseudoinverse(task), None, wide, degree="auto", options=few)

@@ -262,6 +262,7 @@ def test_a_misspelt_parameter_is_refused(
             spin(found[0], given, threading.Event())
 
 
+@pytest.mark.slow
 def test_stale_stamps_start_nothing(
     found: tuple[rp.CellDesign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -276,6 +277,7 @@ def test_stale_stamps_start_nothing(
         assert not stage.commands
 
 
+@pytest.mark.slow
 def test_an_arm_beyond_a_limit_is_told_and_moves_back(
     found: tuple[rp.CellDesign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -336,6 +338,7 @@ def test_links_without_a_shape_are_refused_unless_allowed(
     spin(design, [*given, "-p", "unchecked:=allow"], stop)
 
 
+@pytest.mark.slow
 def test_a_simulation_that_steps_back(
     found: tuple[rp.CellDesign, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -12,8 +12,7 @@ from sectors import found, sector_of
 
 import repctl_pin as rp
 
-RANGES = import_module("repctl_pin." + "extensions.cells.geometry.ranges")
-PAGE = import_module("repctl_pin." + "extensions.cells.show.cell_page")
+PAGE = import_module("repctl_pin.extensions.cells.show.cell_page")
 
 
 def numbers(text: str) -> list[float]:
@@ -25,18 +24,18 @@ def test_the_sentence_promises_no_more_than_the_sector() -> None:
     sector = sector_of("one orientation by height", angle=1.0)
     rho = sector.radii([sector.middle[1]])[0]
     z = sector.placement.translation[2] + sector.widths[2] * np.array([-1, 1])
-    low, high, inner, outer, angle = numbers(RANGES.range_phrase(sector))
+    low, high, inner, outer, angle = numbers(PAGE.range_phrase(sector))
     cut = [low - z[0], z[1] - high, inner - rho[0], rho[1] - outer]
     assert -1e-9 < min(cut) and max(cut) < 0.01
     assert 0 <= np.degrees(2.0) - angle < 1
-    assert numbers(RANGES.range_phrase(sector, {"angle": np.radians(33)}))[-1] == 33
-    assert "\n" not in RANGES.range_phrase(sector)
+    assert numbers(PAGE.range_phrase(sector, {"angle": np.radians(33)}))[-1] == 33
+    assert "\n" not in PAGE.range_phrase(sector)
 
 
 def test_each_height_has_a_line_of_its_own() -> None:
     """55: three ranges of radius stood in one line."""
-    sector = sector_of("one orientation by height")
-    lines = RANGES.range_rows(sector)["radius"].split("\n")
+    design = found("one orientation by height")
+    sector, lines = design.cell, design.figures()["radius"].split("\n")
     assert len(lines) == 5 and max(map(len, lines)) < 60
     for line in lines:
         low, high, height = numbers(line)
@@ -45,13 +44,10 @@ def test_each_height_has_a_line_of_its_own() -> None:
 
 def test_the_rows_of_a_sector_are_explained_by_their_own_names() -> None:
     """A sector without a height had the meaning of its height in place of that of its angle."""
-    sector = sector_of("one orientation", height=0.0, angle=0.4)
-    assert {"radius", "angle"} <= RANGES.range_rows(sector).keys()
     design = found("one orientation")
     rows = design.figures()
     assert {"radius", "height", "angle"} <= rows.keys() and "cell" not in rows
-    words = import_module("repctl_pin." + "extensions.cells.show.cell_words").cell_words(design, {})
-    assert {name.capitalize() for name in RANGES.range_rows(design.cell)} <= words.keys()
+    assert {"Radius", "Height", "Angle"} <= PAGE.cell_words(design, {}).keys()
 
 
 def test_no_price_is_one_number() -> None:

@@ -91,7 +91,7 @@ def test_the_elbow_is_engaged_without_a_jump_and_scaled_as_the_hand(rounds: int)
         assert tick(hand, elbow) is rp.Status.OK and np.abs(Q[-1] - before).max() < 1e-9
         way = axes.T @ np.array([0.0, 0.1, 0.05])
         np.testing.assert_allclose(clutch.elbow(elbow + way), own + [0, 0.05, 0.025], atol=1e-12)
-        for share in np.linspace(0, 1, 15):
+        for share in np.linspace(0, 1, 8):
             moved = pin.SE3(hand.rotation, hand.translation + share * 0.2 * way)
             for _ in range(8):
                 tick(moved, elbow + share * way)

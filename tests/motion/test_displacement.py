@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 from arms import planar_urdf, spatial_urdf
-from page_file import read
+from page_file import Visuals, read
 
 import repctl_pin as rp
 
@@ -172,41 +172,26 @@ def test_no_drift_leads_nowhere() -> None:
     assert leaves(moving(slow)) == []
 
 
-def test_a_motion_s_displacements_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    inside = import_module("repctl_pin." + "motion.body_displacement")
-    calls: list[int] = []
-    run = inside.displacements
-
-    def counted(*arguments: object) -> object:
-        calls.append(1)
-        return run(*arguments)
-
-    monkeypatch.setattr(inside, "displacements", counted)
-    motion = replace(made())
-    _, last = inside.farthest_link(motion)
-    assert last == inside.cycle_displacements(motion)[-1] == inside.farthest_link(motion)[1]
-    assert len(calls) == 1
-
-
 def test_a_hull_that_is_cached_on_disk_needs_no_mesh_reader(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    visuals = import_module("repctl_pin." + "model.visuals")
-    surfaces = import_module("repctl_pin." + "model.surfaces")
+    """The same mesh in another folder, of which this process has read nothing."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    trimesh.convex.convex_hull(POINTS).export(tmp_path / "body.stl")
-    task, _ = with_a_body(planar_urdf((1.0, 0.8, 0.6)), '<mesh filename="body.stl"/>', tmp_path)
 
-    def corners() -> list[np.ndarray]:
-        visuals._hulls.clear()
-        visuals._corners_of.clear()
-        return visuals.Visuals.of(task.robot).corners()
+    def corners(name: str) -> list[np.ndarray]:
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / "body.stl").write_bytes(mesh)
+        body = '<mesh filename="body.stl"/>'
+        task, _ = with_a_body(planar_urdf((1.0, 0.8, 0.6)), body, folder)
+        return Visuals.of(task.robot).corners()
 
-    read_first = corners()
-
-    def refused(*_: object) -> None:
-        raise AssertionError("a mesh was read")
-
-    monkeypatch.setattr(surfaces, "read_surfaces", refused)
-    for one, other in zip(read_first, corners(), strict=True):
+    mesh = trimesh.convex.convex_hull(POINTS).export(file_type="stl")
+    read_first = corners("first")
+    assert max(map(len, read_first)) > 8
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    for one, other in zip(read_first, corners("other"), strict=True):
         assert np.array_equal(one, other)
+    (tmp_path / "cache").rename(tmp_path / "gone")
+    with pytest.raises(ModuleNotFoundError, match="trimesh"):  # there is no other way to it
+        corners("third")

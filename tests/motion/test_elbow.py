@@ -44,7 +44,9 @@ def test_the_elbow_of_another_configuration_at_the_pose_is_found(make: object, q
         np.testing.assert_allclose(found.q, other, atol=1e-8)
 
 
-@ARMS
+@pytest.mark.parametrize(
+    ("make", "q0"), [pytest.param(panda, Q_PANDA, marks=pytest.mark.slow), (planar, Q0)]
+)
 @pytest.mark.parametrize("points", some([2, 4], 2))
 def test_no_elbow_of_the_self_motion_is_nearer(make: object, q0: object, points: int) -> None:
     """Points out of reach; the way along the self-motion is searched by steps of 0.01 rad."""

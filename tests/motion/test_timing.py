@@ -145,6 +145,7 @@ def test_time_goes_with_the_root_of_acceleration(ring) -> None:
     assert np.isclose(slow.duration, 10 * quick.duration, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_panda_takes_hardly_longer_than_under_the_pseudoinverse(panda_motions) -> None:
     times = {}
     for name, motion in panda_motions.items():

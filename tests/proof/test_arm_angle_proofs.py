@@ -185,6 +185,7 @@ def noticed(folder: Path, law: ModuleType = arm_angle) -> bool:
     return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "mutant", [pytest.param(m, marks=SLOW if i else []) for i, m in enumerate(ARM_C)]
 )

@@ -38,7 +38,11 @@ def bent(name: str, *, reduced: bool) -> rp.Sector:
     return sector.without(sector.symmetries) if reduced else sector
 
 
-CELLS = [(name, reduced) for name in SIDES for reduced in (False, True)]
+CELLS = [
+    pytest.param(name, reduced, marks=[] if reduced == (i % 2 == 1) else pytest.mark.slow)
+    for i, name in enumerate(SIDES)
+    for reduced in (False, True)
+]
 
 
 def problem_of(cell: rp.Sector) -> cell_bounds.CellProof:
@@ -98,6 +102,7 @@ def test_poses_and_their_derivatives_stay_in_their_enclosures(name: str, reduced
     assert used(bent(name, reduced=reduced), kernels()) <= 1
 
 
+@pytest.mark.slow
 def test_the_enclosures_of_poses_are_not_wasteful() -> None:
     """In a reduced sector, all that is left out is a product of degree 4 or more of y and η."""
     assert max(used(bent(name, reduced=True), kernels()) for name in SIDES) > 0.5

@@ -153,6 +153,7 @@ def some(mutants: dict[str, tuple[str, str]], quick: int = 1) -> list[object]:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mutant", some(SCREWS))
 def test_a_wrong_remainder_is_noticed(mutant: str, tmp_path: Path) -> None:
     tasks = [
@@ -290,6 +291,7 @@ def test_a_wrong_bound_of_the_potentials_is_noticed(
     assert powers_off(tmp_path, kernels()) > HELD
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mutant", some(POTENTIALS_C))
 def test_a_wrong_bound_of_the_potentials_in_c_is_noticed(mutant: str, tmp_path: Path) -> None:
     assert powers_off(tmp_path, kernels(FILE, *POTENTIALS_C[mutant])) > HELD

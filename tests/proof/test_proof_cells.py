@@ -136,9 +136,8 @@ OTHERS = {
 """Cells of other tasks: robot, frame, and half-widths, m and rad."""
 
 
-@pytest.mark.parametrize(
-    "kind", ["xy", *(pytest.param(k, marks=pytest.mark.slow) for k in list(OTHERS)[1:])]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", OTHERS)
 def test_cells_of_other_tasks_are_proved(kind: str) -> None:
     name, frame, size = OTHERS[kind]
     task = rp.Robot.load(name).task(frame, kind)
@@ -281,6 +280,7 @@ def test_a_third_of_a_million_poses_of_a_proved_cell_violate_nothing(
         assert task.limit_margin(points.Q).min() >= proof.limit_margin
 
 
+@pytest.mark.slow
 def test_a_certificate_of_an_older_theorem_is_dropped_with_one_line(
     places: rp.CellDesign, tmp_path: Path
 ) -> None:

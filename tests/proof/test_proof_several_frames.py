@@ -135,6 +135,7 @@ FRAMES = {
 """What is wrong with several frames: a piece of leaf_margin_bounds.c, and what is put instead."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mutant", some(FRAMES, "one frame's rows"))
 def test_wrong_rows_are_noticed(mutant: str, tmp_path: Path) -> None:
     problem = problem_of(design_over(tasks(tmp_path)[1], 0.1))

@@ -13,9 +13,9 @@ import pytest
 import repctl_pin as rp
 
 TESTS = Path(__file__).parents[1]
-STATEMENTS, NAMES, STRINGS = 58, 115, 11
+STATEMENTS, NAMES, STRINGS = 58, 114, 14
 """How many there are today: import statements, names that they import, and strings that name a
-place inside, as patches do."""
+place inside, as patches do, also those that are added up."""
 
 PLACE = re.compile(r"repctl_pin(\.[a-z_]+){2,}\.?\w*")
 
@@ -23,9 +23,13 @@ PLACE = re.compile(r"repctl_pin(\.[a-z_]+){2,}\.?\w*")
 PUBLIC = {*dir(rp), "integrations"}
 
 
+INSIDE = re.compile(r"repctl_pin\.|from repctl_pin import")
+
+
 @cache
 def nodes(source: str) -> list[ast.AST]:
-    return list(ast.walk(ast.parse(source)))
+    """The syntax tree of a file that names something inside; the others are not parsed."""
+    return list(ast.walk(ast.parse(source))) if INSIDE.search(source) else []
 
 
 def behind_the_door(source: str) -> list[list[str]]:
@@ -50,13 +54,17 @@ def behind_the_door(source: str) -> list[list[str]]:
     return found
 
 
+def text_of(node: ast.AST) -> str:
+    """The value of a string, also of one that is added up from others."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        return text_of(node.left) + text_of(node.right)
+    constant = isinstance(node, ast.Constant) and isinstance(node.value, str)
+    return node.value if constant else ""
+
+
 def named_inside(source: str) -> list[str]:
     """The strings that name a module below a room, or something in it."""
-    values = [
-        node.value
-        for node in nodes(source)
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    ]
+    values = [text_of(node) for node in nodes(source)]
     public = "repctl_pin.integrations"
     values = [v.replace("repctl_pin.extensions.", "repctl_pin.") for v in values]
     return [v for v in values if PLACE.fullmatch(v) and not v.startswith(public)]
@@ -84,6 +92,8 @@ def test_what_is_counted(line: str, names: list[list[str]]) -> None:
     [
         ("patch('repctl_pin.show.plots.png', 1)", ["repctl_pin.show.plots.png"]),
         ("patch(f'repctl_pin.design.fit.{name}')", ["repctl_pin.design.fit."]),
+        ("load('repctl_pin.' + 'show.plots')", ["repctl_pin.show.plots"]),
+        ("load('repctl_pin.' + ('show.plots.' + name))", ["repctl_pin.show.plots."]),
         ("run('repctl_pin.cli')", []),
         ("'as repctl_pin.show.plots does'", []),
     ],

@@ -202,7 +202,7 @@ def in_three_cycles(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    "last", some(chains(), *(c for c in chains() if c.startswith(("cell", "export", "robots"))))
+    "last", some(chains(), *(c for c in chains() if c.startswith(("export", "robots"))))
 )
 def test_the_commands_for_ones_own_arm_run(
     last: str,

@@ -22,7 +22,7 @@ from arms import chain_with_bodies, spatial_urdf
 
 import repctl_pin as rp
 
-mesh_cache = import_module("repctl_pin." + "model.mesh_cache")
+mesh_cache = import_module("repctl_pin.model.mesh_cache")
 
 
 @pytest.fixture

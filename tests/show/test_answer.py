@@ -13,6 +13,7 @@ from controls import some
 from page_file import Drawn
 from said import reads, value_of
 from shown import answered
+from store import study_of
 from terminals import terminal_of
 
 import repctl_pin as rp
@@ -21,7 +22,7 @@ import repctl_pin as rp
 @pytest.fixture(scope="module")
 def study() -> rp.Study:
     """Four joints that drift by some centimetres."""
-    return rp.study("planar4r", cycles=3, steps=60, degree=1)
+    return study_of("planar4r")
 
 
 @pytest.fixture(scope="module")

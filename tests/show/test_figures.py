@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from page_file import COLOURS
+from store import study_of
 
 import repctl_pin as rp
 from repctl_pin.show.plots import cycles, designs, motions
@@ -37,7 +38,7 @@ def figures_of(study: rp.Study, folder: Path) -> dict[str, Figure]:
 
 @pytest.fixture(scope="module")
 def study() -> rp.Study:
-    return rp.study("planar4r", cycles=3, steps=80, degree=1)
+    return study_of("planar4r")
 
 
 @pytest.fixture(scope="module")
@@ -135,10 +136,10 @@ def test_speed_lines_hold_the_speed_of_the_first_and_last_cycle(
     assert len(ax.lines) == 2 * len(study.rows) and "(rad/s)" in ax.get_ylabel()
     motion = study.row("pseudoinverse").motion
     first, last = ax.lines[:2]
-    for line, part in ((first, slice(80)), (last, slice(160, 240))):
+    for line, part in ((first, slice(60)), (last, slice(120, 180))):
         speed = np.linalg.norm(motion.qdot[part], axis=1)
         np.testing.assert_allclose(line.get_ydata(), speed)
-    np.testing.assert_allclose(first.get_xdata(), np.arange(80) / 80, atol=1e-12)
+    np.testing.assert_allclose(first.get_xdata(), np.arange(60) / 60, atol=1e-12)
     assert first.get_linestyle() == "-" != last.get_linestyle()
 
 
@@ -146,7 +147,7 @@ def test_margin_lines_hold_the_least_margin_of_each_cycle(study: rp.Study, figur
     ax, task = figures["cycle"].axes[1], study.task
     for line, (_, motion, _) in zip(ax.lines, rows_of(study), strict=False):
         margins = np.minimum(motion.q - task.lower, task.upper - motion.q).min(axis=1)
-        least = [margins[80 * k : 80 * k + 81].min() for k in range(3)]
+        least = [margins[60 * k : 60 * k + 61].min() for k in range(3)]
         np.testing.assert_allclose(line.get_ydata(), least)
     assert ax.get_ylim()[0] <= 0 and "(rad)" in ax.get_ylabel()
 

@@ -19,6 +19,7 @@ import pytest
 from browser import asleep, errors, open_page, schemes, wait_until_drawn
 from controls import some
 from page_file import read
+from store import study_of
 
 import repctl_pin as rp
 from repctl_pin.show.page.own_loop import own_loop
@@ -85,7 +86,6 @@ def arm(name: str) -> tuple[rp.Task, np.ndarray]:
     "name",
     some(
         ["planar3r xy", "ppr xy", "panda", "panda axis", "panda position", "kinova position"],
-        "ppr xy",
         "panda",
     ),
 )
@@ -271,7 +271,7 @@ def test_what_the_page_cannot_compute_has_no_ring(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def study() -> rp.Study:
-    return rp.study("planar3r", cycles=2, steps=100, degree=1)
+    return study_of("planar3r", 2, 100)
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import asleep, errors, schemes, wait_until_drawn
-from commands import main
+from commands import main, without_pictures
 from PIL import Image
 from said import reads
+from store import study_of
 
 import repctl_pin as rp
 
@@ -42,7 +43,7 @@ class Tags(HTMLParser):
 
 @pytest.fixture(scope="module")
 def study() -> rp.Study:
-    return rp.study("planar3r", cycles=2, steps=100, degree=1)
+    return study_of("planar3r", 2, 100)
 
 
 @pytest.mark.slow
@@ -63,8 +64,19 @@ def tags(page: str) -> Tags:
 
 @pytest.fixture(scope="module")
 def page(study: rp.Study, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """The report that the command writes of a study that is there already."""
-    folder = tmp_path_factory.mktemp("report")
+    """The report that the command writes of a study that is there already; pictures are blank."""
+    with pytest.MonkeyPatch.context() as patch:
+        without_pictures(patch)
+        return written(study, tmp_path_factory.mktemp("report"))
+
+
+@pytest.fixture(scope="module")
+def drawn(study: rp.Study, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The report with its pictures."""
+    return written(study, tmp_path_factory.mktemp("drawn"))
+
+
+def written(study: rp.Study, folder: Path) -> str:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr(rp, "Problem", lambda *_, **__: None)
@@ -95,19 +107,26 @@ def test_it_is_valid_html_and_so_is_the_animation_inside(page: str, tags: Tags) 
         assert len(ids) == len(set(ids))
 
 
-def test_every_picture_has_words_and_is_a_picture(tags: Tags) -> None:
+def test_every_picture_has_words(tags: Tags) -> None:
     images = tags.all("img")
     assert len(images) == 6  # still, drift, joints, orbits, cycle, maps
     for image in images:
         assert len(image["alt"]) > 60 and "nan" not in image["alt"]
+    assert len({image["alt"] for image in images}) == 6
+    (frame,) = tags.all("iframe")
+    assert frame["title"].startswith("Animation")
+
+
+@pytest.mark.slow
+def test_every_picture_is_one(drawn: str) -> None:
+    images = Tags(drawn).all("img")
+    assert len(images) == 6
+    for image in images:
         kind, _, data = image["src"].partition(",")
         assert kind == "data:image/png;base64"
         picture = Image.open(io.BytesIO(base64.b64decode(data)))
         assert picture.size == (int(image["width"]), int(image["height"]))
         assert np.ptp(np.asarray(picture.convert("L"))) > 200
-    assert len({image["alt"] for image in images}) == 6
-    (frame,) = tags.all("iframe")
-    assert frame["title"].startswith("Animation")
 
 
 def test_it_asks_nothing_of_a_network(page: str, tags: Tags, study: rp.Study) -> None:
@@ -199,13 +218,13 @@ def test_the_command_writes_it_for_ones_own_arm(
 
 @pytest.mark.slow
 def test_it_plays_offline_and_no_figure_is_cut_on_paper(
-    page: str, tags: Tags, tmp_path: Path, driver: Any
+    drawn: str, tmp_path: Path, driver: Any
 ) -> None:
     """Each picture is on one page of the PDF, inside its margins, as wide against its height as it
     was drawn."""
     pdfium = pytest.importorskip("pypdfium2")
     source = tmp_path / "report.html"
-    source.write_text(page, encoding="utf-8")
+    source.write_text(drawn, encoding="utf-8")
     schemes(driver, width=700, height=500)
     with asleep(driver):
         driver.get(source.as_uri())
@@ -229,14 +248,14 @@ def test_it_plays_offline_and_no_figure_is_cut_on_paper(
                 left, bottom, right, top = thing.get_bounds()
                 assert 40 < left < right < width - 40 and 40 < bottom < top < height - 40
                 found.append((right - left) / (top - bottom))
-    drawn = [int(image["width"]) / int(image["height"]) for image in tags.all("img")]
+    shapes = [int(image["width"]) / int(image["height"]) for image in Tags(drawn).all("img")]
     url = driver.execute_script("return document.querySelector('.still canvas').toDataURL()")
     rendered = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert("RGB")
     pixels = np.asarray(rendered, float)  # what the animation draws, on white
     assert (pixels[-1, 0] == 255).all() and np.ptp(pixels) > 150 and (pixels < 250).mean() > 0.01
     panes, figures = found[:-5], found[-5:]  # each arm is printed under its own name
     assert len(panes) == 2 and panes[0] == pytest.approx(panes[1], rel=0.01)
-    np.testing.assert_allclose(figures, drawn[-5:], rtol=0.01)
+    np.testing.assert_allclose(figures, shapes[-5:], rtol=0.01)
 
 
 def test_what_the_report_speaks_of_is_explained(page: str) -> None:

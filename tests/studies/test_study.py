@@ -45,7 +45,7 @@ REDUNDANT = [
 
 MY_ARM = Path(__file__).parents[2] / "examples" / "my_arm.urdf"
 
-QUICK = {("planar4r", "xy"): {"degree": 1}, ("ppr", "xy"): {}}
+QUICK = {("planar4r", "xy"): {"degree": 1}}
 """Beside the panda, whose table the README shows; what is not at its default."""
 
 
@@ -167,6 +167,7 @@ def small() -> rp.Study:
         rp.Problem("panda", plane="yz", path="circle:0.05"),
         cycles=2,
         steps=100,
+        degree=2,
         progress=STEPS.append,
     )
 

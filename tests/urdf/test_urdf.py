@@ -794,7 +794,7 @@ def sorted_as(model: pin.Model, d: object) -> list:
     return sorted(d.joints, key=lambda j: order.get(j.name, -1))
 
 
-@pytest.mark.parametrize("count", some([60, 200], 60))
+@pytest.mark.parametrize("count", some([30, 200], 30))
 def test_what_passes_pinocchio_reads(
     count: int, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,0 +1,49 @@
+"""Results that many tests look at are computed once in a run of the tests, whose workers share
+them."""
+
+from __future__ import annotations
+
+import os
+import pickle
+from collections.abc import Callable
+from functools import cache, wraps
+from pathlib import Path
+from typing import Any, TypeVar
+
+import repctl_pin as rp
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+folder: list[Path] = []
+"""The folder of this run; empty in a run of one process, or before it has begun."""
+
+
+def shared(compute: Function) -> Function:
+    """Compute once for each argument; every call returns a copy of its own.
+
+    The first worker that needs a result writes it, and the others read it."""
+
+    @cache
+    def pickled(given: tuple[Any, ...]) -> bytes:
+        name = "-".join(map(str, (compute.__module__, compute.__name__, *given))) + ".pickle"
+        file = folder[0] / name if folder else None
+        if file is not None and file.exists():
+            return file.read_bytes()
+        text = pickle.dumps(compute(*given))
+        if file is not None:
+            draft = file.with_name(f"{os.getpid()}-{name}")
+            draft.write_bytes(text)
+            draft.replace(file)  # whole, whoever reads it
+        return text
+
+    @wraps(compute)
+    def found(*given: Any) -> Any:
+        return pickle.loads(pickled(given))
+
+    return found  # type: ignore[return-value]
+
+
+@shared
+def study_of(name: str, cycles: int = 3, steps: int = 60) -> rp.Study:
+    """A study whose design is of degree 1; only for rooms whose choices are quick."""
+    return rp.study(name, cycles=cycles, steps=steps, degree=1)
