@@ -16,7 +16,6 @@ import time
 import numpy as np
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.table.profiles import area_of
 
 ARMS = ("panda", "xarm7", "baxter", "kinova", "ur5", "ur10", "z1", "tiago", "talos")
 TITLES = (
@@ -38,11 +37,12 @@ def line(name: str) -> list[str]:
     seconds = time.process_time() - begin
     table, design = found.table, found.table.design
     print(f"{name}: {table}", file=sys.stderr, flush=True)
+    straight = table._replace(design=table.straight).area
     widths = dict(zip(found.cell.coordinate_names, found.cell.widths, strict=True))
     turns = [f"{np.degrees(2 * widths[way]):.0f}" for way in ("angle", "spin") if way in widths]
     return [
         f"{robot.name}, {kind}",
-        *(f"{area:.3f}" for area in (table.reach, table.rectangle, area_of(table.straight.cell))),
+        *(f"{area:.3f}" for area in (table.reach, table.rectangle, straight)),
         f"{table.area:.3f}" if table.by_height else "–",
         ", ".join(turns),
         f"{100 * max(design.extra_speed, 0.0):.1f}, {100 * design.extra_speed_worst:.0f}",
