@@ -145,7 +145,7 @@ def _text(found: Mapping[str, Any]) -> str:
         f"from {found['file']}",
         "",
         table(["joint", "kind", "lower", "upper", "speed", "reference"], rows),
-        "units: rad or m, rad/s or m/s; –: no limit in the URDF",
+        "units: rad or m, rad/s or m/s; –: no limit in the model",
     ]
     with_body, of = (found["collision"][key] for key in ("links_with_body", "links"))
     counted = "links fixed to each other count as one"

@@ -183,13 +183,13 @@ class Options(argparse.Namespace):
         if self.robot is None and not made_for.catalogue:
             raise InputError(
                 f"{file} is a design for the robot {made_for.robot}, which is not in the catalogue",
-                remedy=f"give the path of its URDF: --robot {made_for.file}",
+                remedy=f"give the path of its file: --robot {made_for.found_beside(file)}",
             )
         robot = rp.Robot.load(self.robot or made_for.robot, **self.beside())
         if robot.name != made_for.robot:
             raise InputError(
                 f"{file} is a design for the robot {made_for.robot!r}, not {robot.name!r}",
-                remedy=f"give the URDF of {made_for.robot} with --robot",
+                remedy=f"give the file of {made_for.robot} with --robot",
             )
         return robot
 

@@ -166,7 +166,7 @@ class Bodies:
             notes.append(f"collisions of {link} are not detected: {why}{more}")
         elif not self.task.robot.description.collisions:
             notes.append(
-                "the URDF has no collision geometry, so collisions of the robot are not detected"
+                "the model has no collision geometry, so collisions of the robot are not detected"
             )
         around = self.task.robot.surroundings
         if around is not None and len(around.collisions) > MAX_SHAPES:

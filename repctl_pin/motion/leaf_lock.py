@@ -36,7 +36,8 @@ class LeafLock:
     Attributes
     ----------
     corrections : int
-        Number of Newton corrections per step.
+        Number k of Newton corrections per step. Newton's method leaves an error of the order
+        ``2ᵏ`` in the length of the step. It does not accumulate.
     leaf : (r,) array, optional
         Level c; by default h(q0).
     velocity_limit : float or (n,) array, optional

@@ -70,7 +70,7 @@ def presumed_acceleration(task: Task) -> tuple[Array, str]:
     names = task.joint_names
     own = limits_of_file(task, "acceleration")
     if np.isfinite(own).all():
-        return own, "acceleration limits of the URDF"
+        return own, "acceleration limits of the model"
     if entry is not None and entry.acceleration is not None:
         published = _PRESETS[entry.acceleration][0]
         if len(published) == len(names):
@@ -242,7 +242,7 @@ def joint_limits(task: Task, limits: Limits) -> JointLimits:
     efforts = np.array([model.effortLimit[model.getJointId(name) - 1] for name in names])
     if (efforts >= NO_EFFORT).any() or not sum(inertia.mass for inertia in model.inertias) > 0:
         raise InputError(
-            "torque limits require the effort of every joint and masses of the links, but the URDF "
+            "torque limits require the effort of every joint and masses of the links; the model "
             f"lacks {'an effort' if (efforts >= NO_EFFORT).any() else 'all masses'}; omit torque="
         )
     return replace(found, torque=efforts, dynamics=task.dynamics())
@@ -270,8 +270,8 @@ def _own_acceleration(task: Task, *, also_jerk: bool) -> Array:
         joint = task.joint_names[int(np.argmax(~np.isfinite(own)))]
         also = "; jerk= requires it too" if also_jerk else ""
         raise InputError(
-            f"acceleration= is missing, and the URDF has no acceleration limit of joint {joint!r}; "
-            f"give rad/s² (prismatic: m/s²) per joint, or one of {', '.join(_PRESETS)}{also}"
+            f"acceleration= is missing, and the model has no acceleration limit of joint {joint!r}"
+            f"; give rad/s² (prismatic: m/s²) per joint, or one of {', '.join(_PRESETS)}{also}"
         )
     return own
 

@@ -24,7 +24,7 @@ from ..model.task import Task, require_task
 from ..model.tool import require_pose
 from .design_file import FORMAT, KIND, FileKind, read, write
 from .schema import Sealed
-from .task_identity import carrying_tool, compare, task_of, written_task
+from .task_identity import carrying_tool, compare, task_of, written_robot, written_task
 
 
 def _extended(extension: Extension, module: str) -> FileKind:
@@ -132,8 +132,8 @@ def load(path: str | Path, task: Task | None = None) -> Any:
     if task is None and not made_for.catalogue:
         raise InputError(
             f"{where} is for {made_for.robot} ({made_for.file}), which is not in the catalogue; "
-            f"load it with the task: rp.load({where!r}, rp.Robot.load({made_for.file!r})"
-            f".task({written_task(made_for)}))"
+            f"load it with the task: rp.load({where!r}, "
+            f"rp.Robot.load({written_robot(made_for, path)}).task({written_task(made_for)}))"
         )
     if task is None:
         task = task_of(made_for, Robot.load(made_for.robot))

@@ -15,6 +15,7 @@ closed path of a frame, as polynomial pieces. ``Region`` is a part Ω of joint s
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
@@ -230,6 +231,15 @@ class TaskFile(Part):
     frames: list[FrameFile] | msgspec.UnsetType = msgspec.UNSET
     tool: Rows | msgspec.UnsetType = msgspec.UNSET
     coordinates: Rows | msgspec.UnsetType | None = msgspec.UNSET
+
+    def found_beside(self, where: str | Path) -> str:
+        """Return the path of the robot's file, whose folder is not stored.
+
+        It is looked for in the working folder, and beside the design's file ``where``. If it is in
+        neither, its folder is ``PATH``, which stands for the one that the user knows.
+        """
+        near = Path(self.file), Path(where).parent / self.file
+        return str(next((path for path in near if path.is_file()), Path("PATH", self.file)))
 
 
 class PieceFile(Part):

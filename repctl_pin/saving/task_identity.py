@@ -13,6 +13,8 @@ the stored limits of one joint: position and speed.
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import msgspec
 import numpy as np
 
@@ -112,6 +114,17 @@ def written_task(made_for: TaskFile) -> str:
     return repr([_frame_argument(one) for one in made_for.frames])
 
 
+def written_robot(made_for: TaskFile, where: str | Path) -> str:
+    """Write the arguments of :meth:`Robot.load` for a saved robot that has no catalogue name.
+
+    ``where`` is the path of the design's file, beside which the robot's file may be.
+    """
+    given = [repr(made_for.found_beside(where))]
+    given += [f"lock={made_for.lock!r}"] if made_for.lock else []
+    given += [f"base={made_for.base!r}"] if made_for.base is not None else []
+    return ", ".join(given)
+
+
 def _frame_argument(one: FrameFile) -> tuple[str, ...]:
     """Convert a frame of a file to an argument of ``Robot.task``: (link, kind[, base])."""
     given = (one.frame, one.task)
@@ -180,7 +193,7 @@ def compare(made_for: TaskFile, task: Task, where: str) -> None:
             raise InputError(
                 f"{where} is for another {made_for.robot}: at its check configurations the frame "
                 f"{made_for.frame!r} is displaced by {shift:.3g} m and {turn:.3g} rad; "
-                "the URDF or the locked joints have changed, so design again"
+                "the model or the locked joints have changed, so design again"
             )
 
 
@@ -290,5 +303,5 @@ def _text(limit: float | None) -> str:
 
 def _changed(made_for: TaskFile, what: str) -> InputError:
     return InputError(
-        f"the file is for another {made_for.robot}: {what}; the URDF has changed, so design again"
+        f"the file is for another {made_for.robot}: {what}; the model has changed, so design again"
     )

@@ -273,7 +273,7 @@ def _check_inertia(task: Task) -> None:
     if light.any():
         name = task.joint_names[int(np.argmax(light))]
         link = (
-            f"; give link {task.robot.joints[name].child!r} an <inertial> in the URDF"
+            f"; give link {task.robot.joints[name].child!r} an <inertial> in the model"
             if name in task.robot.joints
             else ""
         )

@@ -59,7 +59,7 @@ def motion_notes(task: Task, q0: Array, rows: Sequence[Row]) -> list[str]:
 
 
 def unlimited_speeds(task: Task) -> list[str]:
-    """Write a note that names the joints without a speed limit in the URDF.
+    """Write a note that names the joints without a speed limit in the model.
 
     Their speeds cannot be checked. The list has one text; it is empty if all joints have a limit.
     """
@@ -67,7 +67,7 @@ def unlimited_speeds(task: Task) -> list[str]:
     names = [name for name, limit in limits if not np.isfinite(limit)]
     if not names:
         return []
-    return [f"no speed limit in the URDF, so speeds are not checked: {', '.join(names)}"]
+    return [f"no speed limit in the model, so speeds are not checked: {', '.join(names)}"]
 
 
 def _looked_at(rows: Sequence[Row]) -> list[str]:

@@ -103,7 +103,7 @@ def test_what_contradicts_the_file_is_named_by_its_option(rail: Path, capsys) ->
         for arguments, words in (
             (
                 [command, "design.json"],
-                "not in the catalogue; give the path of its URDF: --robot rail.urdf",
+                "not in the catalogue; give the path of its file: --robot rail.urdf",
             ),
             (
                 [command, "design.json", "--robot", "planar.urdf"],

@@ -286,6 +286,13 @@ def test_a_table_says_what_ends_it(panda_pose: rp.Task) -> None:
         )
         return str(made)
 
+    def beside(most: float, known: rp.CellDesign | None = None) -> str:
+        given = SimpleNamespace(known=known), None, None, 1.0, most, most, [], None
+        return whole_table.WholeTable(design, *given)._one_range()
+
+    assert beside(0.01) == "one range for all heights would cover at most 0.01 m²"
+    assert beside(0.02) == "one range for all heights would cover a smaller area or a smaller angle"
+    assert beside(0.02, design) == "one range for all heights covers 0.012 m²"
     whole = note(1.0, 1.0, 0.005)
     assert "0.012 m² of radius and height, 100 % of the largest rectangle" in whole
     assert "at the worst pose" in whole and "not larger" not in whole
@@ -369,6 +376,9 @@ def test_a_rectangle_is_designed_only_where_it_can_be_as_good(
             read.append(1)
             return rectangle
 
+        def or_larger(self, found: SimpleNamespace) -> SimpleNamespace:
+            return whole_table._larger_of(found, self.design)
+
     monkeypatch.setattr(whole_table, "_first_design", lambda *_: shape)
     monkeypatch.setattr(whole_table, "_worth", lambda design: design.worth)
     monkeypatch.setattr(whole_table, "area_of", float)
@@ -378,6 +388,82 @@ def test_a_rectangle_is_designed_only_where_it_can_be_as_good(
     found, kept = whole_table._best_shape(None, [place], limits, straight)
     assert bool(read) == designed and kept == limits
     assert found is max(shape, rectangle, key=lambda one: one.worth)
+
+
+@pytest.mark.parametrize("shaped", [None, "a shape"])
+def test_a_shape_is_kept_where_no_rectangle_can_be_designed(
+    shaped: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The error of the rectangles was raised although another sector had a function."""
+
+    class Straight(SimpleNamespace):
+        @property
+        def design(self) -> rp.CellDesign:
+            raise rp.InputError("no function covers a sector")
+
+    limits = whole_table.Required(distance=0.005)
+    monkeypatch.setattr(whole_table, "_first_design", lambda *_: shaped)
+    given = None, [], limits, Straight(most=1.0, limits=limits)
+    if shaped is None:
+        with pytest.raises(rp.InputError, match="no function covers"):
+            whole_table._best_shape(*given)
+    else:
+        assert whole_table._best_shape(*given) == (shaped, limits)
+
+
+def made(area: float, turn: float = 1.0, body: float = 1.0) -> SimpleNamespace:
+    """A design of an area, m², and a share of a turn, with a body distance, m."""
+    return SimpleNamespace(cell=area, turn=turn, body_distance=body, requested_body_distance=0.005)
+
+
+@pytest.mark.parametrize(
+    ("left", "body", "farther", "tried", "taken"),
+    [
+        (0.10, 1.0, 0.0, ["quick"], "other"),  # the rest is smaller
+        (0.25, 1.0, 0.0, ["quick", "full"], "own"),
+        (0.10, 0.0, 0.25, ["quick", "away", "full"], "own"),  # bodies end it
+        (0.10, 0.0, 0.10, ["quick", "away"], "other"),
+    ],
+)
+def test_a_rectangle_is_designed_in_full_only_where_its_rest_may_be_as_large(
+    left: float,
+    body: float,
+    farther: float,
+    tried: list[str],
+    taken: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """On one arm, three functions were designed over rectangles whose rest was known to be
+    smaller: 40 % of its time."""
+    log: list[str] = []
+
+    def trim(fit: SimpleNamespace, cell, q, limits, guess=None, *, useful) -> object:
+        log.append("away" if fit.body_distance else "quick")
+        part = farther if fit.body_distance else left
+        if not useful(part):
+            return None
+        log.append("full")
+        return made(part)
+
+    monkeypatch.setattr(whole_table, "trimmed", trim)
+    monkeypatch.setattr(whole_table, "given", lambda _, q: q)
+    monkeypatch.setattr(whole_table, "_failed", lambda *_: "")
+    monkeypatch.setattr(whole_table, "area_of", float)
+    monkeypatch.setattr(whole_table, "_worth", lambda one: one.cell * (1 + one.turn) / 2)
+    monkeypatch.setattr(whole_table, "replace", lambda _, body_distance: fit_of(body_distance))
+
+    def fit_of(distance: float) -> SimpleNamespace:
+        name = SimpleNamespace(task=SimpleNamespace(robot=SimpleNamespace(name="arm")))
+        return SimpleNamespace(body_distance=distance, desired=name)
+
+    place = whole_table._Place(0.3, None, 0.3, design=made(0.3, body=body))
+    limits = whole_table.Required(0.05, 0.3, 0.005)
+    straight = whole_table.Straight(fit_of(0.0), [place], limits, 0.3)
+    straight._ranking = [place], limits
+    other = made(0.2, turn=0.9)
+    best = straight.or_larger(other)
+    assert log == tried and (best is other) == (taken == "other")
+    assert straight.known is (None if taken == "other" else best)
 
 
 def test_a_part_that_is_of_no_use_is_not_designed(

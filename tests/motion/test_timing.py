@@ -233,7 +233,7 @@ def one_cycle(motion: rp.Motion) -> rp.Motion:
 BAD = [
     (
         {},
-        "= is missing, and the URDF has no acceleration limit of joint 'theta1'; .* panda, fr3, ur",
+        "= is missing, and the model has no acceleration limit of joint 'theta1'.* panda, fr3, ur",
     ),
     ({"acceleration": "kuka"}, "no acceleration limits are published for 'kuka'"),
     ({"acceleration": "panda"}, "of 7 joints, but 'tool' is moved by 3"),

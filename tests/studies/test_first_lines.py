@@ -229,7 +229,7 @@ def test_speed_limits_of_0_are_named(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(["inspect", str(tmp_path / "arm.urdf")]) == 0
     assert "note: speed limit 0 of joint 'theta1' read as no limit" in capsys.readouterr().out
     study = rp.study(str(tmp_path / "arm.urdf"), cycles=1, steps=40, degree=1)
-    assert "no speed limit in the URDF, so speeds are not checked: theta1" in study.notes
+    assert "no speed limit in the model, so speeds are not checked: theta1" in study.notes
 
 
 def test_results_are_short_at_the_prompt(planar: rp.Study) -> None:

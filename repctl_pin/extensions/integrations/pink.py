@@ -114,7 +114,7 @@ class RepeatableTask(PinkTask):
         if missing:
             raise InputError(
                 f"pink's model has no joint {missing[0]!r}, which the design requires; "
-                "load the model from the design's URDF"
+                "load the file of the design's robot"
             )
         joints = [model.joints[model.getJointId(name)] for name in self._names]
         self._at = np.array([joint.idx_q for joint in joints])

@@ -308,7 +308,7 @@ def _bodies_of(bodies: Bodies, task: Task, unchecked: bool) -> Bodies:
         )
     if not bodies.pairs and not bodies.only_contact:
         raise InputError(
-            "there is no pair of bodies whose distance can change: the URDF has no collision "
+            "there is no pair of bodies whose distance can change: the model has no collision "
             "geometry that moves, and there are no surroundings",
             remedy="give surroundings=, or omit bodies=",
         )

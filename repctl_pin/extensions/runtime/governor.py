@@ -389,7 +389,7 @@ class Governor:
         if status is Status.BAD_NUMBER:
             raise InputError(
                 "the frame is 10⁶ m or more from the base, where no target is accepted",
-                remedy="correct the joint origins in the URDF",
+                remedy="correct the joint origins in the model",
             )
         assert status is Status.OK, status  # all else was refused above
 
@@ -571,7 +571,7 @@ def _kept_limits(task: Task, limits: Limits) -> JointLimits:
     if not np.isfinite(kept.velocity).all():
         name = task.joint_names[int(np.argmax(~np.isfinite(kept.velocity)))]
         raise InputError(
-            f"joint {name!r} has no speed limit: the URDF gives none, and limits have no velocity=",
+            f"joint {name!r} has no speed limit: the model has none, and limits have no velocity=",
             remedy="give one speed per joint: rp.Limits(velocity=[…], …), rad/s or m/s",
         )
     return kept

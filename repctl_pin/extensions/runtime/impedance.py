@@ -128,7 +128,7 @@ class LeafImpedance:
         except np.linalg.LinAlgError:
             raise InputError(
                 f"a link of the chain to {task.frame!r} has no inertia; "
-                "add <inertial> to every link in the URDF that a joint moves"
+                "add <inertial> to every link in the model that a joint moves"
             ) from None
 
     def __repr__(self) -> str:

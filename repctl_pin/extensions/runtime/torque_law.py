@@ -155,7 +155,7 @@ class NumPyTorques:
         except np.linalg.LinAlgError:
             raise InputError(
                 "the joint-space inertia M is not positive definite; "
-                "correct the <inertial> of the links in the URDF"
+                "correct the <inertial> of the links in the model"
             ) from None
         A = root[:, None] * (J @ np.linalg.solve(M, J.T)) * root
         if not (np.isfinite(A).all() and np.isfinite(e).all()):

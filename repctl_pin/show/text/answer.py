@@ -39,7 +39,7 @@ _FIRST = (
     "report.html is ",
     "on a circle of the same size ",
     "collisions of ",
-    "the URDF has no collision geometry",
+    "the model has no collision geometry",
 )
 """Beginnings of the notes on an old report, on a circle on which J⁺ drifts more, and on bodies that
 are not checked, which come first."""

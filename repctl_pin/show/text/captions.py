@@ -116,7 +116,7 @@ def cycles_words(study: Study) -> str:
         parts.append(f"{label}: peak speed {motion.peak_speed:.3g} per s, {limits}{bodies}")
     return (
         "Joint speed over the cycle; minimum joint-limit margin in each cycle; minimum body "
-        f"distance in each cycle, if the URDF has collision geometry. {'; '.join(parts)}."
+        f"distance in each cycle, if the model has collision geometry. {'; '.join(parts)}."
     )
 
 

@@ -108,7 +108,7 @@ def _of_the_figures(design: CellDesign) -> dict[str, str]:
         "Held-out poses": f"random poses of the {shape_word(design)} that the design did not use",
         "Limit margin": "the distance of the nearest joint from the end of its range",
         "Body distance": "the smallest distance of links that are not neighbours. Without a "
-        "collision shape in the URDF, a body is not checked.",
+        "collision shape in the model, a body is not checked.",
         "σ_min(J)": "the smallest singular value of the Jacobian, 0 at a singularity of the arm",
         "Leaf margin": "the distance from a configuration at which the potentials of the function "
         "no longer determine the joints: 1 at best and 0 there",

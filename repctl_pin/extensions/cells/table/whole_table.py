@@ -180,11 +180,7 @@ class WholeTable(NamedTuple):
             f"+{100 * max(design.extra_speed_worst, 0.0):.0f} % at the worst pose"
         )
         if self.by_height:
-            most = min(self.rectangle, self.affordable)
-            text += (
-                f"; its range of radius depends on the height, and one range for all heights would "
-                f"cover at most {most:.2g} m²"
-            )
+            text += f"; its range of radius depends on the height, and {self._one_range()}"
         if share < _MUCH:
             text += f"; it is not larger because {self._obstruction()}"
         if design.requested_body_distance == _TIGHT:
@@ -193,6 +189,20 @@ class WholeTable(NamedTuple):
                 f"than {100 * _MUCH:.0f} % of the reach"
             )
         return text
+
+    def _one_range(self) -> str:
+        """Write how much a sector with one range of radius covers beside one that depends on it.
+
+        If its function was designed, its area is known. Otherwise no sector with one range can have
+        as large an area, or only with a smaller range of angle or spin.
+        """
+        known = self.rectangles.known
+        if known is not None:
+            return f"one range for all heights covers {area_of(known.cell):.2g} m²"
+        most = min(self.rectangle, self.affordable)
+        if most < self.area:
+            return f"one range for all heights would cover at most {most:.2g} m²"
+        return "one range for all heights would cover a smaller area or a smaller angle"
 
     def _obstruction(self) -> str:
         """Write why the sector is not larger, as the end of "it is not larger because"."""
@@ -245,6 +255,11 @@ class Straight:
         return max((area_of(place.cell) for place in self._places), default=0.0)
 
     @property
+    def known(self) -> CellDesign | None:
+        """The function, if it was designed already."""
+        return vars(self).get("design")
+
+    @property
     def limits(self) -> Required:
         """Limits of the function: those given, or with the smaller body distance.
 
@@ -273,8 +288,27 @@ class Straight:
         ranked, limits = self._ranking
         found = _designed(self._fit, ranked, limits)
         if area_of(found.cell) < _MUCH * self._rectangle and _at_bodies(found):
-            found = _farther_from_bodies(self._fit, ranked[0], limits, found)
+            return _farther_from_bodies(self._fit, ranked[0], limits, found) or found
         return found
+
+    def or_larger(self, other: CellDesign) -> CellDesign:
+        """Return the function if its area or worth is not below that of ``other``, else ``other``.
+
+        A quick design shows which part of a sector is left. The function of full accuracy is
+        designed only where this part may be as large as ``other``.
+        """
+        ranked, limits = self._ranking
+        found, first = None, ranked[0]
+        with suppress(InputError):
+            found = _designed(self._fit, [one for one in ranked if one.design], limits, other)
+        at = found or first.design
+        near = at is not None and at.body_distance < 2 * limits.distance
+        if near and (found is None or area_of(found.cell) < _MUCH * self._rectangle):
+            found = _farther_from_bodies(self._fit, first, limits, found, other)
+        if found is None:
+            return other
+        self.design = found
+        return _larger_of(other, found)
 
 
 def whole_table(
@@ -378,8 +412,10 @@ def _at_least_locked(
     larger = larger_arm(table, locked, design, limits)
     if larger is not None:
         place = _larger_place(table, line, symmetries, larger)
-        design = _larger_design(fit, [place], limits, design)
-        larger = larger_arm(table, locked, design, limits)
+        found = _larger_design(fit, [place], limits, design)
+        if found is not design:
+            larger = larger_arm(table, locked, found, limits)
+        design = found
     return design, None if larger is None else larger.arm
 
 
@@ -582,12 +618,19 @@ def _best_shape(
     limits of the design, of which the body distance may be reduced.
     """
     if shaped and shaped[0].most > (1 + _BETTER) * straight.most:
-        found = _first_design(fit, shaped, limits, 0.0)
+        found = _first_design(fit, shaped, limits)
         if found is not None and _settled(found, shaped[0].most, limits, straight):
             return found, limits
         if found is not None and straight.limits == limits:
-            return _larger_of(found, straight.design), limits
-    return _larger_design(fit, shaped, straight.limits, straight.design), straight.limits
+            return straight.or_larger(found), limits
+    try:
+        design = straight.design
+    except InputError:
+        found = _first_design(fit, shaped, straight.limits)
+        if found is None:
+            raise
+        return found, straight.limits
+    return _larger_design(fit, shaped, straight.limits, design), straight.limits
 
 
 def _settled(found: CellDesign, most: float, limits: Required, straight: Straight) -> bool:
@@ -608,7 +651,7 @@ def _larger_design(
 
     Otherwise return the given design.
     """
-    found = _first_design(fit, places, limits, _worth(design))
+    found = _first_design(fit, places, limits, design)
     return design if found is None else _larger_of(found, design)
 
 
@@ -619,18 +662,19 @@ def _larger_of(found: CellDesign, design: CellDesign) -> CellDesign:
 
 
 def _first_design(
-    fit: CellFit, places: list[_Place], limits: Required, worth: float
+    fit: CellFit, places: list[_Place], limits: Required, than: CellDesign | None = None
 ) -> CellDesign | None:
     """Design the places in turn; return the first design, or None.
 
-    Places whose worth cannot be above ``worth``, m², are left out.
+    Places, and parts of them, that cannot be larger than the design ``than`` in area and in worth
+    are left out.
     """
     for place in places:
-        if place.most <= worth:
-            break
         with suppress(InputError):
+            useful = partial(_can_exceed, place=place, other=than)
+            if not useful(place.cell):
+                continue
             q = given(place.cell, place.posture)
-            useful = partial(_can_outdo, place=place, worth=worth)
             limits = limits._replace(window=place.window)
             found = trimmed(fit, place.cell, q, limits, useful=useful)
             if found is not None:
@@ -638,12 +682,26 @@ def _first_design(
     return None
 
 
-def _can_outdo(part: Cell, place: _Place, worth: float) -> bool:
-    """Test whether a design over a part of a place's sector can have more than ``worth``, m².
+def _can_exceed(part: Cell, place: _Place, other: CellDesign | None) -> bool:
+    """Test whether a design over a part of a place can exceed another in area and in worth."""
+    if other is None:
+        return True
+    return area_of(part) > area_of(other.cell) and _most_of(part, place) > _worth(other)
+
+
+def _can_equal(part: Cell, place: _Place, other: CellDesign | None) -> bool:
+    """Test whether a design over a part of a place can equal another in area or in worth."""
+    if other is None:
+        return True
+    return area_of(part) >= area_of(other.cell) or _most_of(part, place) >= _worth(other)
+
+
+def _most_of(part: Cell, place: _Place) -> float:
+    """Return an upper bound of the worth of a design over a part of a place, m².
 
     The bound of the place, ``place.most``, is reduced in proportion to the area of the part.
     """
-    return place.most / area_of(place.cell) * area_of(part) > worth
+    return place.most / area_of(place.cell) * area_of(part)
 
 
 def _central(
@@ -735,16 +793,22 @@ def _ranked(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place
     return sorted(ranked, key=lambda place: -place.rating)
 
 
-def _designed(fit: CellFit, ranked: list[_Place], limits: Required) -> CellDesign:
+def _designed(
+    fit: CellFit, ranked: list[_Place], limits: Required, than: CellDesign | None = None
+) -> CellDesign:
     """Design a function for the first place that one function covers without a collision.
 
-    InputError is raised if there is no such place.
+    Places, and parts of them, that cannot equal the design ``than`` in area or in worth are left
+    out. InputError is raised if there is no place left.
     """
     for place in ranked:
         with suppress(InputError):
+            useful = partial(_can_equal, place=place, other=than)
+            if not useful(place.cell):
+                continue
             q = given(place.cell, place.posture)
             there = limits._replace(window=place.window)
-            design = trimmed(fit, place.cell, q, there, place.design)
+            design = trimmed(fit, place.cell, q, there, place.design, useful=useful)
             if design is not None:
                 return design
     name = fit.desired.task.robot.name
@@ -755,17 +819,22 @@ def _designed(fit: CellFit, ranked: list[_Place], limits: Required) -> CellDesig
 
 
 def _farther_from_bodies(
-    fit: CellFit, place: _Place, limits: Required, design: CellDesign
-) -> CellDesign:
+    fit: CellFit,
+    place: _Place,
+    limits: Required,
+    design: CellDesign | None,
+    than: CellDesign | None = None,
+) -> CellDesign | None:
     """Design a function that keeps away from bodies; return it if it is better, else ``design``.
 
-    The given ``design`` was made for minimum joint speed only, and its sector ends at bodies. The
-    better one has the larger worth.
+    The given ``design``, if there is one, was made for minimum joint speed only, and its sector
+    ends at bodies. The better one has the larger worth. The function is not designed where it
+    cannot equal the design ``than`` in area or in worth.
     """
     away = replace(fit, body_distance=_AWAY * limits.distance)
     with suppress(InputError):
-        other = _designed(away, [place._replace(design=None)], limits)
-        return max(design, other, key=_worth)
+        other = _designed(away, [place._replace(design=None)], limits, than)
+        return other if design is None else max(design, other, key=_worth)
     return design
 
 
