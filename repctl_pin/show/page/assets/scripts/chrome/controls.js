@@ -28,6 +28,8 @@ export function connect(clock, view) {
     currentTarget.setAttribute("aria-expanded", document.body.classList.toggle("noted")),
   );
   byId("help").addEventListener("click", keys);
+  for (const button of document.querySelectorAll(".copy"))
+    button.addEventListener("click", () => copyText(button));
   const menus = ["looks", "save", "loops"].map(byId);
   document.addEventListener("pointerdown", (event) => {
     for (const menu of menus) if (!menu.contains(event.target)) menu.open = false;
@@ -100,6 +102,18 @@ export function connect(clock, view) {
       inside ? `${words}, ${Math.round(100 * part)} %` : done ? `${words} cycles` : words,
     );
   };
+}
+
+// Copy the text that follows a button; where a browser does not allow it, mark the text instead.
+async function copyText(button) {
+  const text = button.nextElementSibling;
+  try {
+    await navigator.clipboard.writeText(text.textContent);
+    button.textContent = "Copied";
+  } catch {
+    getSelection().selectAllChildren(text);
+    button.textContent = "Marked: copy it with Ctrl C";
+  }
 }
 
 // Shift an open menu, and let it scroll, so that all of it can be reached.
