@@ -173,6 +173,7 @@ async function main() {
   const small = window.matchMedia("(max-width: 640px), (max-height: 480px)");
   function resize() {
     panes.layout();
+    document.body.style.setProperty("--tall", `${byId("stage").clientHeight}px`);
     if (own) own.reserve();
     if (!eye.touched && !(own && own.lead)) eye.fit(small.matches ? near : points, panes.size);
     if (chart && !(own && own.lead)) chart.reserve();

@@ -25,7 +25,7 @@ export function connect(clock, view) {
     byId("keys").scrollTop = 0;
   };
   byId("noted").addEventListener("click", ({ currentTarget }) =>
-    currentTarget.setAttribute("aria-expanded", document.body.classList.toggle("noted")),
+    currentTarget.setAttribute("aria-expanded", openNotes("noted")),
   );
   byId("help").addEventListener("click", keys);
   for (const button of document.querySelectorAll(".copy"))
@@ -52,7 +52,8 @@ export function connect(clock, view) {
   });
   document.addEventListener("keydown", (event) => {
     const { target, key } = event;
-    if (event.ctrlKey || event.metaKey || event.altKey || target.closest("select, dialog")) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || target.closest("select, dialog, #notes"))
+      return;
     // it is what presses them
     if (key === " " && target.closest("button, summary, input[type=checkbox]")) return;
     const turns = {
@@ -102,6 +103,13 @@ export function connect(clock, view) {
       inside ? `${words}, ${Math.round(100 * part)} %` : done ? `${words} cycles` : words,
     );
   };
+}
+
+// Open the notes, which then may scroll, by keys too, or close them; whether they are open.
+export function openNotes(name) {
+  const open = document.body.classList.toggle(name);
+  byId("notes").tabIndex = open ? 0 : -1;
+  return open;
 }
 
 // Copy the text that follows a button; where a browser does not allow it, mark the text instead.

@@ -5,6 +5,7 @@ import { pointAt } from "../arm/arm.js";
 import { Chain } from "../arm/kinematics.js";
 import { Law, stepped } from "../arm/law.js";
 import { dots, Trail } from "../arm/traces.js";
+import { openNotes } from "../chrome/controls.js";
 import { download } from "../chrome/save.js";
 import { byId, element, tone } from "../dom.js";
 import { formatLength } from "../numbers.js";
@@ -107,7 +108,7 @@ export class Own {
     const pressed = (id, does) => byId(id).addEventListener("click", does);
     pressed("again", () => this.repeat());
     pressed("more", () => {
-      document.body.classList.toggle("unfolded");
+      openNotes("unfolded");
       this.fold();
     });
     pressed("back", () => this.leave());
@@ -423,7 +424,6 @@ export class Own {
     this.player.clear();
     this.scene.failure = "";
     this.state = "leading";
-    document.body.classList.remove("unfolded");
     document.body.classList.add("leading", "own");
     byId("own").hidden = true;
     this.scene.leading = lead.slides ? "slides" : "leads";
@@ -883,7 +883,7 @@ export class Own {
     this.stand(0, 0);
     Object.assign(this, { state: "study", points: null, missed: [] });
     this.scene.failure = "";
-    document.body.classList.remove("own");
+    document.body.classList.remove("own", "unfolded");
     byId("own").hidden = true;
     for (const [node, children] of this.texts) node.replaceChildren(...children);
     if (words) this.write(words, null, null);
@@ -999,7 +999,7 @@ export class Own {
   }
 
   // Show as many lines of a loop's notes as there is room for under its sentence, and a button for
-  // the others, which then cover the stage: nothing below moves.
+  // all of them, which then stand beside the views.
   fold() {
     const { classList } = document.body;
     const [notes, more] = ["notes", "more"].map(byId);
