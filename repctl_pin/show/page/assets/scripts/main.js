@@ -122,6 +122,7 @@ async function main() {
   let tell = () => {};
   let traces = scene.live ? [] : finished(drawnTraces());
   let drawing = false;
+  let lines = []; // what a visitor's loop adds to what is seen: its points, and where it stops
   let own = null;
   function show() {
     if (drawing) return;
@@ -175,7 +176,8 @@ async function main() {
     panes.layout();
     document.body.style.setProperty("--tall", `${byId("stage").clientHeight}px`);
     if (own) own.reserve();
-    if (!eye.touched && !(own && own.lead)) eye.fit(small.matches ? near : points, panes.size);
+    if (!eye.touched && !(own && own.lead))
+      eye.fit([...(small.matches ? near : points), ...lines], panes.size);
     if (chart && !(own && own.lead)) chart.reserve();
     show();
   }
@@ -231,6 +233,7 @@ async function main() {
     try {
       yield;
       line(paths_, strokes);
+      lines = strokes ? [...paths_.flat(), ...strokes.slice(0, 1).map(([stop]) => stop)] : [];
       traces = yield* drawnTraces();
       rule(clock);
       offerEnlarge();

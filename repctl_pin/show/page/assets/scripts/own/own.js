@@ -1002,9 +1002,11 @@ export class Own {
   // all of them, which then stand beside the views.
   fold() {
     const { classList } = document.body;
-    const [notes, more] = ["notes", "more"].map(byId);
+    const [notes, more, verdict] = ["notes", "more", "verdict"].map(byId);
     const [header] = document.getElementsByTagName("header");
     notes.style.maxHeight = "";
+    // a sentence that is longer than any of a study or a gesture
+    classList.toggle("tall", this.head && verdict.offsetTop + verdict.offsetHeight > this.head + 1);
     const open = classList.contains("unfolded") || classList.contains("noted");
     const clear = () => notes.offsetTop + notes.scrollHeight <= this.head - HEAD_FOOT;
     header.classList.remove("cut");
