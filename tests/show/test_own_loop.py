@@ -439,8 +439,8 @@ def test_nothing_moves_when_a_loop_is_drawn(driver: Any, page: Path, width: int)
     if folded:
         # all of them beside the views, which keep their height
         driver.find_element("id", "more").click()
-        boxes = "return ['stage', 'notes'].map((id) => document.getElementById(id).getBoundingClientRect().toJSON())"
-        views, notes = driver.execute_script(boxes)
+        box = "return document.getElementById(arguments[0]).getBoundingClientRect().toJSON()"
+        views, notes = (driver.execute_script(box, name) for name in ("stage", "notes"))
         assert views["top"] == study and views["right"] <= notes["left"] + 1
         assert notes["top"] == pytest.approx(study, abs=1)
         assert notes["bottom"] == pytest.approx(views["bottom"], abs=1)
@@ -518,7 +518,7 @@ def test_every_kind_of_robot_follows_a_drawn_loop(driver: Any, tmp_path: Path, n
     driver.execute_script("repctl.own.report(10)")
     told = re.sub("<[^>]*>", "", verdict).partition(". ")[2]
     # where the arm could not follow all that was drawn, that is said first
-    failed = driver.execute_script("return Boolean(repctl.scene.failure)")
+    failed = driver.execute_script("return Boolean(repctl.own.scene.failure)")
     note = "return document.getElementById('notes').children[1].textContent"
     answer = driver.execute_script(note) if failed else said(driver)
     assert answer.partition(". ")[2] == told != ""
@@ -981,7 +981,8 @@ def test_the_curves_of_the_joints_are_drawn_once(driver: Any, page: Path) -> Non
 _DRAWN = """
 const [points, done] = arguments, { own, viewer } = repctl;
 own.open({ points }).then(() => {
-  const play = () => own.player.play({ ...own.result, paths: own.paths().filter(Boolean) });
+  const play = () => own.player.play(
+    { ...own.result, paths: own.paths().filter(Boolean), strokes: [] });
   const { set_dirty } = viewer;
   let pauses = 0, shown = 0;
   const work = play();
@@ -1260,7 +1261,7 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     )
     assert found, told
     marks = [e for e in driver.find_elements("css selector", ".callout") if e.is_displayed()]
-    reason = driver.execute_script("return repctl.scene.failure")
+    reason = driver.execute_script("return repctl.own.scene.failure")
     assert [e.text for e in marks] == 2 * [f"cannot follow\n{reason}"]
     assert found[1].startswith(reason) and reason
     # where the hand stopped, on the line that it was led along
