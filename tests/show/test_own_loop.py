@@ -21,6 +21,7 @@ from controls import some
 from page_file import read
 
 import repctl_pin as rp
+from repctl_pin.show.study_files import with_command
 from repctl_pin.show.page.own_loop import own_loop
 
 SCRIPTS = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "arm"
@@ -1173,8 +1174,15 @@ def test_the_motion_of_a_study_and_of_a_loop_can_be_saved(
 
 
 def test_help_says_where_to_install_from_and_how_to_cite(page: Path) -> None:
-    """The BibTeX is that of the site; the repository has no address yet, which is said."""
+    """The BibTeX is that of the site; the repository has no address yet, which is said.
+
+    A page that a command wrote repeats it, as text.
+    """
     text = page.read_text("utf-8")
+    assert "It has no public address yet, and no package index has it: ask whoever" in text
+    made = with_command(text, "repctl study 'a<b>' --report")
+    assert "was made by <code>repctl study &#39;a&lt;b&gt;&#39; --report</code></dd>" in made
+    assert with_command(text, "") == text
     assert "<code>pip install .</code> in the folder of repctl_pin’s repository" in text
     site = (Path(rp.__file__).parents[1] / "docs" / "index.md").read_text("utf-8")
     assert f"<pre>{site.split('```bibtex')[1].split('```')[0].strip()}</pre>" in text
@@ -1266,7 +1274,7 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     assert found[1].startswith(reason) and reason
     # where the hand stopped, on the line that it was led along
     stop, stroke = driver.execute_script(
-        "return [repctl.arms[0].stop.node.position.toArray(), repctl.own.missed]"
+        "return [repctl.own.arms[0].stop.node.position.toArray(), repctl.own.missed]"
     )
     home = driver.execute_script("return repctl.own.chain.homes[0]")
     assert np.allclose(stroke[0][0], stop) and len(stroke[0]) == 3
@@ -1278,7 +1286,7 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     assert said(driver) == told
     driver.find_element("id", "back").click()
     assert said(driver).startswith("After 2 cycles the hand is back")
-    assert driver.execute_script("return repctl.arms[0].stop") is None
+    assert driver.execute_script("return repctl.own.arms[0].stop") is None
     assert errors(driver) == []
 
 

@@ -104,9 +104,9 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
     )
     assert (
         notes == "Under the repeatable one, the joints move on average 0.3 % faster than under the "
-        "usual control in cycle 1, 8.8 % slower over all 10 cycles. This is possible because the two arms "
-        "pass through different joint positions. Joint limits are kept. Links stay at least 13 cm "
-        "apart under both controls."
+        "usual control in cycle 1, 8.8 % slower over all 10 cycles. This is possible because the "
+        "two arms pass through different joint positions. Joint limits are kept. Links stay at "
+        "least 13 cm apart under both controls."
     )
     exact = [span.exact for span in headline_of([USUAL, CLOSED], 10).sentence if span.exact]
     assert exact == ["link4: 0.321 m", "link4: 1e-12 m"]

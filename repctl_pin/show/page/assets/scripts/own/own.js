@@ -823,8 +823,8 @@ export class Own {
       words.push(
         this.beyond(points)
           ? [
-              ` It is proved that the repeatable arm closes every loop within ${far} of the start. ` +
-                "This loop goes farther, so the page has computed it, step by step.",
+              ` It is proved that the repeatable arm closes every loop within ${far} of the ` +
+                "start. This loop goes farther, so the page has computed it, step by step.",
             ]
           : [` It is proved that the repeatable arm closes this loop.`, "good"],
       );
@@ -861,8 +861,9 @@ export class Own {
     if (!best || off < best.off)
       this.best = { off, points, hand: led, mirrored, elbow: elbowAt, level };
     byId("best").hidden = false;
+    const least = formatLength(this.best.off);
     byId("best").textContent =
-      `Your best loop: ${formatLength(this.best.off)} under the usual control after ${CYCLES} cycles`;
+      `Your best loop: ${least} under the usual control after ${CYCLES} cycles`;
     this.report(this.shown);
   }
 
