@@ -21,8 +21,8 @@ from controls import some
 from page_file import read
 
 import repctl_pin as rp
-from repctl_pin.show.study_files import with_command
 from repctl_pin.show.page.own_loop import own_loop
+from repctl_pin.show.study_files import with_command
 
 SCRIPTS = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "arm"
 NODE = shutil.which("node")
