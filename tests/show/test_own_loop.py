@@ -826,6 +826,8 @@ def test_a_loop_is_drawn_with_either_hand(
         driver.execute_script("repctl.seek(arguments[0])", cycles)
         callouts = driver.find_elements("css selector", ".callout.hand")
         assert [e.is_displayed() for e in callouts] == 4 * [seen]
+        lines = driver.find_elements("css selector", ".leader.hand")
+        assert seen or not any(e.is_displayed() for e in lines)
         assert [e.get_attribute("textContent") for e in callouts] == 2 * [
             f"{hand} hand 0 from its start" for hand in ("left", "right")
         ]

@@ -97,8 +97,9 @@ export class Callouts {
       const row = panes.beside ? 8 : label.y + label.h + 6;
       const left = panes.beside ? label.x + label.w + 8 : 8;
       const put = (hand, f) => {
-        const places = at && aroundHand(boxes[f], tips[f], room);
-        putCallout(hand, boxes[f], at && tips[f], spots ? RIM : 0, room, places);
+        const tip = at && hand.box.style.visibility !== "hidden" ? tips[f] : null;
+        const places = tip && aroundHand(boxes[f], tip, room);
+        putCallout(hand, boxes[f], tip, spots ? RIM : 0, room, places);
       };
       const ball = mark.on ? panes.seen(k, markedSpot(arm)) : null;
       room.reserved({ x: left, y: row, w: width - left, h: box.h }, () => {
