@@ -823,7 +823,7 @@ def test_a_loop_is_drawn_with_either_hand(
     assert re.match("Move the (left|right) ", slider), slider
     # at the end of a cycle each hand has its distance, and within one none
     for cycles, seen in ((2, True), (1.5, False)):
-        driver.execute_script("repctl.seek(arguments[0])", cycles)
+        driver.execute_script("repctl.seek(arguments[0]); repctl.placed()", cycles)
         callouts = driver.find_elements("css selector", ".callout.hand")
         assert [e.is_displayed() for e in callouts] == 4 * [seen]
         lines = driver.find_elements("css selector", ".leader.hand")
