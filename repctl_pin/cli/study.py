@@ -85,7 +85,7 @@ def run(options: Options) -> int:
     with written_together(folder) as staged:
         control = rp.save(result.design, staged / "control.json")
         run = run_name(result, json.loads(control.read_text(encoding="utf-8"))["checksum"])
-        files = [*write_study(result, staged, run=run), control]
+        files = [*write_study(result, staged, run=run, command=options.command_line), control]
         if options.report:
             from ..design.design_map import report_maps
 

@@ -9,6 +9,8 @@ import hashlib
 from pathlib import Path
 from weakref import WeakKeyDictionary
 
+from markupsafe import escape
+
 from ..base.errors import InputError
 from ..base.files import prepare_folder, write_whole
 from ..motion.csv_file import csv_text
@@ -28,7 +30,7 @@ _texts: WeakKeyDictionary[Study, str] = WeakKeyDictionary()
 """Cache of the text of each study's ``motion.csv``, without the column ``run``."""
 
 
-def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
+def write_study(study: Study, folder: Path, *, run: str = "", command: str = "") -> list[Path]:
     """Write the page, the figures and the motions of a study to a folder.
 
     The files are ``animation.html``, ``drift.png``, ``joints.png`` and ``motion.csv``. Each is
@@ -42,6 +44,8 @@ def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
         Output folder.
     run
         Name of the run, to write into each file.
+    command
+        Command line that made the study, which the page's dialog repeats.
 
     Returns
     -------
@@ -56,7 +60,7 @@ def write_study(study: Study, folder: Path, *, run: str = "") -> list[Path]:
     moved = drawn(study)
     metadata = {"Run": run} if run else None
     contents: dict[str, str | bytes] = {
-        "animation.html": with_run(study_page(study), run),
+        "animation.html": with_run(with_command(study_page(study), command), run),
         "drift.png": png(drift_figure(moved, title), metadata=metadata),
         "joints.png": png(joints_figure(moved, title), metadata=metadata),
         "motion.csv": with_run_column(_motions(study), run) if run else _motions(study),
@@ -83,6 +87,13 @@ def with_run(page: str, run: str) -> str:
         if run
         else page
     )
+
+
+def with_command(page: str, command: str) -> str:
+    """Insert the command that made a page into its dialog; an empty command changes nothing."""
+    install = "<dt>To install</dt>"
+    made = f"<dt>This page</dt><dd>was made by <code>{escape(command)}</code></dd>\n    "
+    return page.replace(install, made + install, 1) if command else page
 
 
 def _motions(study: Study) -> str:

@@ -165,21 +165,25 @@ def the_colour_is_how_far_a_body_is_off_its_start(
 
 
 def grey_is_named(driver: Any, note: Any) -> None:
-    """At the end of a cycle all is measured from the start, and within one from the grey arm."""
+    """One phrase at all times: from the start, at the end of the last cycle that is finished."""
     driver.execute_script("repctl.set('ghost', true)")
-    for cycles, whence, hand in (
-        (3, "from its start, in grey", "from its start"),
-        (2.5, "from the grey arm", "from the (grey|repeatable) arm"),
-        (0, "from its start, in grey", "from its start"),
+    for cycles, whence in (
+        (3, "after 3 cycles, from its start"),
+        (2.5, "after 2 cycles, from its start"),
+        (0, "at the start"),
     ):
         driver.execute_script("repctl.seek(arguments[0])", cycles)
-        callout = driver.find_element("css selector", ".callout small")
-        # a narrow pane has fewer words
-        assert callout.get_attribute("textContent") in (whence, whence.split(",")[0]), cycles
-        said = driver.find_element("css selector", ".callout.hand").get_attribute("textContent")
-        assert re.search(f"0 {hand}$", said), said
+        box = driver.find_element("css selector", ".callout")
+        value, callout = [e.get_attribute("textContent") for e in box.find_elements("xpath", "*")]
+        # a narrow pane has fewer words at the end of a cycle
+        assert callout in (whence, cycles % 1 == 0 and "from its start"), cycles
+        reading = driver.find_element("css selector", ".reading b").get_attribute("textContent")
+        assert value.endswith(f" {reading}"), "one number in the callout and in the readings"
+        hand = driver.find_element("css selector", ".callout.hand")
+        assert hand.get_attribute("textContent").endswith("0 from its start")
+        assert (hand.value_of_css_property("visibility") == "hidden") == (cycles % 1 > 0)
         colours = note.get_attribute("textContent")
-        assert re.search(rf"[1-9][\d.]* c?m {whence}$", colours), colours
+        assert re.fullmatch(r"drift 0[1-9][\d.]* c?m", colours), colours
 
 
 def in_the_menu(driver: Any, name: str) -> Any:

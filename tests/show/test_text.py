@@ -103,10 +103,10 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         "0 under the repeatable one."
     )
     assert (
-        notes == "Under the repeatable one, the joints move 0.3 % faster in cycle 1, 8.8 % slower "
-        "over all 10 cycles (root mean square). This is possible because the two arms pass through "
-        "different joint positions. Joint limits are kept. Links stay at least 13 cm apart under "
-        "both controls."
+        notes == "Under the repeatable one, the joints move on average 0.3 % faster than under the "
+        "usual control in cycle 1, 8.8 % slower over all 10 cycles. This is possible because the "
+        "two arms pass through different joint positions. Joint limits are kept. Links stay at "
+        "least 13 cm apart under both controls."
     )
     exact = [span.exact for span in headline_of([USUAL, CLOSED], 10).sentence if span.exact]
     assert exact == ["link4: 0.321 m", "link4: 1e-12 m"]
@@ -288,13 +288,14 @@ def test_limits_bodies_and_where_it_leads() -> None:
     faster = replace(CLOSED, mean_speed=1.003 * USUAL.mean_speed)
     told = words(headline_of([USUAL, faster], 10))[1]
     assert told.startswith(
-        "Under the repeatable one, the joints move 0.3 % faster in cycle 1 and over all 10 cycles "
-        "(root mean square). Joint limits"
+        "Under the repeatable one, the joints move on average 0.3 % faster than under the usual "
+        "control in cycle 1 and over all 10 cycles. Joint limits"
     )
     slower = words(headline_of([USUAL, replace(CLOSED, speed=0.998 * USUAL.speed)], 1))[1]
     assert slower.startswith(
-        "Under the repeatable one, the joints move 0.2 % slower in cycle 1 (root mean square). "
-        "This is possible because the two arms pass through different joint positions."
+        "Under the repeatable one, the joints move on average 0.2 % slower than under the usual "
+        "control in cycle 1. This is possible because the two arms pass through different joint "
+        "positions."
     )
     close = replace(USUAL, body_distance=0.013, near=("link3", "link5"))
     told = headline_of([close, CLOSED], 10)

@@ -405,7 +405,7 @@ def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
 
 def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list[Span]:
-    """Write the extra joint speed (rms) of the last motion relative to the first.
+    """Write the extra joint speed, a root mean square, of the last motion relative to the first.
 
     It is given for cycle 1, which both motions begin in the same configuration, and for all
     ``cycles`` cycles. The list is empty if there is only one motion, or one of the two leaves its
@@ -418,8 +418,8 @@ def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list
     late = _faster(last.mean_speed / first.mean_speed - 1) if cycles > 1 else early
     middle = " and" if early == late else f", {late}"
     over = f"{middle} over all {cycles} cycles" if cycles > 1 else ""
-    by = f"Under {under(last.label)}, the joints move"
-    said = f"{by} {early} in cycle 1{over} (root mean square)."
+    than = f"{early} than under {under(first.label)} in cycle 1"
+    said = f"Under {under(last.label)}, the joints move on average {than}{over}."
     if first.label == "J⁺" and "slower" in early + late:
         said += f" {_WHY_SLOWER}"
     return [Span(said)]

@@ -122,6 +122,7 @@ async function main() {
   let tell = () => {};
   let traces = scene.live ? [] : finished(drawnTraces());
   let drawing = false;
+  let lines = []; // what a visitor's loop adds to what is seen: its points, and where it stops
   let own = null;
   function show() {
     if (drawing) return;
@@ -132,12 +133,10 @@ async function main() {
     const part = clock.time - cycle;
     // the grey arm stands at the start at the end of a cycle, and while the slider moves the arms
     const atEnd = leading ? scene.leading === "slides" : part === 0 || part >= 1;
-    const grey = box("ghost").checked ? ", in grey" : "";
-    const from = atEnd ? `from its start${grey}` : "from the grey arm";
-    byId("drift-to").textContent =
-      `${formatLength(full)} ${scene.live ? "and more from cycle 1" : from}`;
+    byId("drift-to").textContent = `${formatLength(full)}${scene.live ? " and more" : ""}`;
     const done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
+      if (!leading && !scene.live) arm.measureEnds();
       if (leading) arm.stand(1, 0);
       else if (!scene.live || !api.received) arm.stand(cycle, part);
       arm.ghost.visible = box("ghost").checked;
@@ -145,7 +144,8 @@ async function main() {
       arm.showFan(box("fan").checked);
       arm.showDrift(box("drift").checked, full);
       if (scene.live) continue;
-      for (const rim of arm.rims) rim.visible = box("callouts").checked && !arm.lost;
+      for (const rim of arm.rims)
+        rim.visible = box("callouts").checked && !arm.lost && !scene.failure;
       const { broken } = arm.data;
       const past = Boolean(arm.past) && scene.cycles[cycle] - 1 + part >= broken.at;
       // without callouts, the label says what else stands at the red ball
@@ -165,10 +165,7 @@ async function main() {
       ball.node.position.copy(arm.drawn(which, chain, arm.now.frame, arm.now.f));
     }
     const times = chart.show(done, cycle, part);
-    callouts.say(
-      atEnd,
-      clock.playing && part < 1 ? (arm) => [chart.after(arm, cycle, part), times] : null,
-    );
+    callouts.say(atEnd, times, [cycle, Number(part >= 1)]);
     tell(done, part);
     keep(clock, eye, own ? own.addressParts() : []);
     viewer.set_dirty();
@@ -177,8 +174,10 @@ async function main() {
   const small = window.matchMedia("(max-width: 640px), (max-height: 480px)");
   function resize() {
     panes.layout();
+    document.body.style.setProperty("--tall", `${byId("stage").clientHeight}px`);
     if (own) own.reserve();
-    if (!eye.touched && !(own && own.lead)) eye.fit(small.matches ? near : points, panes.size);
+    if (!eye.touched && !(own && own.lead))
+      eye.fit([...(small.matches ? near : points), ...lines], panes.size);
     if (chart && !(own && own.lead)) chart.reserve();
     show();
   }
@@ -218,7 +217,7 @@ async function main() {
   tell = connect(clock, view);
   // another run in the player, of a visitor's loop or of the study, at its end; pauses, and shows
   // nothing of it until all is drawn
-  function* play(cycles, perCycle, seconds, runs, paths_) {
+  function* play(cycles, perCycle, seconds, runs, paths_, strokes) {
     player.plain();
     arms.forEach((arm, k) => arm.use(...runs[k]));
     Object.assign(scene, { cycles, perCycle, arms: arms.map((arm) => arm.data) });
@@ -233,7 +232,8 @@ async function main() {
     traces = [];
     try {
       yield;
-      line(paths_);
+      line(paths_, strokes);
+      lines = strokes ? [...paths_.flat(), ...strokes.slice(0, 1).map(([stop]) => stop)] : [];
       traces = yield* drawnTraces();
       rule(clock);
       offerEnlarge();
@@ -259,7 +259,9 @@ async function main() {
         result.perCycle,
         result.seconds,
         result.runs.map((one) => [one]),
-        result.paths.map((path) => path.map((p) => new MeshCat.THREE.Vector3(...p))),
+        ...[result.paths, result.strokes].map((lines) =>
+          lines.map((points) => points.map((p) => new MeshCat.THREE.Vector3(...p))),
+        ),
       );
     },
     study() {

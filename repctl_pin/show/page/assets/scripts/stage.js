@@ -67,7 +67,7 @@ export async function setStage(viewer, scene) {
   const center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
   byId("scale-note").textContent = `grid ${formatLength(floor(viewer, center, ground, extent))}`;
-  const line = (drawn) => drawPaths(arms, drawn, extent);
+  const line = (drawn, strokes) => drawPaths(arms, drawn, extent, strokes);
   line(paths);
   const drawnTraces = () => drawTraces(arms, scene, extent);
   const [left, right] = eye.span(points, "right");

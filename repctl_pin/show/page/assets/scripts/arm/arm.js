@@ -104,7 +104,7 @@ export class ArmView {
 
   // Play this run from now on: its data and its numbers, in which the arm's begin at `start`.
   use(run, start = 0) {
-    Object.assign(this, run, { run, end: start });
+    Object.assign(this, run, { run, end: start, ends: null });
     for (const [name, width] of [
       ["body", this.stride],
       ["tip", 3 * this.chains],
@@ -210,6 +210,19 @@ export class ArmView {
     // relative to the workpiece, where the path is
     const before = this.ghosts[this.rows.indexOf(this.carrier)];
     return relativeTo(this.carrier, now).distanceTo(relativeTo(before, then));
+  }
+
+  // How far that part is from its start at the beginning and at the end of each shown cycle, m:
+  // this.ends, measured once.
+  measureEnds() {
+    if (this.ends) return;
+    const F = this.perCycle;
+    this.pose(0, 0, this.ghosts);
+    const off = (i) => {
+      this.pose(i, 0);
+      return this.part.reduce((most, k) => Math.max(most, this.drift(k)), 0);
+    };
+    this.ends = Array.from({ length: this.frames / F }, (_, c) => [off(c * F), off(c * F + F - 1)]);
   }
 
   // The corners of that part, as it stands.
@@ -510,8 +523,10 @@ export function referenceOf(arms) {
 
 // Point at the part of these bodies in all arms from now on.
 export function pointAt(arms, isPart) {
-  for (const arm of arms)
+  for (const arm of arms) {
     arm.part = arm.moving.flatMap((place, k) => (isPart(place.shape) ? [k] : []));
+    arm.ends = null;
+  }
   const { arm: worst, before, after } = displaced(arms);
   const distances = after.map((p, i) => p.distanceTo(before[i]));
   const most = Math.max(...distances);

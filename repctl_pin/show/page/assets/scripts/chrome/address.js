@@ -1,7 +1,7 @@
 // The page's address keeps where time stands and where the camera is: #t=4.5&view=1,2,3,0,0,0,1; a
-// visitor's own loop: #loop=x,y,z;x,y,z;… of the frame's origin, m, base axes, of the second hand
-// with hand=2, mirrored by the others with mirror=1; and the place of the elbow's slider: elbow=12,
-// along level=2.
+// visitor's own loop: #loop=x,y,z;x,y,z;… of the frame's origin, m, base axes, the strokes that the
+// hand could not follow with missed=x,y,z;…|x,y,z;…, of the second hand with hand=2, mirrored by
+// the others with mirror=1; and the place of the elbow's slider: elbow=12, along level=2.
 
 const asked = new URLSearchParams(location.hash.slice(1));
 
@@ -10,10 +10,7 @@ const asked = new URLSearchParams(location.hash.slice(1));
 export function readAddress() {
   const t = asked.has("t") ? Number(asked.get("t")) : NaN;
   const view = (asked.get("view") || "").split(",").map(Number);
-  const points = (asked.get("loop") || "")
-    .split(";")
-    .map((p) => p.split(",").map(Number))
-    .filter((p) => p.length === 3 && p.every(Number.isFinite));
+  const points = lineOf(asked.get("loop"));
   return {
     own: points.length > 2 || asked.has("elbow") || asked.has("level") ? ownOf(points) : null,
     paused: asked.has("paused"),
@@ -22,12 +19,23 @@ export function readAddress() {
   };
 }
 
+// A line of points as an address has it.
+const lineOf = (text) =>
+  (text || "")
+    .split(";")
+    .map((p) => p.split(",").map(Number))
+    .filter((p) => p.length === 3 && p.every(Number.isFinite));
+
 // A visitor's loop: its points, or null for the study's path; the hand that goes along it, whether
 // the others mirror it, and where the elbow's slider stands, along which level.
 function ownOf(points) {
   const whole = (name) => Math.round(Number(asked.get(name))) || 0;
   return {
     points: points.length > 2 ? points : null,
+    missed: (asked.get("missed") || "")
+      .split("|")
+      .map(lineOf)
+      .filter((stroke) => stroke.length > 1),
     hand: Math.max(whole("hand") - 1, 0),
     mirrored: asked.has("mirror"),
     elbow: whole("elbow"),

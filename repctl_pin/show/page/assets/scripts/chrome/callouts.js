@@ -28,55 +28,41 @@ export class Callouts {
     return `${this.scene.part}${/\d$/.test(this.scene.part) ? ":" : ""} ${formatLength(off)}`;
   }
 
-  // Say how far they are off, and what from, which `atEnd`, at the end of a cycle, is the start;
-  // while time runs, what `read` says of an arm: how far it was off, m, and when.
-  say(atEnd, read = null) {
-    const { leading, hands: names } = this.scene;
+  // Say how far they are from their starts after the cycles that are finished, as `times` says:
+  // of a shown cycle, at its beginning or end. Without these, how far they are off now.
+  say(atEnd, times = "", [cycle, end] = []) {
+    const { failure, leading, hands: names } = this.scene;
     this.sets.forEach(({ arm, part, hands, mark }, k) => {
-      sayWhatBreaks(mark, arm, leading, this.isNarrow(k));
-      const from = this.measuredFrom(arm, k, atEnd);
+      if (failure) sayWhatStops(mark, failure);
+      else sayWhatBreaks(mark, arm, leading, this.isNarrow(k));
       const short = this.isNarrow(k);
-      const [off, when] = read ? read(arm) : [arm.partOff(), from];
-      const lost = Boolean(arm.lost) && !leading;
+      const off = times ? arm.ends[cycle][end] : arm.partOff();
+      const when = times && !(short && atEnd) ? times : this.measuredFrom(arm);
+      const lost = (Boolean(arm.lost) && !leading) || Boolean(failure);
       part.box.style.visibility = lost ? "hidden" : "";
       setText(part.note, when);
-      setText(part.value, this.words(off || 0));
-      part.value.className = tint(off || 0);
-      part.box.title = `${(off || 0).toPrecision(3)} m`;
+      setText(part.value, this.words(off));
+      part.value.className = tint(off);
+      part.box.title = `${off.toPrecision(3)} m`;
       hands.forEach((hand, f) => {
         const name = short ? names[f].split(",")[0] : names[f];
         const away = arm.handOff(f);
-        hand.box.style.visibility = lost ? "hidden" : "";
-        setText(hand.value, `${name} ${formatLength(away)} ${this.inShort(arm, atEnd)}`);
-        hand.box.title = `${away.toPrecision(3)} m ${from}`;
+        // within a cycle, a hand is on its way
+        hand.box.style.visibility = lost || !atEnd ? "hidden" : "";
+        setText(hand.value, `${name} ${formatLength(away)} from its start`);
+        hand.box.title = `${away.toPrecision(3)} m`;
       });
     });
   }
 
-  // What the number of an arm is measured from.
-  measuredFrom(arm, k, atEnd) {
-    if (this.scene.leading === "leads" && arm.repeats) return "the other is measured from here";
-    const short = this.inShort(arm, atEnd);
-    if (this.isNarrow(k) || (!atEnd && this.isFromGrey(arm))) return short;
-    const grey = arm.ghostSpot() ? ", in grey" : "";
-    return `${atEnd ? short : "from its place in cycle\u00a01"}${grey}`;
-  }
-
-  // The same in few words. The repeatable arm is named by its colour where it is seen.
-  inShort(arm, atEnd) {
-    if (atEnd) return "from its start";
-    if (!this.isFromGrey(arm)) return "from cycle\u00a01";
-    const seen = arm.ghost.visible && arm.shades.some(({ visible }) => visible);
-    return `from the ${seen ? "grey" : "repeatable"} arm`;
+  // What the number of an arm is measured from: its start, but while a hand leads both arms.
+  measuredFrom(arm) {
+    if (this.scene.leading !== "leads") return "from its start";
+    return arm.repeats ? "the other is measured from here" : "from the repeatable arm";
   }
 
   isNarrow(k) {
     return this.narrow.matches || this.panes.place(k).width < SHORT;
-  }
-
-  // Whether the numbers of an arm compare it with the repeatable arm, which is drawn in grey.
-  isFromGrey(arm) {
-    return !arm.repeats && Boolean(this.scene.leading || arm.reference);
   }
 
   // The part's above the arm, those of the hands around them; each with a line to what it speaks
@@ -98,7 +84,7 @@ export class Callouts {
       const { width, height } = panes.place(k);
       const { label, box, boxes, marked } = sizes[k];
       const room = new Room(width, height);
-      const at = arm.lost ? null : panes.seen(k, arm.partSpot());
+      const at = arm.lost || this.scene.failure ? null : panes.seen(k, arm.partSpot());
       const ghost = at && arm.ghostSpot();
       const from = ghost && panes.seen(k, ghost);
       const tips = at && hands.map((_, f) => this.tip(arm, k, f));
@@ -111,10 +97,11 @@ export class Callouts {
       const row = panes.beside ? 8 : label.y + label.h + 6;
       const left = panes.beside ? label.x + label.w + 8 : 8;
       const put = (hand, f) => {
-        const places = at && aroundHand(boxes[f], tips[f], room);
-        putCallout(hand, boxes[f], at && tips[f], spots ? RIM : 0, room, places);
+        const tip = at && hand.box.style.visibility !== "hidden" ? tips[f] : null;
+        const places = tip && aroundHand(boxes[f], tip, room);
+        putCallout(hand, boxes[f], tip, spots ? RIM : 0, room, places);
       };
-      const ball = mark.on ? panes.seen(k, arm.past.node.position) : null;
+      const ball = mark.on ? panes.seen(k, markedSpot(arm)) : null;
       room.reserved({ x: left, y: row, w: width - left, h: box.h }, () => {
         putCallout(mark, marked, ball, 3, room, ball && aroundHand(marked, ball, room));
         hands.forEach(put);
@@ -139,6 +126,21 @@ function makeCallout(pane, kind) {
   if (kind === " hand") note.remove();
   pane.append(leader, box);
   return { box, leader, value, note };
+}
+
+// Say at the red ball why a visitor's loop could not be followed.
+function sayWhatStops(mark, failure) {
+  mark.on = true;
+  mark.box.style.visibility = "";
+  setText(mark.value, "cannot follow");
+  setText(mark.note, failure);
+}
+
+// Where the red ball is that is spoken of; one on a workpiece moves with it.
+function markedSpot({ carrier, past, stop }) {
+  if (!stop) return past.node.position;
+  const spot = stop.node.position.clone();
+  return carrier ? spot.applyMatrix4(carrier.matrix) : spot;
 }
 
 // Say at the red ball what happens there, where it is seen.

@@ -137,8 +137,8 @@ export class Chart {
     const top = stepAbove(Math.max(LEAST, ...offs));
     const level = (v) => foot - (v / top) * room;
     draw.strokeStyle = tone("--edge");
-    line(draw, INSET, level(top), width - INSET, level(top), [3, 4]);
     line(draw, INSET, foot + 0.5, width - INSET, foot + 0.5, []);
+    const legend = new Set();
     for (let c = 0; c < count; c++) {
       const finished = c < cycle || (c === cycle && part >= 1);
       arms.forEach((arm, k) => {
@@ -150,23 +150,23 @@ export class Chart {
         const across = Math.max(Math.floor(wide) - (wide > 4 ? 1 : 0), 1);
         draw.fillStyle = this.barColour(arm.data.color);
         draw.fillRect(x, foot - tall, across, tall);
-        if (!finished) hollow(draw, x, foot - tall, across, tall);
+        if (!finished && hollow(draw, x, foot - tall, across, tall))
+          legend.add("hollow: still to come");
         const { broken } = arm.data;
-        if (broken && scene.cycles[c] >= broken.cycle)
-          hatch(draw, x, foot - tall, wide, tall, 0.3 * em);
+        if (!broken || scene.cycles[c] < broken.cycle) return;
+        hatch(draw, x, foot - tall, wide, tall, 0.3 * em);
+        legend.add("hatched: past a limit");
       });
     }
     this.number({ draw, height, em, count, pitch, at }, group);
-    // in the line of the axis, or under it
-    const beside = room < 2 * em ? 0.3 : 0.95;
-    if (room > 0.8 * em)
-      textWithHalo(
-        draw,
-        formatLength(top),
-        INSET + 2,
-        Math.max(level(top) + beside * em, 0.75 * em),
-        em,
-      );
+    // under the line of the axis, or in it; the line then begins after the words
+    const words = room > 0.8 * em ? [formatLength(top), ...legend].join(" · ") : "";
+    const inLine = room < 2 * em;
+    const y = Math.max(level(top) + (inLine ? 0.3 : 0.95) * em, 0.75 * em);
+    const after = inLine && words ? draw.measureText(words).width + 8 : 0;
+    draw.strokeStyle = tone("--edge");
+    line(draw, INSET + after, level(top), width - INSET, level(top), [3, 4]);
+    if (words) textWithHalo(draw, words, INSET + 2, y, em);
   }
 
   // The colour of an arm, nearer to that of text where it has too little contrast to the paper.
@@ -306,11 +306,12 @@ function textWithHalo(draw, words, x, y, em) {
   draw.fillText(words, x, y);
 }
 
-// Empty a bar but for its edge, if it is wide enough to have an inside.
+// Empty a bar but for its edge, if it is wide enough to have an inside; whether it is.
 function hollow(draw, x, y, width, height) {
-  if (width < 4 || height < 3) return;
+  if (width < 4 || height < 3) return false;
   draw.fillStyle = tone("--paper");
   draw.fillRect(x + 1, y + 1, width - 2, height - 1);
+  return true;
 }
 
 function hatch(draw, x, y, width, height, step) {

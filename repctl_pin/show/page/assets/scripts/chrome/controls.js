@@ -25,9 +25,11 @@ export function connect(clock, view) {
     byId("keys").scrollTop = 0;
   };
   byId("noted").addEventListener("click", ({ currentTarget }) =>
-    currentTarget.setAttribute("aria-expanded", document.body.classList.toggle("noted")),
+    currentTarget.setAttribute("aria-expanded", openNotes("noted")),
   );
   byId("help").addEventListener("click", keys);
+  for (const button of document.querySelectorAll(".copy"))
+    button.addEventListener("click", () => copyText(button));
   const menus = ["looks", "save", "loops"].map(byId);
   document.addEventListener("pointerdown", (event) => {
     for (const menu of menus) if (!menu.contains(event.target)) menu.open = false;
@@ -50,7 +52,8 @@ export function connect(clock, view) {
   });
   document.addEventListener("keydown", (event) => {
     const { target, key } = event;
-    if (event.ctrlKey || event.metaKey || event.altKey || target.closest("select, dialog")) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || target.closest("select, dialog, #notes"))
+      return;
     // it is what presses them
     if (key === " " && target.closest("button, summary, input[type=checkbox]")) return;
     const turns = {
@@ -100,6 +103,25 @@ export function connect(clock, view) {
       inside ? `${words}, ${Math.round(100 * part)} %` : done ? `${words} cycles` : words,
     );
   };
+}
+
+// Open the notes, which then may scroll, by keys too, or close them; whether they are open.
+export function openNotes(name) {
+  const open = document.body.classList.toggle(name);
+  byId("notes").tabIndex = open ? 0 : -1;
+  return open;
+}
+
+// Copy the text that follows a button; where a browser does not allow it, mark the text instead.
+async function copyText(button) {
+  const text = button.nextElementSibling;
+  try {
+    await navigator.clipboard.writeText(text.textContent);
+    button.textContent = "Copied";
+  } catch {
+    getSelection().selectAllChildren(text);
+    button.textContent = "Marked: copy it with Ctrl C";
+  }
 }
 
 // Shift an open menu, and let it scroll, so that all of it can be reached.

@@ -19,15 +19,31 @@ export const FORMS = {
 };
 
 // A closed loop of at most POINTS points, to a tenth of a millimetre, that begins and ends at home.
-export function kept(points, home) {
-  let few = points;
-  for (let most = 5e-4; few.length > POINTS || most === 5e-4; most *= 1.3)
-    few = simpler(points, most);
-  return closed(few, home);
+export const kept = (points, home) => closed(few(points), home);
+
+// A stroke of at most POINTS points, to a tenth of a millimetre.
+export const thinned = (points) => few(points).map(rounded);
+
+function few(points) {
+  let left = points;
+  for (let most = 5e-4; left.length > POINTS || most === 5e-4; most *= 1.3)
+    left = simpler(points, most);
+  return left;
+}
+
+const rounded = (p) => p.map((v) => Number(v.toFixed(4)));
+
+export const lengthOf = (points) =>
+  points.slice(1).reduce((sum, p, i) => sum + gap(p, points[i]), 0);
+
+// The first piece of a line that comes nearest to a point, to a tenth of a millimetre.
+export function nearestPiece(points, p) {
+  const off = points.slice(1).map((b, i) => fromPiece(p, points[i], b));
+  return off.findIndex((v) => v < Math.min(...off) + 1e-4);
 }
 
 export function closed(points, first) {
-  const inside = points.slice(1).map((p) => p.map((v) => Number(v.toFixed(4))));
+  const inside = points.slice(1).map(rounded);
   const last = inside.at(-1);
   if (Math.hypot(...last.map((v, i) => v - first[i])) < 1e-3) inside.pop();
   return [Array.from(first), ...inside, Array.from(first)];
@@ -36,15 +52,10 @@ export function closed(points, first) {
 // Douglas and Peucker: leave out points that are this near to the line without them.
 function simpler(points, most) {
   const [a, b] = [points[0], points.at(-1)];
-  const d = b.map((v, i) => v - a[i]);
-  const size = d.reduce((sum, v) => sum + v * v, 0);
   let worst = 0;
   let at = 0;
   points.forEach((p, k) => {
-    const w = p.map((v, i) => v - a[i]);
-    const t =
-      size > 0 ? Math.min(1, Math.max(0, w.reduce((sum, v, i) => sum + v * d[i], 0) / size)) : 0;
-    const off = Math.hypot(...w.map((v, i) => v - t * d[i]));
+    const off = fromPiece(p, a, b);
     if (off > worst) {
       worst = off;
       at = k;
@@ -53,6 +64,16 @@ function simpler(points, most) {
   return worst > most
     ? [...simpler(points.slice(0, at + 1), most).slice(0, -1), ...simpler(points.slice(at), most)]
     : [a, b];
+}
+
+// How far a point is from the piece of a line from a to b.
+function fromPiece(p, a, b) {
+  const d = b.map((v, i) => v - a[i]);
+  const size = d.reduce((sum, v) => sum + v * v, 0);
+  const w = p.map((v, i) => v - a[i]);
+  const t =
+    size > 0 ? Math.min(1, Math.max(0, w.reduce((sum, v, i) => sum + v * d[i], 0) / size)) : 0;
+  return Math.hypot(...w.map((v, i) => v - t * d[i]));
 }
 
 // The length of a loop without the ways that it goes there and back, m: 0 where it encloses

@@ -5,13 +5,24 @@ import { pointAt } from "../arm/arm.js";
 import { Chain } from "../arm/kinematics.js";
 import { Law, stepped } from "../arm/law.js";
 import { dots, Trail } from "../arm/traces.js";
+import { openNotes } from "../chrome/controls.js";
 import { download } from "../chrome/save.js";
 import { byId, element, tone } from "../dom.js";
 import { formatLength } from "../numbers.js";
 import { selfMotion } from "./elbow.js";
-import { closed, enclosing, FORMS, gap, kept, windings } from "./loops.js";
+import {
+  closed,
+  enclosing,
+  FORMS,
+  gap,
+  kept,
+  lengthOf,
+  nearestPiece,
+  thinned,
+  windings,
+} from "./loops.js";
 import { bodiesOff, computed, drawnAt } from "./run.js";
-import { answer, shortName } from "./sentence.js";
+import { answer, failureWords, shortName, stated } from "./sentence.js";
 
 const CYCLES = 10;
 const NEAR_LIMIT = 0.002; // rad or m, before which the hand stops
@@ -26,9 +37,10 @@ const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
 const BUDGET = 5; // ms of steps between two pictures
 const HEAD_FOOT = 8; // px to leave free under the notes in the page's head
 const SLICE = 25; // ms of computing between two pictures, once the hand is let go
-const OUT_OF_REACH = "That is out of reach.";
-const HAND_WAITED = "where the arm could not follow, its hand waited and then went straight on";
-const BACK_AGAIN = "the straight way home was blocked, so it goes back along the way it came";
+const LEAST_STROKE = 0.01; // of the arm, from which a stroke counts
+const OUT_OF_REACH = "that is out of reach";
+const LEAF_ENDS = "the repeatable control is near a singularity";
+const LINES = "Solid: the way that the hand took instead. Dashed: where it could not follow.";
 
 export class Own {
   // `player`: {play(result), study(), plain(), clear(), show()}, which shows a result of
@@ -52,6 +64,7 @@ export class Own {
     );
     // the loop: points of the hand that is led, and what the other hands do meanwhile
     Object.assign(this, { state: "study", points: null, lead: null, mirrored: false });
+    this.missed = []; // strokes that the hand could not follow, each from where it stopped
     this.work = null; // what is computed in slices
     this.led = 0;
     this.listen();
@@ -95,7 +108,7 @@ export class Own {
     const pressed = (id, does) => byId(id).addEventListener("click", does);
     pressed("again", () => this.repeat());
     pressed("more", () => {
-      document.body.classList.toggle("unfolded");
+      openNotes("unfolded");
       this.fold();
     });
     pressed("back", () => this.leave());
@@ -216,7 +229,7 @@ export class Own {
     byId("level").value = this.level;
     const off = formatLength(this.elbowOff());
     byId("elbow").setAttribute("aria-valuetext", `${this.part} ${off} from the start of the study`);
-    byId("elbow-off").textContent = off;
+    byId("elbow-off").textContent = off === "0" ? "0 cm" : off;
   }
 
   // Name the slider after the part of the arm that moves most along it; not after a hand, which
@@ -385,7 +398,8 @@ export class Own {
       qs: this.laws.map((law) => law.start.slice()),
       worst: this.laws.map(() => ({})),
       refusal: "",
-      waited: false, // whether the hand could not follow the pointer
+      missed: [], // strokes of the pointer that the hand could not follow
+      missing: null, // the last of them, until the hand has come up
     });
     this.leaveMarks(plane);
     this.write(DRAW, this.hint(), "your loop");
@@ -408,8 +422,8 @@ export class Own {
       arm.notice.textContent = "";
     }
     this.player.clear();
+    this.scene.failure = "";
     this.state = "leading";
-    document.body.classList.remove("unfolded");
     document.body.classList.add("leading", "own");
     byId("own").hidden = true;
     this.scene.leading = lead.slides ? "slides" : "leads";
@@ -444,9 +458,15 @@ export class Own {
     for (const one of events.length ? events : [event]) {
       const { x, y } = this.at(lead.k, one);
       const sight = this.sight(lead.k, { x: x + lead.grip.x, y: y + lead.grip.y });
-      const hit = sight.intersectPlane(lead.plane, new MeshCat.THREE.Vector3());
-      if (hit && hit.distanceTo(home) < 4 * chain.size) lead.queue.push(hit.toArray());
-      else lead.waited = true;
+      // beside the plane, the direction in which it is seen
+      const hit =
+        sight.intersectPlane(lead.plane, new MeshCat.THREE.Vector3()) ||
+        lead.plane.projectPoint(sight.at(1e3 * chain.size, home.clone()), home.clone());
+      const off = hit
+        .clone()
+        .sub(home)
+        .clampLength(0, 4 * chain.size);
+      lead.queue.push(off.add(home).toArray());
     }
     this.scheduleStep();
   }
@@ -530,9 +550,21 @@ export class Own {
         lead.trail.push(next);
         this.extendTrails();
       }
-      if (lead.refusal && lead.id !== null) lead.waited = true;
-      if (lead.refusal || share === 1) lead.queue.shift();
+      if (!lead.refusal && share < 1) continue;
+      if (lead.id !== null) this.miss(goal);
+      lead.queue.shift();
     }
+  }
+
+  // Keep what the hand cannot follow of a stroke: from where it stops until it has come up again.
+  miss(goal) {
+    const { lead } = this;
+    if (lead.refusal && !lead.missing) {
+      lead.missing = [lead.hand];
+      lead.missed.push(lead.missing);
+    }
+    if (lead.missing) lead.missing.push(goal);
+    if (!lead.refusal) lead.missing = null;
   }
 
   extendTrails() {
@@ -553,11 +585,11 @@ export class Own {
   step(from, next) {
     const targets = this.hands(next);
     const length = gap(next, from.hand);
-    const found = [];
-    for (let k = 0; k < this.laws.length; k++) {
-      const { refusal, ...state } = this.stepArm(k, from, targets, length);
-      if (refusal) return refusal;
-      found.push(state);
+    const found = this.laws.map((_, k) => this.stepArm(k, from, targets, length));
+    const refused = this.arms.filter((_, k) => found[k].refusal);
+    if (refused.length) {
+      from.refused = refused;
+      return found.find(({ refusal }) => refusal).refusal;
     }
     from.qs = found.map(({ q }) => q);
     from.worst = found;
@@ -578,15 +610,14 @@ export class Own {
     // what already was near may come away again
     const { limit = Infinity, leaf: leafBefore = 1, sine: sineBefore = 1 } = from.worst[k];
     if (margin < NEAR_LIMIT && margin < limit)
-      return { refusal: `${chain.names[joint]} is at its limit.` };
+      return { refusal: `${chain.names[joint]} is at its limit` };
     const fast = chain.fastestJoint(moved.map((v) => (v * chain.speed) / length));
     if (fast.share > MAX_SPEED_RATIO)
-      return { refusal: `${chain.names[fast.joint]} would have to be faster than it can.` };
+      return { refusal: `${chain.names[fast.joint]} would have to be faster than it can` };
     const races = Math.hypot(...moved) > MAX_SPEED_RATIO * this.atStart[k].speed * length;
     if (races || (sine < MIN_SINE_RATIO * this.atStart[k].sine && sine < sineBefore))
-      return { refusal: "The arm comes near a singularity, where its joints would race." };
-    if (leaf < LEAST_MARGIN && leaf < leafBefore)
-      return { refusal: "The repeatable control is near a singularity." };
+      return { refusal: "the arm comes near a singularity" };
+    if (leaf < LEAST_MARGIN && leaf < leafBefore) return { refusal: LEAF_ENDS };
     chain.place(q);
     const off = Math.hypot(...chain.error(targets, new Float64Array(chain.m)));
     return off > 0.2 * this.stride + 1e-5 ? { refusal: OUT_OF_REACH } : state;
@@ -631,7 +662,7 @@ export class Own {
     if (lead.refusal !== lead.shownRefusal || beyond !== lead.beyond) {
       Object.assign(lead, { shownRefusal: lead.refusal, beyond });
       const sentence = lead.refusal
-        ? [[lead.refusal, "bad"], [" Go another way, or let go."]]
+        ? [[stated(lead.refusal), "bad"], [" Go another way, or let go."]]
         : DRAW;
       this.write(sentence, this.hint(beyond), "your loop");
     }
@@ -662,15 +693,18 @@ export class Own {
     }
     const home = chain.homes[this.led];
     const open = lead.trail;
-    if (Math.max(...open.map((p) => gap(p, home))) < 0.01 * chain.size) {
+    if (Math.max(...open.map((p) => gap(p, home))) < LEAST_STROKE * chain.size) {
       this.leave([["That was no loop yet: drag the ring around, and let go."]]);
       return;
     }
     const from = { hand: lead.hand, qs: lead.qs.slice(), worst: lead.worst };
     const { refusal } = yield* this.walk(from, [home]);
     const back = refusal ? open.slice(0, -1).reverse() : [];
-    const altered = [...(lead.waited ? [HAND_WAITED] : []), ...(refusal ? [BACK_AGAIN] : [])];
-    yield* this.following(kept([...open, ...back, home], home), 1, altered);
+    if (refusal) lead.missed.push([from.hand, home]);
+    const missed = lead.missed
+      .filter(([stop, ...on]) => on.some((p) => gap(p, stop) > LEAST_STROKE * chain.size))
+      .map(thinned);
+    yield* this.following(kept([...open, ...back, home], home), 1, missed);
     this.keepBest();
   }
 
@@ -687,27 +721,30 @@ export class Own {
   // ---- the loop
 
   // Compute the cycles of a closed loop, or of the study's path without points, and show the end of
-  // this one of them. An arm that comes close to a singularity goes as far as it can. `altered`:
-  // why the loop is not the one that was drawn.
+  // this one of them. An arm that comes close to a singularity goes as far as it can. `missed`:
+  // the strokes of the loop that was drawn that this one leaves out.
   follow(points, cycle) {
-    return this.run(this.following(points, cycle));
+    return this.run(this.following(points, cycle, points ? this.missed : []));
   }
 
-  *following(points, cycle, altered = []) {
-    this.points = points;
+  *following(points, cycle, missed = []) {
+    Object.assign(this, { points, missed });
     const paths = this.paths();
+    const failure = missed.length ? yield* this.stopOf(points, missed[0]) : null;
     const result = yield* computed(this.laws, this.arms, paths, CYCLES);
     yield;
     this.endGesture();
-    yield* this.player.play({ ...result, paths: this.lines(paths) });
+    const strokes = this.lines(missed);
+    yield* this.player.play({ ...result, paths: this.lines(paths), strokes });
     yield;
     const lead = paths.find(Boolean);
     const shape = {
       encloses: enclosing(lead) > 0,
       turns: points ? windings(this.chain.axis, lead) : 0,
-      whose: points ? `your ${altered.length ? "altered " : ""}loop` : "the path",
+      whose: failure ? "the solid line" : points ? "your loop" : "the path",
     };
-    Object.assign(this, { result, length: result.length, altered, shape, state: "own" });
+    this.scene.failure = failure ? failure.reason : "";
+    Object.assign(this, { result, length: result.length, failure, shape, state: "own" });
     document.body.classList.add("own");
     byId("own").hidden = false;
     byId("loop-csv").hidden = !points;
@@ -718,10 +755,24 @@ export class Own {
     this.clock.seek(this.shown);
   }
 
+  // Where on a loop the hand cannot follow a stroke, and why: {after, m of the loop, reason}.
+  *stopOf(loop, stroke) {
+    const from = {
+      hand: loop[0],
+      qs: this.laws.map((law) => law.start.slice()),
+      worst: this.laws.map(() => ({})),
+    };
+    const till = loop.slice(1, nearestPiece(loop, stroke[0]) + 1);
+    const { refusal, trail } = yield* this.walk(from, [...till, ...stroke]);
+    const one = refusal !== LEAF_ENDS && from.refused && from.refused.length < this.arms.length;
+    const { under } = one ? from.refused[0].data : {};
+    return { after: lengthOf([loop[0], ...trail]), reason: refusal, under };
+  }
+
   // Say what has happened after a number of cycles.
   report(cycles) {
     this.before = null;
-    const { chain, arms, result, shape, altered, points } = this;
+    const { chain, arms, result, shape, failure, points } = this;
     const { sentence, notes, part } = answer(chain, arms, result, cycles, shape);
     this.shown = cycles;
     this.scene.part = part;
@@ -730,10 +781,12 @@ export class Own {
     const far = this.elbowOff();
     const moved = far > 1e-4 ? `, ${this.part} moved by ${formatLength(far)}` : "";
     const title = points
-      ? `${shape.whose}, ${formatLength(this.length)} long${moved}`
+      ? `your loop${failure ? " as followed" : ""}, ${formatLength(this.length)} long${moved}`
       : `the study’s path${moved}`;
-    if (altered.length)
-      notes.unshift([`This is another loop than you drew: ${altered.join("; ")}.`, "near"]);
+    if (failure) {
+      notes.unshift([LINES], [sentence.map(([text]) => text).join("")]);
+      sentence.splice(0, Infinity, ...failureWords(chain, failure));
+    }
     this.write(sentence, notes, title);
     byId("again").textContent =
       cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";
@@ -769,22 +822,23 @@ export class Own {
     if (proved && points && !this.elbowAt)
       words.push(
         this.beyond(points)
-          ? [` Closing is proved within ${far} of the start; this loop was computed.`]
+          ? [
+              ` It is proved that the repeatable arm closes every loop within ${far} of the ` +
+                "start. This loop goes farther, so the page has computed it, step by step.",
+            ]
           : [` It is proved that the repeatable arm closes this loop.`, "good"],
       );
     if (best && points) {
       const long = formatLength(LEAST_LENGTH * size);
       const off = this.usualOff();
-      if (points !== best.points && off !== null)
-        words.push([` This loop: ${this.afterAll(off)} under the usual control.`]);
-      words.push([` Your best loop: ${this.afterAll(best.off)}.`]);
-      words.push([` Can you draw one, ${long} or longer, under which the usual arm drifts less?`]);
+      const other = points !== best.points && off !== null;
+      const whose = other ? `This loop: ${formatLength(off)}; your best` : "This loop, your best";
+      words.push([
+        ` Can you draw a loop, ${long} or longer, after ${CYCLES} cycles of which the usual arm ` +
+          `is nearest to its start? ${whose} so far: ${formatLength(best.off)}.`,
+      ]);
     }
     return words;
-  }
-
-  afterAll(off) {
-    return `${formatLength(off)} from the start after ${CYCLES} cycles`;
   }
 
   // How far the usual arm is from its start after all cycles, m; null if it has not completed them.
@@ -798,8 +852,8 @@ export class Own {
   // Keep the drawn loop under which the usual control drifts least, of those that are long enough
   // where they enclose something, and on which all controls keep the limits.
   keepBest() {
-    const { chain, points, best, result } = this;
-    if (this.state !== "own" || !points) return;
+    const { chain, points, best, missed, result } = this;
+    if (this.state !== "own" || !points || missed.length) return;
     const off = this.usualOff();
     const withinLimits = result.runs.every(({ data }) => !data.broken);
     if (off === null || !withinLimits || enclosing(points) < LEAST_LENGTH * chain.size) return;
@@ -807,7 +861,9 @@ export class Own {
     if (!best || off < best.off)
       this.best = { off, points, hand: led, mirrored, elbow: elbowAt, level };
     byId("best").hidden = false;
-    byId("best").textContent = `Your best loop: ${this.afterAll(this.best.off)}`;
+    const least = formatLength(this.best.off);
+    byId("best").textContent =
+      `Your best loop: ${least} under the usual control after ${CYCLES} cycles`;
     this.report(this.shown);
   }
 
@@ -826,8 +882,9 @@ export class Own {
     this.before = null;
     this.endGesture();
     this.stand(0, 0);
-    Object.assign(this, { state: "study", points: null });
-    document.body.classList.remove("own");
+    Object.assign(this, { state: "study", points: null, missed: [] });
+    this.scene.failure = "";
+    document.body.classList.remove("own", "unfolded");
     byId("own").hidden = true;
     for (const [node, children] of this.texts) node.replaceChildren(...children);
     if (words) this.write(words, null, null);
@@ -873,7 +930,7 @@ export class Own {
   }
 
   // The loop that an address asks for, after all its cycles; it may begin where the hand is not.
-  open({ points, hand = 0, mirrored = false, elbow = 0, level = 0 }) {
+  open({ points, missed = [], hand = 0, mirrored = false, elbow = 0, level = 0 }) {
     const { chain } = this;
     this.endGesture();
     this.led = Math.min(hand, chain.frames.length - 1);
@@ -881,10 +938,10 @@ export class Own {
     chain.led = this.led;
     byId("mirror").checked = this.mirrored;
     this.stand(elbow, level);
-    return points ? this.run(this.opening(points)) : this.settle();
+    return points ? this.run(this.opening(points, missed)) : this.settle();
   }
 
-  *opening(points) {
+  *opening(points, missed) {
     const { chain, laws } = this;
     const home = chain.homes[this.led];
     const first = gap(points[0], home) < 1e-3 ? home : points[0];
@@ -893,21 +950,23 @@ export class Own {
       const from = { hand: home, qs, worst: laws.map(() => ({})) };
       const { refusal } = yield* this.walk(from, [first]);
       if (refusal) {
-        this.leave([[`The loop in the address cannot be reached. ${refusal}`, "bad"]]);
+        this.leave([[`The loop in the address cannot be reached. ${stated(refusal)}`, "bad"]]);
         return;
       }
       for (const law of laws) law.start = from.qs.at(-1);
     }
-    yield* this.following(closed(points, first), CYCLES);
+    yield* this.following(closed(points, first), CYCLES, missed);
   }
 
   // What the address keeps of all this.
   addressParts() {
-    const { points, led, mirrored, elbowAt, level } = this;
+    const { points, missed, led, mirrored, elbowAt, level } = this;
     if (this.state !== "own") return [];
     const number = (v) => Number(v.toFixed(4));
+    const written = (line) => line.map((p) => p.map(number).join(",")).join(";");
     return [
-      points && `loop=${points.map((p) => p.map(number).join(",")).join(";")}`,
+      points && `loop=${written(points)}`,
+      points && missed.length && `missed=${missed.map(written).join("|")}`,
       points && led && `hand=${led + 1}`,
       points && mirrored && "mirror=1",
       elbowAt && `elbow=${elbowAt}`,
@@ -941,12 +1000,14 @@ export class Own {
   }
 
   // Show as many lines of a loop's notes as there is room for under its sentence, and a button for
-  // the others, which then cover the stage: nothing below moves.
+  // all of them, which then stand beside the views.
   fold() {
     const { classList } = document.body;
-    const [notes, more] = ["notes", "more"].map(byId);
+    const [notes, more, verdict] = ["notes", "more", "verdict"].map(byId);
     const [header] = document.getElementsByTagName("header");
     notes.style.maxHeight = "";
+    // a sentence that is longer than any of a study or a gesture
+    classList.toggle("tall", this.head && verdict.offsetTop + verdict.offsetHeight > this.head + 1);
     const open = classList.contains("unfolded") || classList.contains("noted");
     const clear = () => notes.offsetTop + notes.scrollHeight <= this.head - HEAD_FOOT;
     header.classList.remove("cut");
@@ -1061,9 +1122,7 @@ export class Own {
 
 // The longest words of a gesture.
 const LEAD_WORDS = {
-  verdict: [
-    "The arm comes near a singularity, where its joints would race. Go another way, or let go.",
-  ],
+  verdict: ["That joint would have to be faster than it can. Go another way, or let go."],
   notes: [
     "The dotted line closes the loop.",
     "You are more than 1.1 cm from the start: there, closing is not proved.",

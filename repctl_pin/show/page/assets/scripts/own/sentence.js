@@ -41,6 +41,18 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   };
 }
 
+// What is said of a loop that the hand could not follow: how much of it, and why not all.
+export function failureWords(chain, { after, reason, under }) {
+  const far = unbroken(formatLength(after));
+  const by = under ? ` under ${aloneUnder({ data: { under } })}` : "";
+  const why = reason && `: ${reason}${by}`;
+  const words = `The ${armWord(chain)} cannot follow your loop beyond its first ${far}`;
+  return [[`${words}, at the red ball${why}.`, "bad"]];
+}
+
+// The reason of a refusal as a sentence; it may begin with the name of a joint.
+export const stated = (reason) => `${reason.replace(/^th(?=e |at )/, "Th")}.`;
+
 function lostWords({ under, broken }) {
   return [[`${capitalized(under)} fails in cycle ${broken.cycle}, ${WHERE}.`, "bad"], [" "]];
 }
@@ -214,8 +226,8 @@ function speedWords(one, usual, cycles) {
   const [early, late] = [0, cycles - 1].map((c) => faster(one.speeds[c] / usual.speeds[c] - 1));
   const middle = early === late ? " and" : `, ${late}`;
   const over = cycles > 1 ? `${middle} over all ${cycles} cycles` : "";
-  const said = `Under the repeatable one, the joints move ${early} in cycle 1${over}`;
-  return `${said} (root mean square).`;
+  const average = `the joints move on average ${early} than under the usual control in cycle 1`;
+  return `Under the repeatable one, ${average}${over}.`;
 }
 
 function faster(cost) {
