@@ -31,7 +31,6 @@ from ....show.palette import BLUE, VERMILLION
 from ....show.report import framed, picture, versions
 from ....show.text.headline import NEAR, Headline
 from ....show.text.lines import Span, capital
-from ....show.text.parts import redundant_part
 from ..cell_design_result import NO_EXTRA_SPEED, CellDesign
 from ..geometry.cell import Cell
 from ..geometry.ranges import range_phrase
@@ -117,7 +116,7 @@ def cell_page(
     return render(
         "cell.html",
         style="report.css",
-        title=f"{task.robot.name}: one function for a {shape}",
+        title=f"{task.robot.name}: one function for a {shape} of its workspace",
         caption=f"{task.frame_words}: {task.kind.words}, {task.n} joints, {task.r} redundant",
         headline=cell_headline(design, motions),
         shape=shape,
@@ -201,8 +200,7 @@ def _covered(design: CellDesign) -> str:
     found = design.evaluation
     ranges = range_phrase(design.cell, {turn.coordinate: turn.reach for turn in found.turns})
     if found.everywhere:
-        part = redundant_part(design.task)
-        return f"One {part} per hand pose, however the hand gets there: {ranges}. "
+        return f"Same hand pose, same joints, however the hand gets there: {ranges}. "
     causes = [stop for stop in design.failures if stop.cause != "collision"]
     most = max(causes, key=lambda stop: stop.share, default=None)
     why = "" if most is None else f": {most.what}"
@@ -221,11 +219,11 @@ def _cost(design: CellDesign) -> Span:
         return Span(f"Joint speed as under the {usual(design)} control.")
     mean, worst = (ratio_in_percent(share, 2).replace("-", "−") for share in every)
     above = f"{mean} above that of the {usual(design)} control on average"
-    said = f"Joint speed {above}, {worst} at worst."
+    said = f"Joint speed {above}, {worst} at the worst pose"
     if design.extra_speed_direction > design.extra_speed_worst:
         single = ratio_in_percent(design.extra_speed_direction, 2)
-        said += f" In single directions of motion it is up to {single} above."
-    return Span(said)
+        said += f", {single} in the worst direction of motion"
+    return Span(f"{said}.")
 
 
 def _evidence(design: CellDesign) -> Span:
@@ -260,8 +258,8 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     finite = np.isfinite(least)
     kept = f"kept by {below(least, 2)} {unit} or more{short}" if finite else "kept"
     ends = _turned_to_the_end(design)
-    use = "use their whole ranges" if len(ends) > 1 else "uses its whole range"
-    but = f", except by {' and '.join(ends)}, which {use}" if ends else ""
+    use = "turn up to theirs" if len(ends) > 1 else "turns up to its own"
+    but = f"; {' and '.join(ends)} {use}" if ends else ""
     if not (np.isfinite(least) or ends):
         return Span("The joints have no limits.")
     return Span(f"Joint limits {kept}{but}.")
