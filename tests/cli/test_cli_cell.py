@@ -387,7 +387,7 @@ def test_the_verdict_comes_first(made: Path, capsys, no_tours: None) -> None:
     said = json.loads(capsys.readouterr().out)
     mean, worst = (said["extra_speed"], said["extra_speed_worst"])
     cost = f"Joint speed {100 * mean:.2g} % above that of the usual control on average, "
-    assert cost + f"{100 * worst:.2g} % at the worst pose." in first
+    assert cost + f"{100 * worst:.2g} % at the worst pose" in first
     assert "Tested at 256 poses, not proved." in first
     least = min(said["limit_margin"], said["limit_margin_worst"])
     assert 1 < least < 10  # so that two digits are tenths, rounded down because of "or more"

@@ -51,7 +51,7 @@ from ..text.headline import Headline
 
 SCRIPTS = (
     *("dom", "numbers", "arm/viewer", "arm/arm", "arm/eye", "arm/traces"),
-    *("arm/kinematics", "arm/law"),
+    *("arm/kinematics", "arm/law", "arm/cover"),
     *("chrome/panes", "chrome/chart", "chrome/room", "chrome/callouts", "chrome/clock"),
     *(
         "chrome/address",

@@ -172,6 +172,7 @@ def playback_page(
     headline: Headline | None = None,
     own: dict[str, Any] | None = None,
     dialog: Dialog | None = None,
+    cover: dict[str, Any] | None = None,
 ) -> str:
     """Write the HTML page of several motions, side by side, each in a pane.
 
@@ -197,6 +198,8 @@ def playback_page(
         potentials; None if the visitor cannot draw a path.
     dialog
         Texts of the page's dialog; by default those of a study.
+    cover
+        Surface to draw in pale, as ``cover.js`` reads it; its edges are then the first path.
     """
     cycles = _common_cycles(tracks)
     visuals = Visuals.of(chains[0].task.robot)
@@ -248,6 +251,7 @@ def playback_page(
         surfaces=surfaces,
         own=own,
         dialog=dialog,
+        cover=cover,
     )
 
 

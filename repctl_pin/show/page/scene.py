@@ -293,6 +293,7 @@ def animation_page(
     hands: Sequence[str] = ("hand",),
     joints: JointRows | None = None,
     dialog: Dialog | None = None,
+    cover: dict[str, Any] | None = None,
 ) -> str:
     """Write a self-contained HTML page with one pane per arm: an animation, or the live viewer.
 
@@ -333,6 +334,8 @@ def animation_page(
         Joint positions for a plot over time; None for no plot.
     dialog
         Texts of the page's dialog; by default those of a study.
+    cover
+        Surface to draw in pale, as ``cover.js`` reads it; its edges are then the first path.
 
     Returns
     -------
@@ -361,6 +364,7 @@ def animation_page(
         "arms": described,
         "own": own,
         "hands": list(hands),
+        "cover": cover,
         "joints": None if joints is None else joints.described(),
     }
     motion = [np.reshape(p, (len(p), np.size(p) // max(1, len(p)))) for p in [*parts, *paths]]

@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +44,9 @@ _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 _OF_THE_TOUR = "A sample path through the {0}; the values above are for the whole {0}."
 _STILL = "The arm at the start of the sample path, in grey, and at its end, in colour."
 
+_HALF_SIDE = 17
+"""Number of heights of the surface of a sector whose range of radius depends on the height."""
+
 _ARC, _SIDE = 49, 17
 """Numbers of points along each arc of a sector, and along each side of its last face, which is bent
 if the range of the radius depends on the height."""
@@ -60,6 +64,40 @@ def _box_of(cell: Cell) -> Array:
     rows = cell.task.rows[: len(cell.half_width)]
     offsets[:, rows] = cell.half_width * corners[:, rows]
     return cell.placement.translation + offsets
+
+
+def _cover_of(design: CellDesign) -> dict[str, Any] | None:
+    """Describe the surface around a cell's positions, for the page's script; None without volume.
+
+    A section between an inner and an outer side is shifted through a box, or turned around the axis
+    of a sector.
+    """
+    cell = design.cell
+    if isinstance(cell, Sector):
+        heights = np.linspace(-1.0, 1.0, _HALF_SIDE if cell.profile.degree else 2)
+        sides = []
+        for radius in (-1.0, 1.0):
+            Y = np.zeros((len(heights), 6))
+            Y[:, RADIUS], Y[:, HEIGHT] = radius, heights
+            sides.append(cell.placements(Y[:, cell.moved])[0])
+        origin, axis = cell.axis
+        half = float(cell.widths[ANGLE])
+        motion: dict[str, Any] = {"origin": _plain(origin), "axis": _plain(axis)}
+        motion |= {"from": -half, "to": half}
+    else:
+        across = np.zeros((3, 3))
+        rows = cell.task.rows[: len(cell.half_width)]
+        across[rows, rows] = cell.half_width
+        x, y, z = across
+        corner = cell.placement.translation - x - y - z
+        sides = [np.array([corner, corner + 2 * z]), np.array([corner, corner + 2 * z]) + 2 * x]
+        motion = {"shift": _plain(2 * y)}
+    inner, outer = (np.round(side, 4).tolist() for side in sides)
+    return {"inner": inner, "outer": outer} | motion
+
+
+def _plain(vector: Array) -> list[float]:
+    return np.round(vector, 6).tolist()
 
 
 def _edges(sector: Sector) -> Array:
@@ -169,6 +207,7 @@ def _tour_page(
         paths=[_box_of(design.cell), way],
         name=name,
         dialog=dialog,
+        cover=_cover_of(design),
     )
 
 
