@@ -212,7 +212,9 @@ def playback_page(
     bodies = visuals.corners(surfaces)
     links = frozenset().union(*(arm_links(chain.task) for chain in chains))
     arms = [
-        _arm(chains, track, done, (visuals, bodies, links), frames, base[0], bool(own))
+        _arm(
+            chains, track, done, (visuals, bodies, links), frames, base[0], bool(own) and not cover
+        )
         for track, done in zip(tracks, played, strict=True)
     ]
     link, _ = farthest(visuals.shapes, np.max([arm.off[-1] for arm in arms], axis=0), links)

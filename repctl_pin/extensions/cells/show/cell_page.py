@@ -36,6 +36,7 @@ from ..cell_design_result import NO_EXTRA_SPEED, CellDesign
 from ..geometry.cell import Cell
 from ..geometry.ranges import range_phrase
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
+from .cell_loop import cell_loop
 from .cell_words import cell_uses, cell_words, shape_word, usual
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
@@ -47,7 +48,7 @@ _STILL = "The arm at the start of the sample path, in grey, and at its end, in c
 _HALF_SIDE = 17
 """Number of heights of the surface of a sector whose range of radius depends on the height."""
 
-_ARC, _SIDE = 49, 17
+_ARC, _SIDE = 37, 17
 """Numbers of points along each arc of a sector, and along each side of its last face, which is bent
 if the range of the radius depends on the height."""
 
@@ -207,6 +208,7 @@ def _tour_page(
         paths=[_box_of(design.cell), way],
         name=name,
         dialog=dialog,
+        own=cell_loop(design, {label: motion for label, motion, _ in motions}),
         cover=_cover_of(design),
     )
 

@@ -21,6 +21,10 @@ export async function setStage(viewer, scene) {
     return arm;
   });
   if (!scene.live) pointAt(arms, (s) => arms[0].data.part[s]);
+  if (scene.weights) {
+    scene.own.laws.at(-1)[0].chart.weights = motion.subarray(at, at + scene.weights);
+    at += scene.weights;
+  }
   const paths = scene.paths.map((count) =>
     Array.from({ length: count }, () => {
       const p = new T.Vector3().fromArray(motion, at);

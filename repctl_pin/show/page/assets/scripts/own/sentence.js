@@ -214,7 +214,7 @@ function speedWords(one, usual, cycles) {
   const [early, late] = [0, cycles - 1].map((c) => faster(one.speeds[c] / usual.speeds[c] - 1));
   const middle = early === late ? " and" : `, ${late}`;
   const over = cycles > 1 ? `${middle} over all ${cycles} cycles` : "";
-  const said = `Under the repeatable one, the joints move ${early} in cycle 1${over}`;
+  const said = `Under ${one.data.under}, the joints move ${early} in cycle 1${over}`;
   return `${said} (root mean square).`;
 }
 
