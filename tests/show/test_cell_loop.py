@@ -15,8 +15,6 @@ from sectors import found
 from test_own_loop import NODE, evaluated, nullspace
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.cell_design_result import tour
-from repctl_pin.extensions.cells.chart.chart import CellPotentials
 
 LOOP = import_module("repctl_pin." + "extensions.cells.show.cell_loop")
 
@@ -47,7 +45,7 @@ def test_the_page_computes_the_function_as_python_does(name: str, tmp_path: Path
     own["laws"][-1][0]["chart"]["weights"] = weights.ravel().tolist()
     chart = design.function.chart
     chart = replace(chart, coefficients=weights.reshape(chart.coefficients.shape))
-    law = rp.RepeatableInverse(task, CellPotentials(chart))
+    law = rp.RepeatableInverse(task, type(design.inverse.potentials)(chart))
     rng = np.random.default_rng(0)
     U = rng.uniform(-0.9, 0.9, (20, cell.k))
     Q = design.function.batch(U) + rng.normal(0, 1e-3, (20, task.n))
@@ -72,7 +70,7 @@ def test_the_page_of_a_tilting_tool_has_no_ring() -> None:
     cell = rp.Cell(task, task.placement(task.reference), 0.03, 0.1)
     options = rp.FitOptions(held_out=64)
     design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, options=options)
-    path = tour(cell)
-    q0 = design.function(path.placement(0.0))
-    motion = rp.follow(design.inverse, path, q0, cycles=1, steps=50, period=9.0)
+    q0 = design.function(cell.placement)
+    circle = rp.circle(task, q0, 0.01, normal="xy")
+    motion = rp.follow(design.inverse, circle, q0, cycles=1, steps=50, period=9.0)
     assert LOOP.cell_loop(design, {"F": motion}) is None

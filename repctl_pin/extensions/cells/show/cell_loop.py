@@ -1,14 +1,14 @@
 """Numbers with which a cell's page moves the hand of its visitor by the function of the cell.
 
-The visitor drags the hand. In the page, ``potentials.js`` evaluates the potentials of the function's
-chart and ``law.js`` the desired inverse. In a cell whose tool neither tilts nor turns, the tool
-keeps its orientation. In a sector without spin, it turns with the angle.
+The visitor drags the hand. In the page, ``potentials.js`` evaluates the potentials of the
+function's chart and ``law.js`` the desired inverse. The tool keeps its orientation; in a sector
+without spin, it turns with the angle.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -42,14 +42,18 @@ def cell_loop(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, An
         return None
     part = _described(design)
     numbers["laws"].append([{"chart": part}])
-    turns = design.task.kind == "pose" and isinstance(cell, Sector) and not cell.whole.widths[SPIN]
-    if turns and numbers["frames"][0]["base"] is not None:
-        return None
-    numbers["turning"] = None
-    if turns:
+    if _turns_along(cell):
+        if numbers["frames"][0]["base"] is not None:
+            return None
         numbers["turning"] = {"origin": cell.axis[0].tolist(), "direction": cell.axis[1].tolist()}
     weights = np.rint(chart.coefficients.reshape(1, -1) / _STEP) * _STEP
     return _rounded(numbers) | {"weights": weights}
+
+
+def _turns_along(cell: Cell) -> TypeGuard[Sector]:
+    """Test whether the tool turns with the angle, as in a sector of poses without spin."""
+    pose = cell.task.kind == "pose" and isinstance(cell, Sector)
+    return pose and not cell.whole.widths[SPIN]
 
 
 def _described(design: CellDesign) -> dict[str, Any]:
