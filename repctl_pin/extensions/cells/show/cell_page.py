@@ -48,7 +48,7 @@ _STILL = "The arm at the start of the sample path, in grey, and at its end, in c
 _HALF_SIDE = 17
 """Number of heights of the surface of a sector whose range of radius depends on the height."""
 
-_ARC, _SIDE = 37, 17
+_ARC, _SIDE = 31, 17
 """Numbers of points along each arc of a sector, and along each side of its last face, which is bent
 if the range of the radius depends on the height."""
 

@@ -65,7 +65,7 @@ def _of_the_sentences(design: CellDesign, motions: Mapping[str, Motion]) -> dict
     kind = "all hand poses" if shape == "sector" else "a box of hand poses"
     around = " in a range of radius around an axis of the arm" if shape == "sector" else ""
     covered = "" if design.evaluation.everywhere else ", where the function covers it"
-    outline = ". Its outline bounds the positions" if motions else ""
+    outline = ". In the picture its positions are pale blue" if motions else ""
     table = ". `--down` without a size finds the largest one, the whole table"
     words = {
         f"The {shape}": f"{kind}{around}, for which the function was made{outline}"
