@@ -60,10 +60,10 @@ def test_no_price_is_one_number() -> None:
     said = str(PAGE.cell_headline(without))
     assert "Joint speed as under the usual control." in said and "0.001 %" not in said
     dear = str(PAGE.cell_headline(replace(design, evaluation=replace(free, extra_speed_worst=0.2))))
-    assert "20 % at worst" in dear and "single directions" not in dear
+    assert "20 % at the worst pose." in dear and "direction" not in dear
     turning = replace(free, extra_speed_worst=0.2, extra_speed_direction=1.2)
     said = str(PAGE.cell_headline(replace(design, evaluation=turning)))
-    assert "20 % at worst. In single directions of motion it is up to 120 % above." in said
+    assert "20 % at the worst pose, 120 % in the worst direction of motion." in said
 
 
 def test_a_sector_is_not_called_a_cell() -> None:

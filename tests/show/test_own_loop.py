@@ -139,7 +139,7 @@ def test_the_page_computes_as_python_does(name: str, tmp_path: Path) -> None:
 
 def evaluated(folder: Path, own: Any, Q: Any, X: Any, paths: list[Any]) -> Any:
     """What the page's scripts compute by node: at Q with ẋ = X, and along the paths."""
-    for name in ("kinematics.js", "law.js"):
+    for name in ("kinematics.js", "potentials.js", "law.js"):
         (folder / name).write_text((SCRIPTS / name).read_text("utf-8"), "utf-8")
     (folder / "package.json").write_text('{"type": "module"}', "utf-8")
     (folder / "evaluate.js").write_text(EVALUATE, "utf-8")

@@ -51,7 +51,7 @@ from ..text.headline import Headline
 
 SCRIPTS = (
     *("dom", "numbers", "arm/viewer", "arm/arm", "arm/eye", "arm/traces"),
-    *("arm/kinematics", "arm/law"),
+    *("arm/kinematics", "arm/potentials", "arm/law", "arm/cover"),
     *("chrome/panes", "chrome/chart", "chrome/room", "chrome/callouts", "chrome/clock"),
     *(
         "chrome/address",
@@ -119,7 +119,7 @@ def page(
         viewer=Markup(_viewer()),
         commands=Markup(pack(b"".join(struct.pack("<I", len(c)) + c for c in commands))),
         motion=Markup(pack(numbers)),
-        script=Markup(_script()),
+        script=Markup(_script(_left_out(scene))),
     )
 
 
@@ -151,16 +151,23 @@ def _dense(style: str) -> str:
     return re.sub(r"\s*([{}])\s*|([;,:])\s+", r"\1\2", style)
 
 
+def _left_out(scene: dict[str, Any]) -> tuple[str, ...]:
+    """List the modules that a page of this scene never calls."""
+    live = () if scene["live"] else ("live/live",)
+    return live if scene["cover"] else (*live, "arm/potentials", "arm/cover")
+
+
 @cache
-def _script() -> str:
+def _script(left_out: tuple[str, ...] = ()) -> str:
     """Join the page's JavaScript modules, in the order of ``SCRIPTS``, into one script.
 
-    Comments, indentation, imports and exports are removed; all modules share one scope.
+    The modules ``left_out`` are not among them. Comments, indentation, imports and exports are
+    removed; all modules share one scope.
     """
     folder = files(__package__) / "assets" / "scripts"
-    texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS]
-    left_out = r"(?m)^(import [^;]*;\n|export |\s*//.*\n| +)|(?<=[;,{})\]]) // .*$"
-    return '"use strict";\n' + re.sub(left_out, "", "\n".join(texts))
+    texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS if name not in left_out]
+    dropped = r"(?m)^(import [^;]*;\n|export |\s*//.*\n| +)|(?<=[;,{})\]]) // .*$"
+    return '"use strict";\n' + re.sub(dropped, "", "\n".join(texts))
 
 
 def _as_script(value: Any) -> str:

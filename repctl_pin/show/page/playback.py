@@ -172,6 +172,7 @@ def playback_page(
     headline: Headline | None = None,
     own: dict[str, Any] | None = None,
     dialog: Dialog | None = None,
+    cover: dict[str, Any] | None = None,
 ) -> str:
     """Write the HTML page of several motions, side by side, each in a pane.
 
@@ -197,6 +198,8 @@ def playback_page(
         potentials; None if the visitor cannot draw a path.
     dialog
         Texts of the page's dialog; by default those of a study.
+    cover
+        Surface to draw in pale, as ``cover.js`` reads it; its edges are then the first path.
     """
     cycles = _common_cycles(tracks)
     visuals = Visuals.of(chains[0].task.robot)
@@ -209,7 +212,9 @@ def playback_page(
     bodies = visuals.corners(surfaces)
     links = frozenset().union(*(arm_links(chain.task) for chain in chains))
     arms = [
-        _arm(chains, track, done, (visuals, bodies, links), frames, base[0], bool(own))
+        _arm(
+            chains, track, done, (visuals, bodies, links), frames, base[0], bool(own) and not cover
+        )
         for track, done in zip(tracks, played, strict=True)
     ]
     link, _ = farthest(visuals.shapes, np.max([arm.off[-1] for arm in arms], axis=0), links)
@@ -248,6 +253,7 @@ def playback_page(
         surfaces=surfaces,
         own=own,
         dialog=dialog,
+        cover=cover,
     )
 
 

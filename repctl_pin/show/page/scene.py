@@ -293,6 +293,7 @@ def animation_page(
     hands: Sequence[str] = ("hand",),
     joints: JointRows | None = None,
     dialog: Dialog | None = None,
+    cover: dict[str, Any] | None = None,
 ) -> str:
     """Write a self-contained HTML page with one pane per arm: an animation, or the live viewer.
 
@@ -326,13 +327,16 @@ def animation_page(
         ``live``.
     own
         Numbers with which the page follows a closed path that its visitor draws: start, joints and
-        potentials; None if the visitor cannot draw a path.
+        potentials; None if the visitor cannot draw a path. ``weights``, an array (1, W), is packed
+        with the motion.
     hands
         Display names of the traced frames.
     joints
         Joint positions for a plot over time; None for no plot.
     dialog
         Texts of the page's dialog; by default those of a study.
+    cover
+        Surface to draw in pale, as ``cover.js`` reads it; its edges are then the first path.
 
     Returns
     -------
@@ -346,6 +350,11 @@ def animation_page(
     rides = np.array([bool(own and on and on[0] >= 0) for on in _links(own, arms[0])])
     rides = rides | np.any([moving_of(arm.placements) for arm in arms], axis=0)
     described = [_describe(arm, frames, library, link, rides, parts) for arm in arms]
+    # a page's own law may have numbers that are packed with the motion
+    weights = np.zeros((1, 0))
+    if own and "weights" in own:
+        own = dict(own)
+        weights = own.pop("weights")
     scene = {
         "title": title,
         "caption": caption,
@@ -360,10 +369,15 @@ def animation_page(
         "names": dict(names or {}),
         "arms": described,
         "own": own,
+        "weights": weights.size,
         "hands": list(hands),
+        "cover": cover,
         "joints": None if joints is None else joints.described(),
     }
-    motion = [np.reshape(p, (len(p), np.size(p) // max(1, len(p)))) for p in [*parts, *paths]]
+    packed = [weights] if weights.size else []
+    motion = [
+        np.reshape(p, (len(p), np.size(p) // max(1, len(p)))) for p in [*parts, *packed, *paths]
+    ]
     motion += [] if joints is None else [rows * _JOINT for rows in joints.rows]
     return page(scene, commands, motion, headline, dialog)
 

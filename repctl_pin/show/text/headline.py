@@ -43,7 +43,11 @@ _ABOUT = {
     "nearest repeatable": "nearly the joint speeds of the usual control, chosen so that a closed "
     "path ends in the joint positions with which it began",
 }
-_UNDER = {"J⁺": "the usual control", "nearest repeatable": "the repeatable one"}
+_UNDER = {
+    "J⁺": "the usual control",
+    "nearest repeatable": "the repeatable one",
+    "One function, q = F(x)": "the function",
+}
 _WHY_SLOWER = "This is possible because the two arms pass through different joint positions."
 """Why a motion can need less joint speed over a cycle than J⁺, the slowest at each instant."""
 

@@ -68,7 +68,7 @@ def range_phrase(cell: Cell, reaches: Mapping[str, float] | None = None) -> str:
         parts.insert(0, f"height {_inward(*_heights(cell, np.array([-1.0, 1.0])))} m")
     near = max(difference(cell.axis, VERTICAL)) <= NEAR
     around = "around the base" if near else "around the axis"
-    words = {"angle": f"{{}} {around}", "spin": "{} of tool spin"}
+    words = {"angle": f"{{}} {around}", "spin": "the tool turned through {}"}
     for i, name in enumerate(cell.coordinate_names):
         width = 2 * cell.widths[i]
         if i in (RADIUS, HEIGHT) or not width:
@@ -109,7 +109,7 @@ def _radius_phrase(sector: Sector) -> str:
     if not sector.profile.degree:
         return f"radius {_inward(rho - half, rho + half)} m"
     (low, high), _ = sector.radii([sector.middle[1]] * 2)
-    return f"radius {_inward(low, high)} m at its middle"
+    return f"radius {_inward(low, high)} m at mid-height"
 
 
 def _heights(sector: Sector, u: Array) -> Array:

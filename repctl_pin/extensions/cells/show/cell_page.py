@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 
@@ -31,11 +32,11 @@ from ....show.palette import BLUE, VERMILLION
 from ....show.report import framed, picture, versions
 from ....show.text.headline import NEAR, Headline
 from ....show.text.lines import Span, capital
-from ....show.text.parts import redundant_part
 from ..cell_design_result import NO_EXTRA_SPEED, CellDesign
 from ..geometry.cell import Cell
 from ..geometry.ranges import range_phrase
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
+from .cell_loop import cell_loop
 from .cell_words import cell_uses, cell_words, shape_word, usual
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
@@ -44,7 +45,10 @@ _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 _OF_THE_TOUR = "A sample path through the {0}; the values above are for the whole {0}."
 _STILL = "The arm at the start of the sample path, in grey, and at its end, in colour."
 
-_ARC, _SIDE = 49, 17
+_HALF_SIDE = 17
+"""Number of heights of the surface of a sector whose range of radius depends on the height."""
+
+_ARC, _SIDE = 31, 17
 """Numbers of points along each arc of a sector, and along each side of its last face, which is bent
 if the range of the radius depends on the height."""
 
@@ -61,6 +65,40 @@ def _box_of(cell: Cell) -> Array:
     rows = cell.task.rows[: len(cell.half_width)]
     offsets[:, rows] = cell.half_width * corners[:, rows]
     return cell.placement.translation + offsets
+
+
+def _cover_of(design: CellDesign) -> dict[str, Any] | None:
+    """Describe the surface around a cell's positions, for the page's script; None without volume.
+
+    A section between an inner and an outer side is shifted through a box, or turned around the axis
+    of a sector.
+    """
+    cell = design.cell
+    if isinstance(cell, Sector):
+        heights = np.linspace(-1.0, 1.0, _HALF_SIDE if cell.profile.degree else 2)
+        sides = []
+        for radius in (-1.0, 1.0):
+            Y = np.zeros((len(heights), 6))
+            Y[:, RADIUS], Y[:, HEIGHT] = radius, heights
+            sides.append(cell.placements(Y[:, cell.moved])[0])
+        origin, axis = cell.axis
+        half = float(cell.widths[ANGLE])
+        motion: dict[str, Any] = {"origin": _plain(origin), "axis": _plain(axis)}
+        motion |= {"from": -half, "to": half}
+    else:
+        across = np.zeros((3, 3))
+        rows = cell.task.rows[: len(cell.half_width)]
+        across[rows, rows] = cell.half_width
+        x, y, z = across
+        corner = cell.placement.translation - x - y - z
+        sides = [np.array([corner, corner + 2 * z]), np.array([corner, corner + 2 * z]) + 2 * x]
+        motion = {"shift": _plain(2 * y)}
+    inner, outer = (np.round(side, 4).tolist() for side in sides)
+    return {"inner": inner, "outer": outer} | motion
+
+
+def _plain(vector: Array) -> list[float]:
+    return np.round(vector, 6).tolist()
 
 
 def _edges(sector: Sector) -> Array:
@@ -117,7 +155,7 @@ def cell_page(
     return render(
         "cell.html",
         style="report.css",
-        title=f"{task.robot.name}: one function for a {shape}",
+        title=f"{task.robot.name}: one function for a {shape} of its workspace",
         caption=f"{task.frame_words}: {task.kind.words}, {task.n} joints, {task.r} redundant",
         headline=cell_headline(design, motions),
         shape=shape,
@@ -170,6 +208,8 @@ def _tour_page(
         paths=[_box_of(design.cell), way],
         name=name,
         dialog=dialog,
+        own=cell_loop(design, {label: motion for label, motion, _ in motions}),
+        cover=_cover_of(design),
     )
 
 
@@ -201,8 +241,7 @@ def _covered(design: CellDesign) -> str:
     found = design.evaluation
     ranges = range_phrase(design.cell, {turn.coordinate: turn.reach for turn in found.turns})
     if found.everywhere:
-        part = redundant_part(design.task)
-        return f"One {part} per hand pose, however the hand gets there: {ranges}. "
+        return f"Same hand pose, same joints, however the hand gets there: {ranges}. "
     causes = [stop for stop in design.failures if stop.cause != "collision"]
     most = max(causes, key=lambda stop: stop.share, default=None)
     why = "" if most is None else f": {most.what}"
@@ -221,11 +260,11 @@ def _cost(design: CellDesign) -> Span:
         return Span(f"Joint speed as under the {usual(design)} control.")
     mean, worst = (ratio_in_percent(share, 2).replace("-", "−") for share in every)
     above = f"{mean} above that of the {usual(design)} control on average"
-    said = f"Joint speed {above}, {worst} at worst."
+    said = f"Joint speed {above}, {worst} at the worst pose"
     if design.extra_speed_direction > design.extra_speed_worst:
         single = ratio_in_percent(design.extra_speed_direction, 2)
-        said += f" In single directions of motion it is up to {single} above."
-    return Span(said)
+        said += f", {single} in the worst direction of motion"
+    return Span(f"{said}.")
 
 
 def _evidence(design: CellDesign) -> Span:
@@ -260,8 +299,8 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     finite = np.isfinite(least)
     kept = f"kept by {below(least, 2)} {unit} or more{short}" if finite else "kept"
     ends = _turned_to_the_end(design)
-    use = "use their whole ranges" if len(ends) > 1 else "uses its whole range"
-    but = f", except by {' and '.join(ends)}, which {use}" if ends else ""
+    use = "turn up to theirs" if len(ends) > 1 else "turns up to its own"
+    but = f"; {' and '.join(ends)} {use}" if ends else ""
     if not (np.isfinite(least) or ends):
         return Span("The joints have no limits.")
     return Span(f"Joint limits {kept}{but}.")

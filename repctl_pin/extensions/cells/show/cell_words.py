@@ -9,7 +9,6 @@ from collections.abc import Mapping
 
 from ....motion import Motion
 from ....show.text.lines import capital
-from ....show.text.parts import redundant_part
 from ....strategies import Pseudoinverse
 from ..cell_design_result import CellDesign
 from ..geometry.sector import Sector
@@ -67,16 +66,16 @@ def cell_words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, s
 
 def _of_the_sentences(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
     """Explain the words of the first sentences, and of the sample path if there is one."""
-    shape, part = shape_word(design), redundant_part(design.task)
+    shape = shape_word(design)
     kind = "all hand poses" if shape == "sector" else "a box of hand poses"
     around = " in a range of radius around an axis of the arm" if shape == "sector" else ""
     covered = "" if design.evaluation.everywhere else ", where the function covers it"
-    outline = ". Its outline bounds the positions" if motions else ""
+    outline = ". In the picture its positions are pale blue" if motions else ""
     table = ". `--down` without a size finds the largest one, the whole table"
     words = {
         f"The {shape}": f"{kind}{around}, for which the function was made{outline}"
         f"{table if shape == 'sector' else ''}.",
-        f"One {part} per hand pose": "The joints depend only on where the hand is, q = F(x), not "
+        "Same hand pose, same joints": "The joints depend only on where the hand is, q = F(x), not "
         f"on the way there. Wherever the hand goes in the {shape}{covered}, at each pose it has "
         "the same joints again.",
     }

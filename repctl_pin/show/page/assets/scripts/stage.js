@@ -1,6 +1,7 @@
 // What stands on the stage: the arms, their ways, the light, and a camera that sees them all.
 
 import { ArmView, cornersOf, pointAt } from "./arm/arm.js";
+import { drawCover } from "./arm/cover.js";
 import { byId, summed, unpack } from "./dom.js";
 import { clearest, Eye, towards } from "./arm/eye.js";
 import { formatLength } from "./numbers.js";
@@ -20,6 +21,10 @@ export async function setStage(viewer, scene) {
     return arm;
   });
   if (!scene.live) pointAt(arms, (s) => arms[0].data.part[s]);
+  if (scene.weights) {
+    scene.own.laws.at(-1)[0].chart.weights = motion.subarray(at, at + scene.weights);
+    at += scene.weights;
+  }
   const paths = scene.paths.map((count) =>
     Array.from({ length: count }, () => {
       const p = new T.Vector3().fromArray(motion, at);
@@ -27,6 +32,9 @@ export async function setStage(viewer, scene) {
       return p;
     }),
   );
+
+  // what is covered is drawn in pale, and is no path
+  const edges = scene.cover ? paths.splice(0, 1) : [];
 
   if (scene.joints)
     for (const arm of arms) {
@@ -67,6 +75,7 @@ export async function setStage(viewer, scene) {
   const center = shown.getCenter(new T.Vector3());
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
   byId("scale-note").textContent = `grid ${formatLength(floor(viewer, center, ground, extent))}`;
+  if (scene.cover) drawCover(arms, scene, edges);
   const line = (drawn, strokes) => drawPaths(arms, drawn, extent, strokes);
   line(paths);
   const drawnTraces = () => drawTraces(arms, scene, extent);

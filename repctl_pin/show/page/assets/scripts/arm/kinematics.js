@@ -32,6 +32,7 @@ export class Chain {
     // where the hands start, and as they are held
     this.homes = this.frames.map(({ p }) => Array.from(p));
     for (const frame of this.frames) frame.held = Array.from(frame.R);
+    if (this.turning) this.turning = { ...this.turning, before: this.frames[0].held.slice() };
   }
 
   // Put the joints of the chains, or these, and the frames where they are at q.
@@ -113,8 +114,39 @@ export class Chain {
 
   // Write the task error (m,) to a position of each frame, held as at the start, into e.
   error(targets, e) {
+    if (this.turning) this.turnHeld(targets[0]);
     this.frames.forEach((frame, f) => frameError(frame, targets[f], e));
     return e;
+  }
+
+  // In a sector without spin the tool turns with the angle: as it is held at a position, and ω of
+  // a hand that moves from q by v.
+  turnHeld(target) {
+    const { origin, direction, before } = this.turning;
+    const [x, y] = [this.homes[0], target].map((p) => {
+      const away = p.map((v, i) => v - origin[i]);
+      const along = away.reduce((sum, v, i) => sum + v * direction[i], 0);
+      return away.map((v, i) => v - along * direction[i]);
+    });
+    const sine = direction.reduce((sum, v, i) => {
+      const [j, k] = [(i + 1) % 3, (i + 2) % 3];
+      return sum + v * (x[j] * y[k] - x[k] * y[j]);
+    }, 0);
+    const cosine = x.reduce((sum, v, i) => sum + v * y[i], 0);
+    rotation(direction, Math.atan2(sine, cosine), this.turn);
+    product(this.turn, before, this.frames[0].held);
+  }
+  turnWith(q, xdot) {
+    const { origin, direction: a } = this.turning;
+    this.place(q);
+    const away = this.frames[0].p.map((v, i) => v - origin[i]);
+    const around = a.map((v, i) => {
+      const [j, k] = [(i + 1) % 3, (i + 2) % 3];
+      return a[j] * away[k] - a[k] * away[j];
+    });
+    const square = around.reduce((sum, v) => sum + v * v, 0);
+    const rate = around.reduce((sum, v, i) => sum + v * xdot[i], 0) / square;
+    for (let i = 0; i < 3; i++) xdot[3 + i] = rate * a[i];
   }
 
   // The joint that is nearest to its limit, and how far it is from there; below 0 beyond it.

@@ -1,6 +1,7 @@
 // The controls on an arm: J⁺ and the repeatable inverse give the smallest q̇ with A q̇ = b, for A =
 // J, b = ẋ, and for A = [J; Vᵀ], b = [ẋ; 0]. Matrices are in rows.
 
+import { CellPotentials } from "./potentials.js";
 import { doubles } from "./kinematics.js";
 
 // sine of the angle between a row and the rows before it, below which A is singular
@@ -37,7 +38,8 @@ export class Law {
     A.fill(0, m * n);
     h.fill(0);
     for (const part of parts) {
-      if (part.waves) series(part, q, A, h, m * n, n, r);
+      if (part.chart) part.add(q, this.chain.frames[0], A, h, m * n);
+      else if (part.waves) series(part, q, A, h, m * n, n, r);
       else polynomials(part, q, A, h, m * n, n, r);
     }
     return h;
@@ -76,7 +78,8 @@ export class Law {
   // Begin at q, on its leaf.
   stand(q) {
     this.start = Float64Array.from(q);
-    this.leaf = Array.from(this.levels(this.start));
+    this.place(this.start);
+    this.leaf = Array.from(this.h);
   }
 
   // The smallest sine of the angle between a row of J and those before it, where A was last solved;
@@ -157,6 +160,7 @@ function leastSolution(A, rows, n, b, L, x) {
 
 // The numbers of potentials in rows of their own; a polynomial's term is a product of factors u_i.
 function prepared(part) {
+  if (part.chart) return new CellPotentials(part.chart);
   if (part.waves)
     return {
       waves: part.waves.map((row) => Float64Array.from(row)),
@@ -270,6 +274,7 @@ function rungeKutta(law, q, xdot, h, motion, step) {
   const at = Float64Array.from(q);
   const sum = new Float64Array(n);
   for (let stage = 0; stage < 4; stage++) {
+    if (law.chain.turning) law.chain.turnWith(at, xdot);
     if (!law.solve(at, xdot)) return false;
     if (stage === 0) {
       motion.V.set(x, step * n);

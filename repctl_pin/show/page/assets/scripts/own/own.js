@@ -174,7 +174,7 @@ export class Own {
     const input = byId("elbow");
     this.level = 0;
     this.elbowAt = 0;
-    if (!repeatable) return;
+    if (!repeatable || this.scene.cover) return;
     const menu = byId("level");
     for (let k = 1; k <= repeatable.r; k++)
       menu.append(element("option", { value: k - 1 }, `level ${k} of ${repeatable.r}`));
@@ -200,7 +200,7 @@ export class Own {
   stand(i, k = this.level) {
     const { chain, laws } = this;
     this.work = null;
-    if (!laws.some(({ r }) => r)) {
+    if (!laws.some(({ r }) => r) || this.scene.cover) {
       this.elbowAt = 0;
       for (const law of laws) law.stand(chain.start);
       return;
@@ -602,6 +602,7 @@ export class Own {
     const law = this.laws[k];
     const q = stepped(law, from.qs[k], targets);
     if (!q) return { refusal: OUT_OF_REACH };
+    if (this.scene.cover) return this.coveredStep(law, q, targets);
     const leaf = law.margin();
     const sine = law.sine();
     const { joint, margin } = chain.nearest(q);
@@ -621,6 +622,20 @@ export class Own {
     chain.place(q);
     const off = Math.hypot(...chain.error(targets, new Float64Array(chain.m)));
     return off > 0.2 * this.stride + 1e-5 ? { refusal: OUT_OF_REACH } : state;
+  }
+
+  // The same on the page of a cell, whose function alone holds the hand, where it has no value.
+  coveredStep(law, q, targets) {
+    const { chain } = this;
+    chain.place(q);
+    const off = Math.hypot(...chain.error(targets, new Float64Array(chain.m)));
+    if (off > 0.2 * this.stride + 1e-5) return { refusal: OUT_OF_REACH };
+    const { joint, margin } = chain.nearest(q);
+    const [chart] = law.parts;
+    if (chart && chart.outside(chain.frames[0]))
+      return { refusal: "F covers no positions beyond this one." };
+    if (chart && margin < 0) return { refusal: `${chain.names[joint]} is at its limit.` };
+    return { q, limit: margin, leaf: 1, sine: 1 };
   }
 
   // Follow points in small steps, and gather where the hand has been; {refusal} where it cannot go
@@ -747,7 +762,7 @@ export class Own {
     Object.assign(this, { result, length: result.length, failure, shape, state: "own" });
     document.body.classList.add("own");
     byId("own").hidden = false;
-    byId("loop-csv").hidden = !points;
+    byId("loop-csv").hidden = !points || Boolean(this.scene.cover);
     const files = this.chain.frames.map((_, f) => (f === this.led ? "loop.csv" : "hold"));
     byId("loop-csv").title = `The loop's points, for repctl study --path ${files.join(",")}`;
     yield;

@@ -227,7 +227,7 @@ function speedWords(one, usual, cycles) {
   const middle = early === late ? " and" : `, ${late}`;
   const over = cycles > 1 ? `${middle} over all ${cycles} cycles` : "";
   const average = `the joints move on average ${early} than under the usual control in cycle 1`;
-  return `Under the repeatable one, ${average}${over}.`;
+  return `Under ${one.data.under}, ${average}${over}.`;
 }
 
 function faster(cost) {

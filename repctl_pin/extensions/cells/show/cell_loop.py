@@ -1,0 +1,121 @@
+"""Numbers with which a cell's page moves the hand of its visitor by the function of the cell.
+
+The visitor drags the hand. In the page, ``potentials.js`` evaluates the potentials of the
+function's chart and ``law.js`` the desired inverse. The tool keeps its orientation; in a sector
+without spin, it turns with the angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeGuard
+
+import numpy as np
+
+from ....motion import Motion
+from ....show.page.own_loop import own_loop
+from ..cell_design_result import CellDesign
+from ..geometry.cell import Cell
+from ..geometry.sector import HEIGHT, SPIN, Sector
+
+_STEP = 128e-7
+"""Resolution of the coefficients, rad or m, which the page's numbers represent without loss."""
+
+_DIGITS = 9
+_MOST_NUMBERS = 4000
+
+
+def cell_loop(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, Any] | None:
+    """Collect the numbers for the page, with the coefficients as the array ``weights``.
+
+    The result is None if the page cannot compute the motions: the tool tilts in the cell, the
+    desired inverse is not J⁺, or the chart has more than 4000 coefficients.
+    """
+    chart = design.function.chart
+    cell = chart.cell
+    last = list(motions.values())[-1:]
+    tilts = cell.widths[3:5].any() or (not isinstance(cell, Sector) and cell.widths[3:].any())
+    if not last or tilts or chart.coefficients.size > _MOST_NUMBERS:
+        return None
+    numbers = own_loop(last[0], [design.desired] * (len(motions) - 1))
+    if numbers is None or len(design.task.frames) > 1:
+        return None
+    part = _described(design)
+    numbers["laws"].append([{"chart": part}])
+    if _turns_along(cell):
+        if numbers["frames"][0]["base"] is not None:
+            return None
+        numbers["turning"] = {"origin": cell.axis[0].tolist(), "direction": cell.axis[1].tolist()}
+    weights = np.rint(chart.coefficients.reshape(1, -1) / _STEP) * _STEP
+    return _rounded(numbers) | {"weights": weights}
+
+
+def _turns_along(cell: Cell) -> TypeGuard[Sector]:
+    """Test whether the tool turns with the angle, as in a sector of poses without spin."""
+    pose = cell.task.kind == "pose" and isinstance(cell, Sector)
+    return pose and not cell.whole.widths[SPIN]
+
+
+def _described(design: CellDesign) -> dict[str, Any]:
+    """Describe the coordinates u and the monomials of a chart in plain types."""
+    chart, task = design.function.chart, design.task
+    cell = chart.cell
+    on = cell._active
+    middle = np.zeros(3)
+    if not isinstance(cell, Sector):
+        middle = cell.placement.translation
+    moved = np.flatnonzero(on)
+    rows = moved if isinstance(cell, Sector) else np.asarray(task.rows)[moved]
+    return {
+        "n": task.n,
+        "r": task.r,
+        "parent": chart.monomials.parent.tolist(),
+        "variable": chart.monomials.variable.tolist(),
+        "moved": rows.tolist(),
+        "widths": cell.widths[on].tolist(),
+        "offset": cell._offset[on].tolist(),
+        "bounds": cell._bounds.tolist(),
+        "removed": _removed(cell),
+        "middle": middle.tolist(),
+        "sector": _sector(cell) if isinstance(cell, Sector) else None,
+    }
+
+
+def _removed(cell: Cell) -> list[dict[str, Any]]:
+    """Describe the coordinates that symmetries remove, and where each ends; None: at a limit."""
+    return [
+        {
+            "i": one.coordinate,
+            "joint": one.joint,
+            "sign": one.sign,
+            "most": None if one.coordinate in cell.free else float(cell.widths[one.coordinate]),
+        }
+        for one in cell.removed
+    ]
+
+
+def _sector(cell: Sector) -> dict[str, Any]:
+    """Describe the cylindrical coordinates of a sector."""
+    radius, height = cell.middle
+    whole = cell.whole
+    spins = cell.task.kind == "pose" and bool(whole.widths[SPIN])
+    return {
+        "origin": cell.axis[0].tolist(),
+        "axes": cell.directions.tolist(),
+        "radius": radius,
+        "height": height,
+        "half": float(whole.widths[HEIGHT]) if cell.task.m > 2 else 0.0,
+        "bend": cell.profile.bend.tolist(),
+        "stretch": cell.profile.stretch.tolist(),
+        "tool": cell.placement.rotation.T[:2].tolist(),
+        "spinMiddle": cell.spin_middle if spins else None,
+    }
+
+
+def _rounded(value: Any) -> Any:
+    """Round all numbers to 9 decimals, 1e-9 m or rad."""
+    if isinstance(value, float):
+        return round(value, _DIGITS)
+    if isinstance(value, dict):
+        return {name: _rounded(one) for name, one in value.items()}
+    return [_rounded(one) for one in value] if isinstance(value, list) else value
