@@ -259,8 +259,8 @@ class RepeatableInverse:
 
         The arguments are those of :meth:`step`. Without ``twist``, ``target`` is that at the end of
         the step, dt is in s, and ``gain``, 1/s, is 1 / dt by default. Without ``leaf``, h is held
-        at its present value. Both show whether the step differs from the requested one, as near a
-        singularity or at a speed limit.
+        at its present value. The damping and the scale show whether the step differs from
+        the requested one, as near a singularity or at a speed limit.
 
         Returns
         -------

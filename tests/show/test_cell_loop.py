@@ -16,7 +16,7 @@ from test_own_loop import NODE, evaluated, nullspace
 
 import repctl_pin as rp
 
-LOOP = import_module("repctl_pin." + "extensions.cells.show.cell_loop")
+LOOP = import_module("repctl_pin.extensions.cells.show.cell_loop")
 
 
 def box() -> rp.CellDesign:

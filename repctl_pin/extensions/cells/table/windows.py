@@ -143,7 +143,8 @@ def free_nodes(
 def _within(angles: tuple[float, float]) -> NDArray[np.bool_]:
     """Test which of M even angles of a turn are in a range (first angle, last angle), rad: (M,).
 
-    Angles differ by full turns without effect, so a range may contain half a turn.
+    Angles differ by full turns without effect, so a range may contain half a turn. An angle within
+    half a spacing outside the range counts, too. M is ``_ANGLES``.
     """
     half = (angles[1] - angles[0]) / 2
     away = STEP * np.arange(_ANGLES) - sum(angles) / 2
