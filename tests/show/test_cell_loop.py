@@ -3,46 +3,49 @@ by node."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
-from functools import partial
-from importlib import import_module
+from html import unescape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from sectors import found
+from commands import main
+from page_file import read
+from PIL import Image
 from test_own_loop import NODE, evaluated, nullspace
 
 import repctl_pin as rp
 
-LOOP = import_module("repctl_pin.extensions.cells.show.cell_loop")
+CELLS = {
+    "sector": ["--sector", "--radius", "0.08", "--height", "0.08", "--degree", "1"],
+    "box": ["--half-width", "0.05,0.04,0.03", "--degree", "2"],
+    "tilts": ["--half-width", "0.03", "--half-angle", "0.1", "--degree", "1"],
+}
 
 
-def box() -> rp.CellDesign:
-    task = rp.Robot.load("panda").task()
-    cell = rp.Cell(task, task.placement(task.reference), [0.05, 0.04, 0.03])
-    options = rp.FitOptions(held_out=64)
-    return rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=2, options=options)
-
-
-DESIGNS = {"sector": partial(found, "one orientation"), "box": box}
+def written(name: str, folder: Path) -> tuple[rp.CellDesign, Any, np.ndarray]:
+    """The design that a command writes; from its page, what it has for loops and the weights."""
+    assert main(["cell", "panda", *CELLS[name], "--held-out", "64", "--out", str(folder)]) < 2
+    (inside,) = re.findall('srcdoc="([^"]*)"', (folder / "cell.html").read_text("utf-8"))
+    scene, _, numbers = read(unescape(inside))
+    shape = [1, scene["weights"]]
+    before = scene["series"][: scene["series"].index(shape)] if shape[1] else []
+    at = sum(rows * columns for rows, columns in before)
+    return rp.load_cell(folder / "cell.json"), scene["own"], numbers[at : at + shape[1]]
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(NODE is None, reason="node is not installed")
-@pytest.mark.parametrize("name", DESIGNS)
+@pytest.mark.parametrize("name", ["sector", "box"])
 def test_the_page_computes_the_function_as_python_does(name: str, tmp_path: Path) -> None:
     """Its potentials, velocities and margin in the cell, where the chart has the page's numbers;
     and after each cycle of a loop it is where it began, which J⁺ is not."""
-    design = DESIGNS[name]()
+    design, own, weights = written(name, tmp_path)
     task, cell = design.task, design.cell
-    q0 = design.function(cell.placement)
-    circle = rp.circle(task, q0, 0.02, normal="xy")
-    motion = rp.follow(design.inverse, circle, q0, cycles=1, steps=200, period=3.0)
-    own: Any = LOOP.cell_loop(design, {"J⁺": motion, "F": motion})
-    weights = own.pop("weights")
-    own["laws"][-1][0]["chart"]["weights"] = weights.ravel().tolist()
+    q0 = np.array(own["start"])
+    own["laws"][-1][0]["chart"]["weights"] = weights.tolist()
     chart = design.function.chart
     chart = replace(chart, coefficients=weights.reshape(chart.coefficients.shape))
     law = rp.RepeatableInverse(task, type(design.inverse.potentials)(chart))
@@ -65,12 +68,25 @@ def test_the_page_computes_the_function_as_python_does(name: str, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_the_page_of_a_tilting_tool_has_no_ring() -> None:
-    task = rp.Robot.load("panda").task()
-    cell = rp.Cell(task, task.placement(task.reference), 0.03, 0.1)
-    options = rp.FitOptions(held_out=64)
-    design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, options=options)
-    q0 = design.function(cell.placement)
-    circle = rp.circle(task, q0, 0.01, normal="xy")
-    motion = rp.follow(design.inverse, circle, q0, cycles=1, steps=50, period=9.0)
-    assert LOOP.cell_loop(design, {"F": motion}) is None
+def test_the_page_of_a_tilting_tool_has_no_ring(tmp_path: Path) -> None:
+    _, own, weights = written("tilts", tmp_path)
+    assert own is None and not weights.size
+
+
+@pytest.mark.slow
+def test_dark_mode_inverts_no_colour_of_the_slices(tmp_path: Path) -> None:
+    """What it inverts is grey: text, ticks and paper. It inverted the colour maps, too."""
+    written("tilts", tmp_path)
+    (around,) = re.findall(
+        r"--around: polygon\(evenodd,(.*?)\)", (tmp_path / "cell.html").read_text("utf-8")
+    )
+    corners = [[float(v.strip("%")) / 100 for v in one.split()] for one in around.split(",")]
+    picture = np.asarray(Image.open(tmp_path / "cell.png").convert("RGB")).astype(int)
+    inverted = np.ones(picture.shape[:2], bool)
+    for k in range(5, len(corners), 6):
+        (left, top), (right, bottom) = corners[k], corners[k + 2]
+        height, width = inverted.shape
+        rows = slice(int(top * height) - 1, int(np.ceil(bottom * height)) + 1)
+        inverted[rows, int(left * width) - 1 : int(np.ceil(right * width)) + 1] = False
+    coloured = np.ptp(picture, axis=2) > 8
+    assert coloured[~inverted].mean() > 0.5 and not coloured[inverted].any()

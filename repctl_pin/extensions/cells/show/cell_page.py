@@ -125,6 +125,7 @@ def cell_page(
     motions: Mapping[str, Motion],
     notes: Sequence[str] = (),
     *,
+    around: str = "",
     command: str | None = None,
 ) -> str:
     """Write the self-contained HTML page of a function over a cell.
@@ -140,6 +141,8 @@ def cell_page(
         failed, and the function.
     notes
         Notes on these motions.
+    around
+        CSS polygon of the figure without its maps, which dark mode inverts.
     command
         Command line that made the page.
     """
@@ -163,6 +166,7 @@ def cell_page(
         still=still,
         tour=" ".join(legend),
         slices=None if slices is None else framed(slices, _slice_words(design)),
+        around=around,
         figures=design.figures(),
         dialog=dialog,
         command=command,

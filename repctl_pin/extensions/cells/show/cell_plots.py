@@ -95,3 +95,23 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
             label, color=INK
         )
     return figure
+
+
+def around_maps(figure: Figure) -> str:
+    """Return the CSS polygon of a figure without its maps and colour bars, after it was drawn.
+
+    The polygon is for the rule ``evenodd``: its corners are shares of the figure, from the left and
+    from the top. A page in dark mode inverts what is inside, the text, and keeps the colours.
+    """
+    whole = "0 0,0 100%,100% 100%,100% 0,0 0"
+    parts = [whole, *(_hole(ax) for ax in figure.axes)]
+    return f"polygon(evenodd,{','.join(parts)})"
+
+
+def _hole(ax: Axes) -> str:
+    """Return the corners of axes in a CSS polygon, from and back to the corner of the figure."""
+    box = ax.get_position()
+    left, right = (f"{100 * x:.2f}%" for x in (box.x0, box.x1))
+    top, bottom = (f"{100 * (1 - y):.2f}%" for y in (box.y1, box.y0))
+    corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
+    return ",".join(f"{x} {y}" for x, y in corners) + ",0 0"

@@ -28,8 +28,6 @@ export function connect(clock, view) {
     currentTarget.setAttribute("aria-expanded", openNotes("noted")),
   );
   byId("help").addEventListener("click", keys);
-  for (const button of document.querySelectorAll(".copy"))
-    button.addEventListener("click", () => copyText(button));
   const menus = ["looks", "save", "loops"].map(byId);
   document.addEventListener("pointerdown", (event) => {
     for (const menu of menus) if (!menu.contains(event.target)) menu.open = false;
@@ -110,18 +108,6 @@ export function openNotes(name) {
   const open = document.body.classList.toggle(name);
   byId("notes").tabIndex = open ? 0 : -1;
   return open;
-}
-
-// Copy the text that follows a button; where a browser does not allow it, mark the text instead.
-async function copyText(button) {
-  const text = button.nextElementSibling;
-  try {
-    await navigator.clipboard.writeText(text.textContent);
-    button.textContent = "Copied";
-  } catch {
-    getSelection().selectAllChildren(text);
-    button.textContent = "Marked: copy it with Ctrl C";
-  }
 }
 
 // Shift an open menu, and let it scroll, so that all of it can be reached.
