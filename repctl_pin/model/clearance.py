@@ -65,7 +65,7 @@ class Clearance:
     overlap : float
         Body distance at the first collision, m, which is negative; 0 without a collision.
     distances : (R,) array
-        Minimum distances at the samples that were evaluated first, m.
+        Minimum distances at the samples that were evaluated first, m; below 0 in a collision.
     points : int
         Number of configurations at which distances were measured.
     between : bool
@@ -103,7 +103,7 @@ def clearance(model: _CollisionModel, Q: Array, rows: NDArray[np.intp]) -> Clear
     search = _Search(model, Q)
     undecided = search.look_at(rows)
     search.settle(rows, undecided)
-    search.test_undecided(rows)
+    search.test_samples(rows)
     return search.found()
 
 
@@ -228,18 +228,20 @@ class _Search:
         """Record that a pair is left undecided; only the first such pair is reported."""
         self._undecided.append(pair)
 
-    def test_undecided(self, rows: NDArray[np.intp]) -> None:
-        """Test undecided pairs for collisions at samples ``rows`` (R,), before the first one found.
+    def test_samples(self, rows: NDArray[np.intp]) -> None:
+        """Test all pairs at samples ``rows`` (R,), where pieces do not decide all that happens.
 
-        Measured pairs were evaluated there already.
+        That is so after a collision, because the distances at the samples are then to show all
+        collisions, for undecided pairs that are checked for collisions only, and for a motion of
+        one sample, which has no pieces.
         """
-        pairs = np.unique([k for k in self._undecided if not self._measured[k]]).astype(np.intp)
-        for row in rows.tolist() if len(pairs) else ():
-            if row >= self._touch:
-                return
-            self._points += 1
-            if (self._model.some_distances(self._Q[row], pairs, exact=True) < 0).any():
-                self._note(float(row), self._measure_all(float(row))[0])
+        undecided = not self._measured[self._undecided].all()
+        if self._touch < np.inf or undecided or len(rows) == 1:
+            distances, _ = self._model.least(self._Q[rows])
+            for row, distance in zip(rows.tolist(), distances.tolist(), strict=True):
+                self._note(float(row), distance)
+            self._points += len(rows)
+            self._distances = [np.minimum(np.concatenate(self._distances), distances)]
 
     def _pieces(self, pair: int, begin: Array, end: Array) -> _Pieces:
         """Make M pieces of the motion, from the positions ``begin`` to ``end`` (M,).

@@ -466,6 +466,15 @@ def test_a_rectangle_is_designed_in_full_only_where_its_rest_may_be_as_large(
     assert straight.known is (None if taken == "other" else best)
 
 
+def test_a_shape_is_kept_where_no_rectangle_has_a_quick_design() -> None:
+    """The first of no rectangles was asked for, with a traceback."""
+    limits = whole_table.Required(distance=0.005)
+    straight = whole_table.Straight(None, [], limits, 0.3)
+    straight._ranking = [], limits
+    other = made(0.2)
+    assert straight.or_larger(other) is other and straight.known is None
+
+
 def test_a_part_that_is_of_no_use_is_not_designed(
     panda_pose: rp.Task, monkeypatch: pytest.MonkeyPatch
 ) -> None:

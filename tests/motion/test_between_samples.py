@@ -12,6 +12,7 @@ import pytest
 from controls import control, some
 
 import repctl_pin as rp
+from repctl_pin.model.clearance import Clearance
 
 LINKS = np.array([0.5, 0.4, 0.3])
 
@@ -155,6 +156,62 @@ def test_a_gap_that_cannot_be_settled_is_said(tmp_path: Path) -> None:
     found = motion_of(task, Q).clearance
     assert found.touch is None and not found.between and found.points > 21
     assert found.undecided == ("l2", "thin")
+
+
+BALL = """<link name="{name}"><collision><origin xyz="{x} 0 {z}"/><geometry>
+<sphere radius="0.05"/></geometry></collision></link>"""
+
+FIXED = """<joint name="{child}" type="fixed"><parent link="{parent}"/><child link="{child}"/>
+</joint>"""
+
+
+def folding(folder: Path) -> rp.Task:
+    """Make the task of an arm whose balls on both sides of a joint, 0.3 m from it, meet at q_2 = π.
+
+    They are checked for collisions only; the ball of the base is measured, 0.4 m below the others.
+    """
+    balls = {"low": (0, -0.4), "l0": (0.2, 0), "palm": (0.3, 0), "l2": (0.5, 0.4)}
+    links = [BALL.format(name=name, x=x, z=z) for name, (x, z) in balls.items()]
+    joints = [
+        JOINT.format(k=k, parent=parent, x=x).replace('"3"', '"3.5"')
+        for k, (parent, x) in enumerate({"base": 0, "l0": 0.5, "l1": 0.1}.items())
+    ]
+    joints += [FIXED.format(parent="base", child="low"), FIXED.format(parent="l1", child="palm")]
+    links.append('<link name="l1"/>')
+    (folder / "fold.urdf").write_text(ARM.format(links="".join(links), joints="".join(joints)))
+    return rp.Robot.load(folder / "fold.urdf").task("l2", "xy")
+
+
+def folded(task: rp.Task, angles: list[float], rows: int = 1) -> Clearance:
+    """Find the first collision of a motion of the second joint, with every ``rows``-th sample."""
+    Q = np.array([[0.2, angle, 0.1] for angle in angles])
+    return rp.Bodies(task)._along(Q, np.arange(0, len(Q), rows))
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_neighbours_that_collide_are_found_at_samples(
+    share: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neighbours are checked for collisions only, in pieces, or at samples without measurements."""
+    task = folding(tmp_path)
+    monkeypatch.setattr(f"{Clearance.__module__}._MOST", int(4000 * share))
+    found = folded(task, [0.0, 1.0, 2.0, 3.14, 2.0])
+    assert ("l0", "palm") in rp.Bodies(task).only_contact
+    at, links = found.touch
+    assert links == ("l0", "palm") and not found.between and found.distance < 0
+    assert at == 3 if share == 0 else 2 < at < 3
+    assert (found.distances < 0).tolist() == [False, False, False, True, False]
+
+
+@pytest.mark.parametrize("angles", [[3.14], [3.14, 3.14], [3.14, 2.0, 0.0], [0.0, 3.14]])
+def test_motions_that_begin_or_end_in_a_collision_of_neighbours(
+    angles: list[float], tmp_path: Path
+) -> None:
+    """A motion of one sample has no pieces, and a collision at the end was shown nowhere."""
+    found = folded(folding(tmp_path), angles)
+    assert found.touch is not None and not found.between
+    assert found.touch[0] == 0 or angles[0] == 0
+    assert (found.distances < 0).tolist() == [angle > 3 for angle in angles]
 
 
 @pytest.mark.slow

@@ -298,6 +298,8 @@ class Straight:
         designed only where this part may be as large as ``other``.
         """
         ranked, limits = self._ranking
+        if not ranked:
+            return other
         found, first = None, ranked[0]
         with suppress(InputError):
             found = _designed(self._fit, [one for one in ranked if one.design], limits, other)
