@@ -277,10 +277,11 @@ def _joint_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]], joi
     for limit in limits:
         if low - 0.5 * span < limit < high + 0.5 * span:
             ax.axhline(limit, color=INK, lw=0.8, ls="--")
-    ax.set_title(plain(task.joint_names[joint]), fontsize=9, loc="left")
+    # y=1.0 keeps matplotlib from measuring all tick labels to place a title above them
+    ax.set_title(plain(task.joint_names[joint]), fontsize=9, loc="left", y=1.0)
     ends = " to ".join(f"{limit:.2f}" if np.isfinite(limit) else "∞" for limit in limits)
     words = f"limits {ends}" if np.isfinite(limits).any() else "no limits"
-    ax.set_title(words.replace("-", "−"), fontsize=8, loc="right", color=GREY)
+    ax.set_title(words.replace("-", "−"), fontsize=8, loc="right", color=GREY, y=1.0)
     ax.set_ylabel("rad" if task.revolute[joint] else "m")
     return quiet(ax, whole=True)
 
@@ -296,7 +297,7 @@ def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     ax, curves = figure.add_subplot(), _displacements(motions)
     _linear(ax, curves)
     ax.set_ylabel("farthest part from its start (cm)")
-    ax.set_title(plain(title), fontsize=10, loc="left")
+    ax.set_title(plain(title), fontsize=10, loc="left", y=1.0)
     _arrange(figure, np.array([[ax]]), top=0.24 if title else 0.1, bottom=0.47)
     corner = _free_corner(ax, curves)
     if corner is not None:
@@ -304,7 +305,7 @@ def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
         _drift_lines(inset, _drifts(motions), 2.5)
         inset.set_yscale("log")
         unit = motions[0][1].task.unit
-        inset.set_title(f"joint drift ({unit}), log scale", fontsize=8, loc="left")
+        inset.set_title(f"joint drift ({unit}), log scale", fontsize=8, loc="left", y=1.0)
         inset.tick_params(labelsize=7)
         inset.yaxis.set_major_locator(LogLocator(numticks=5))
         inset.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
