@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from controls import control, some
 
 import repctl_pin as rp
-from repctl_pin.model.clearance import Clearance
 
 LINKS = np.array([0.5, 0.4, 0.3])
 
@@ -182,7 +182,7 @@ def folding(folder: Path) -> rp.Task:
     return rp.Robot.load(folder / "fold.urdf").task("l2", "xy")
 
 
-def folded(task: rp.Task, angles: list[float], rows: int = 1) -> Clearance:
+def folded(task: rp.Task, angles: list[float], rows: int = 1) -> Any:
     """Find the first collision of a motion of the second joint, with every ``rows``-th sample."""
     Q = np.array([[0.2, angle, 0.1] for angle in angles])
     return rp.Bodies(task)._along(Q, np.arange(0, len(Q), rows))
@@ -194,7 +194,8 @@ def test_neighbours_that_collide_are_found_at_samples(
 ) -> None:
     """Neighbours are checked for collisions only, in pieces, or at samples without measurements."""
     task = folding(tmp_path)
-    monkeypatch.setattr(f"{Clearance.__module__}._MOST", int(4000 * share))
+    module = type(folded(task, [0.0, 1.0])).__module__
+    monkeypatch.setattr(f"{module}._MOST", int(4000 * share))
     found = folded(task, [0.0, 1.0, 2.0, 3.14, 2.0])
     assert ("l0", "palm") in rp.Bodies(task).only_contact
     at, links = found.touch

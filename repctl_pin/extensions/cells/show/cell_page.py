@@ -303,8 +303,8 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     finite = np.isfinite(least)
     kept = f"kept by {below(least, 2)} {unit} or more{short}" if finite else "kept"
     ends = _turned_to_the_end(design)
-    use = "turn up to theirs" if len(ends) > 1 else "turns up to its own"
-    but = f"; {' and '.join(ends)} {use}" if ends else ""
+    use = "use their whole ranges" if len(ends) > 1 else "uses its whole range"
+    but = f", but {' and '.join(ends)} {use}" if ends else ""
     if not (np.isfinite(least) or ends):
         return Span("The joints have no limits.")
     return Span(f"Joint limits {kept}{but}.")

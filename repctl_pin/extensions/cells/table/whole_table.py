@@ -800,14 +800,15 @@ def _designed(
 ) -> CellDesign:
     """Design a function for the first place that one function covers without a collision.
 
-    Places, and parts of them, that cannot equal the design ``than`` in area or in worth are left
-    out. InputError is raised if there is no place left.
+    The search ends at the first place that cannot equal the design ``than`` in area or in worth:
+    those after it rank lower. Parts of a place that cannot are left out. InputError is raised if
+    there is no place left.
     """
     for place in ranked:
         with suppress(InputError):
             useful = partial(_can_equal, place=place, other=than)
             if not useful(place.cell):
-                continue
+                break
             q = given(place.cell, place.posture)
             there = limits._replace(window=place.window)
             design = trimmed(fit, place.cell, q, there, place.design, useful=useful)

@@ -33,7 +33,7 @@ export class Callouts {
   say(atEnd, times = "", [cycle, end] = []) {
     const { failure, leading, hands: names } = this.scene;
     this.sets.forEach(({ arm, part, hands, mark }, k) => {
-      if (failure) sayWhatStops(mark, failure);
+      if (isStopped(this, k)) sayWhatStops(mark, failure);
       else sayWhatBreaks(mark, arm, leading, this.isNarrow(k));
       const short = this.isNarrow(k);
       const off = times ? arm.ends[cycle][end] : arm.partOff();
@@ -101,7 +101,7 @@ export class Callouts {
         const places = tip && aroundHand(boxes[f], tip, room);
         putCallout(hand, boxes[f], tip, spots ? RIM : 0, room, places);
       };
-      const ball = mark.on ? panes.seen(k, markedSpot(arm)) : null;
+      const ball = mark.on ? panes.seen(k, markedSpot(arm, isStopped(this, k))) : null;
       room.reserved({ x: left, y: row, w: width - left, h: box.h }, () => {
         putCallout(mark, marked, ball, 3, room, ball && aroundHand(marked, ball, room));
         hands.forEach(put);
@@ -128,6 +128,11 @@ function makeCallout(pane, kind) {
   return { box, leader, value, note };
 }
 
+// Whether arm k is one that could not follow a visitor's loop: on a cell's page, the last alone is
+// held, by its function.
+const isStopped = ({ scene: { failure, cover }, sets }, k) =>
+  failure && (!cover || k === sets.length - 1);
+
 // Say at the red ball why a visitor's loop could not be followed.
 function sayWhatStops(mark, failure) {
   mark.on = true;
@@ -137,8 +142,8 @@ function sayWhatStops(mark, failure) {
 }
 
 // Where the red ball is that is spoken of; one on a workpiece moves with it.
-function markedSpot({ carrier, past, stop }) {
-  if (!stop) return past.node.position;
+function markedSpot({ carrier, past, stop }, stopped) {
+  if (!stopped) return past.node.position;
   const spot = stop.node.position.clone();
   return carrier ? spot.applyMatrix4(carrier.matrix) : spot;
 }

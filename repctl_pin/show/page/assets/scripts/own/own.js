@@ -633,8 +633,8 @@ export class Own {
     const { joint, margin } = chain.nearest(q);
     const [chart] = law.parts;
     if (chart && chart.outside(chain.frames[0]))
-      return { refusal: "F covers no positions beyond this one." };
-    if (chart && margin < 0) return { refusal: `${chain.names[joint]} is at its limit.` };
+      return { refusal: "F covers no positions beyond this one" };
+    if (chart && margin < 0) return { refusal: `${chain.names[joint]} is at its limit` };
     return { q, limit: margin, leaf: 1, sine: 1 };
   }
 
@@ -779,7 +779,8 @@ export class Own {
     };
     const till = loop.slice(1, nearestPiece(loop, stroke[0]) + 1);
     const { refusal, trail } = yield* this.walk(from, [...till, ...stroke]);
-    const one = refusal !== LEAF_ENDS && from.refused && from.refused.length < this.arms.length;
+    const named = refusal === LEAF_ENDS || this.scene.cover; // what ends names its control
+    const one = !named && from.refused && from.refused.length < this.arms.length;
     const { under } = one ? from.refused[0].data : {};
     return { after: lengthOf([loop[0], ...trail]), reason: refusal, under };
   }
