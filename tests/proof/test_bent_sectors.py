@@ -112,7 +112,13 @@ def test_the_enclosures_of_poses_are_not_wasteful() -> None:
 @pytest.mark.parametrize("mutant", BENT)
 def test_a_wrong_enclosure_of_a_pose_is_noticed(mutant: str) -> None:
     library = kernels(*BENT[mutant])
-    assert max(used(bent(name, reduced=reduced), library) for name, reduced in CELLS) > 1
+    assert (
+        max(
+            used(bent(name, reduced=reduced), library)
+            for name, reduced in (case.values for case in CELLS)
+        )
+        > 1
+    )
 
 
 def test_the_distances_from_the_chart_are_nested() -> None:
