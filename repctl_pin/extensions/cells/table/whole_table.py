@@ -42,10 +42,11 @@ covers a larger sector than a design.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
+from itertools import takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -300,13 +301,16 @@ class Straight:
         ranked, limits = self._ranking
         if not ranked:
             return other
-        found, first = None, ranked[0]
-        with suppress(InputError):
-            found = _designed(self._fit, [one for one in ranked if one.design], limits, other)
+        first = ranked[0]
+        useful = partial(_can_equal, other=other)
+        quick = [one for one in ranked if one.design]
+        # those after a place that is not useful rank lower
+        tried = takewhile(lambda one: useful(one.cell, one), quick)
+        found = _first_design(self._fit, tried, limits, useful)
         at = found or first.design
         near = at is not None and at.body_distance < 2 * limits.distance
         if near and (found is None or area_of(found.cell) < _MUCH * self._rectangle):
-            found = _farther_from_bodies(self._fit, first, limits, found, other)
+            found = _farther_from_bodies(self._fit, first, limits, found, useful)
         if found is None:
             return other
         self.design = found
@@ -504,6 +508,15 @@ class _Place(NamedTuple):
     design: CellDesign | None = None
 
 
+_Useful = Callable[[Cell, _Place], bool]
+"""Tells whether a design over a part of the sector of a place can be taken."""
+
+
+def _always(part: Cell, place: _Place) -> bool:
+    """Take a design over any part of a place."""
+    return True
+
+
 def _sectors(
     table: Table,
     floods: Floods,
@@ -653,7 +666,7 @@ def _larger_design(
 
     Otherwise return the given design.
     """
-    found = _first_design(fit, places, limits, design)
+    found = _first_design(fit, places, limits, partial(_can_exceed, other=design))
     return design if found is None else _larger_of(found, design)
 
 
@@ -664,37 +677,32 @@ def _larger_of(found: CellDesign, design: CellDesign) -> CellDesign:
 
 
 def _first_design(
-    fit: CellFit, places: list[_Place], limits: Required, than: CellDesign | None = None
+    fit: CellFit, places: Iterable[_Place], limits: Required, useful: _Useful = _always
 ) -> CellDesign | None:
     """Design the places in turn; return the first design, or None.
 
-    Places, and parts of them, that cannot be larger than the design ``than`` in area and in worth
-    are left out.
+    Places, and parts of them, that are not ``useful`` are left out.
     """
     for place in places:
+        if not useful(place.cell, place):
+            continue
         with suppress(InputError):
-            useful = partial(_can_exceed, place=place, other=than)
-            if not useful(place.cell):
-                continue
             q = given(place.cell, place.posture)
-            limits = limits._replace(window=place.window)
-            found = trimmed(fit, place.cell, q, limits, useful=useful)
+            there = limits._replace(window=place.window)
+            part_is_useful = partial(useful, place=place)
+            found = trimmed(fit, place.cell, q, there, place.design, useful=part_is_useful)
             if found is not None:
                 return found
     return None
 
 
-def _can_exceed(part: Cell, place: _Place, other: CellDesign | None) -> bool:
+def _can_exceed(part: Cell, place: _Place, other: CellDesign) -> bool:
     """Test whether a design over a part of a place can exceed another in area and in worth."""
-    if other is None:
-        return True
     return area_of(part) > area_of(other.cell) and _most_of(part, place) > _worth(other)
 
 
-def _can_equal(part: Cell, place: _Place, other: CellDesign | None) -> bool:
+def _can_equal(part: Cell, place: _Place, other: CellDesign) -> bool:
     """Test whether a design over a part of a place can equal another in area or in worth."""
-    if other is None:
-        return True
     return area_of(part) >= area_of(other.cell) or _most_of(part, place) >= _worth(other)
 
 
@@ -795,25 +803,14 @@ def _ranked(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place
     return sorted(ranked, key=lambda place: -place.rating)
 
 
-def _designed(
-    fit: CellFit, ranked: list[_Place], limits: Required, than: CellDesign | None = None
-) -> CellDesign:
+def _designed(fit: CellFit, ranked: list[_Place], limits: Required) -> CellDesign:
     """Design a function for the first place that one function covers without a collision.
 
-    The search ends at the first place that cannot equal the design ``than`` in area or in worth:
-    those after it rank lower. Parts of a place that cannot are left out. InputError is raised if
-    there is no place left.
+    InputError is raised if there is none.
     """
-    for place in ranked:
-        with suppress(InputError):
-            useful = partial(_can_equal, place=place, other=than)
-            if not useful(place.cell):
-                break
-            q = given(place.cell, place.posture)
-            there = limits._replace(window=place.window)
-            design = trimmed(fit, place.cell, q, there, place.design, useful=useful)
-            if design is not None:
-                return design
+    design = _first_design(fit, ranked, limits)
+    if design is not None:
+        return design
     name = fit.desired.task.robot.name
     raise InputError(
         f"no function covers a sector of {name} at this orientation{_failed(ranked, limits)}",
@@ -826,19 +823,19 @@ def _farther_from_bodies(
     place: _Place,
     limits: Required,
     design: CellDesign | None,
-    than: CellDesign | None = None,
+    useful: _Useful = _always,
 ) -> CellDesign | None:
     """Design a function that keeps away from bodies; return it if it is better, else ``design``.
 
     The given ``design``, if there is one, was made for minimum joint speed only, and its sector
-    ends at bodies. The better one has the larger worth. The function is not designed where it
-    cannot equal the design ``than`` in area or in worth.
+    ends at bodies. The better one has the larger worth. The function is not designed over parts of
+    the place that are not ``useful``.
     """
     away = replace(fit, body_distance=_AWAY * limits.distance)
-    with suppress(InputError):
-        other = _designed(away, [place._replace(design=None)], limits, than)
-        return other if design is None else max(design, other, key=_worth)
-    return design
+    other = _first_design(away, [place._replace(design=None)], limits, useful)
+    if other is None or design is None:
+        return other or design
+    return max(design, other, key=_worth)
 
 
 def _worth(design: CellDesign) -> float:
