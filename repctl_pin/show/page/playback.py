@@ -225,11 +225,7 @@ def playback_page(
     task = moved.task if several and moved else chains[0].task
     if headline is None:
         whole = [[track.motion] for track in tracks if track.motion is not None]
-        said: Sequence[Sequence[JointMotion]] = whole if several else played
-        summaries = [
-            _summary(done, track, farthest(arm.shapes, arm.off[-1], links))
-            for done, track, arm in zip(said, tracks, arms, strict=True)
-        ]
+        summaries = _summaries(whole if several else played, tracks, arms, links)
         headline = headline_of(summaries, cycles, stopped, hands=len(chains))
 
     if paths is None:
@@ -421,6 +417,22 @@ def _broken(played: Sequence[JointMotion], track: Playback, rows: Array) -> Firs
     Q = np.array([task.from_robot(q) for q in rows])
     origin = link_origins(task, [link], Q)[:, 0]
     return FirstViolation(words, at, cycle_of(at, track.cycles), origin)
+
+
+def _summaries(
+    played: Sequence[Sequence[JointMotion]],
+    tracks: Sequence[Playback],
+    arms: Sequence[Arm],
+    links: frozenset[str],
+) -> list[MotionSummary]:
+    """Summarise every track, for each of which ``played`` has one motion or one of each chain.
+
+    ``links`` are those of the arms, of which the most displaced one is named.
+    """
+    return [
+        _summary(done, track, farthest(arm.shapes, arm.off[-1], links))
+        for done, track, arm in zip(played, tracks, arms, strict=True)
+    ]
 
 
 def _summary(
