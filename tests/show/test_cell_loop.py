@@ -27,7 +27,7 @@ CELLS = {
 
 def written(name: str, folder: Path) -> tuple[rp.CellDesign, Any, np.ndarray]:
     """The design that a command writes; from its page, what it has for loops and the weights."""
-    assert main(["cell", "panda", *CELLS[name], "--held-out", "64", "--out", str(folder)]) < 2
+    assert main(["cell", "panda", *CELLS[name], "--held-out", "64", "--out", str(folder)]) == 0
     (inside,) = re.findall('srcdoc="([^"]*)"', (folder / "cell.html").read_text("utf-8"))
     scene, _, numbers = read(unescape(inside))
     shape = [1, scene["weights"]]
