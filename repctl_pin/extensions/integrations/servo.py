@@ -320,9 +320,10 @@ class Servo:
         self._stop(self._held or "held on request")
 
     def resume(self) -> None:
-        """End a hold, and follow the targets and twists that arrive from now on.
+        """End a stop by :meth:`hold` or by a fault, and follow what arrives from now on.
 
-        After a fault, the arm brakes to rest, then starts again from the measured joints.
+        A fault is a measured joint that is farther than ``tolerance`` from its command. After one,
+        the arm first brakes to rest, if it still moves, and starts from the measured joints.
         """
         self._held = ""
         self._forget()

@@ -359,10 +359,11 @@ def _require_rows(rows: Column, episode: object, file: Path) -> None:
 def _update_episodes(
     file: Path, columns: Mapping[str, Array], episodes: Column, removed: Collection[str]
 ) -> None:
-    """Rewrite the table of demonstrations with new statistics, which are one column each.
+    """Compute statistics again, and rewrite the table of demonstrations, which has them.
 
-    ``columns`` are the new values by name, ``episodes`` the number of the demonstration of each
-    row; ``removed`` are the columns whose statistics are removed.
+    ``columns`` are the changed columns of the data by name, with a row per frame of the recording;
+    ``episodes`` has the number of the demonstration of each of these rows. ``removed`` are the
+    columns whose statistics are removed.
     """
     import pyarrow
     import pyarrow.parquet
