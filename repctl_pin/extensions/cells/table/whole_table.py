@@ -305,7 +305,7 @@ class Straight:
         useful = partial(_can_equal, other=other)
         quick = [one for one in ranked if one.design]
         # those after a place that is not useful rank lower
-        tried = takewhile(lambda one: useful(one.cell, one), quick)
+        tried = takewhile(lambda one: useful(one, one.cell), quick)
         found = _first_design(self._fit, tried, limits, useful)
         at = found or first.design
         near = at is not None and at.body_distance < 2 * limits.distance
@@ -508,11 +508,11 @@ class _Place(NamedTuple):
     design: CellDesign | None = None
 
 
-_Useful = Callable[[Cell, _Place], bool]
-"""Tells whether a design over a part of the sector of a place can be taken."""
+_Useful = Callable[[_Place, Cell], bool]
+"""Tells whether a design over a part of a place's sector can be taken."""
 
 
-def _always(part: Cell, place: _Place) -> bool:
+def _always(place: _Place, part: Cell) -> bool:
     """Take a design over any part of a place."""
     return True
 
@@ -684,29 +684,29 @@ def _first_design(
     Places, and parts of them, that are not ``useful`` are left out.
     """
     for place in places:
-        if not useful(place.cell, place):
+        if not useful(place, place.cell):
             continue
         with suppress(InputError):
             q = given(place.cell, place.posture)
             there = limits._replace(window=place.window)
-            part_is_useful = partial(useful, place=place)
+            part_is_useful = partial(useful, place)
             found = trimmed(fit, place.cell, q, there, place.design, useful=part_is_useful)
             if found is not None:
                 return found
     return None
 
 
-def _can_exceed(part: Cell, place: _Place, other: CellDesign) -> bool:
+def _can_exceed(place: _Place, part: Cell, other: CellDesign) -> bool:
     """Test whether a design over a part of a place can exceed another in area and in worth."""
-    return area_of(part) > area_of(other.cell) and _most_of(part, place) > _worth(other)
+    return area_of(part) > area_of(other.cell) and _most_of(place, part) > _worth(other)
 
 
-def _can_equal(part: Cell, place: _Place, other: CellDesign) -> bool:
+def _can_equal(place: _Place, part: Cell, other: CellDesign) -> bool:
     """Test whether a design over a part of a place can equal another in area or in worth."""
-    return area_of(part) >= area_of(other.cell) or _most_of(part, place) >= _worth(other)
+    return area_of(part) >= area_of(other.cell) or _most_of(place, part) >= _worth(other)
 
 
-def _most_of(part: Cell, place: _Place) -> float:
+def _most_of(place: _Place, part: Cell) -> float:
     """Return an upper bound of the worth of a design over a part of a place, m².
 
     The bound of the place, ``place.most``, is reduced in proportion to the area of the part.
