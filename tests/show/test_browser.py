@@ -393,7 +393,7 @@ def test_controls_work_when_clicked(driver: Any, tmp_path: Path) -> None:
     # the keys are told, and the chart stands over the slider
     driver.find_element("tag name", "body").send_keys("?")
     assert "play or pause" in element("keys").text
-    element("keys").find_element("tag name", "button").click()
+    element("keys").find_element("css selector", "form button").click()
     ends = driver.execute_script(
         "return ['chart', 'scrub'].map((id) => { const r = "
         "document.getElementById(id).getBoundingClientRect(); return [r.left, r.right]; })"

@@ -62,6 +62,11 @@ def test_results_print_in_words() -> None:
     assert repr(timed) == said and abs(len(timed.t) / 100 - timed.duration) < 0.05
 
 
+@pytest.fixture(autouse=True, scope="module")
+def quick() -> None:
+    """The kernel makes the choices that users get, so these tests make them, too."""
+
+
 @pytest.fixture(scope="module")
 def study() -> rp.Study:
     return rp.study("ppr", **SETTING)

@@ -23,7 +23,7 @@ const [times] = arguments, chart = document.getElementById("chart");
 const text = (query) => [...document.querySelectorAll(query)].map((n) => n.textContent.trim());
 return times.map((t) => { repctl.seek(t);
   const exact = [...document.querySelectorAll(".reading b")].map((n) => n.title);
-  return [".callout:not(.hand) b", ".callout.hand b", ".reading b"].map(text)
+  return [".callout:not(.hand, .mark) b", ".callout.hand b", ".reading b"].map(text)
     .concat([exact, document.getElementById("done").textContent])
     .concat([chart.getAttribute("aria-valuetext"), chart.getAttribute("aria-valuenow")]); });
 """
@@ -101,18 +101,13 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
         for time, (part, hand, reading, exact, when, bar, now) in zip(times, told, strict=True):
             done = int(time)
             at = [[np.interp(t, grid, q) for q in motion.q.T] for t in (time, time - done)]
-            closed = study.row("repeatable").motion.q.T
-            ghost = at[1]
-            if k == 0:  # off from the repeatable arm at the same instant
-                ghost = [np.interp(time, grid, q) for q in closed]
-            value = off(np.array(at[0]), np.array(ghost))[part_of].max()
+            # off from its start, at the end of the last cycle that is finished
+            value = off(motion.q[done * motion.steps], motion.q[0])[part_of].max()
             name = scene["part"] + (":" if scene["part"][-1].isdigit() else "")
             said = {f"{name} {words}" for words in written(value)}
             assert part[k] in said, (time, value)
-            # a narrow pane leaves out what is free; an arm that hides the grey one is named
-            within = ("the (grey|repeatable) arm", "cycle\N{NO-BREAK SPACE}1")[k]
-            whence = "its start" if time == done else within
-            assert re.fullmatch(f"hand({free})? 0 from {whence}", hand[k]), hand[k]
+            # a narrow pane leaves out what is free
+            assert re.fullmatch(f"hand({free})? 0 from its start", hand[k]), hand[k]
             assert np.ptp(study.task.positions(np.array(at)), axis=0).max() < 1e-3
             assert reading[k] in written(ends[done]) and reading[k] in bar
             assert int(now) == done
