@@ -232,7 +232,8 @@ class Bodies:
         Q
             Samples (K, n) of the motion; between two samples, the joints move on a straight line.
         rows
-            Indices of the samples at which all pairs are evaluated first; 0 and K − 1 are included.
+            Indices of R samples, 0 and K − 1 included. Their distances are measured first, those of
+            pairs that are checked for collisions only where pieces between them do not decide.
         """
         if not (self.pairs or self.only_contact):
             free = np.full(len(rows), np.inf)

@@ -43,7 +43,7 @@ _FLOOR_OF_TOUCH = 1e-3
 """Value of ``_FLOOR`` after a collision was found, when only an earlier collision is sought."""
 
 _MOST = 4_000
-"""Maximum number of distances measured between the samples of a motion."""
+"""Maximum number of distances measured in one search between the samples of a motion."""
 
 
 @read_only
@@ -98,12 +98,15 @@ def clearance(model: _CollisionModel, Q: Array, rows: NDArray[np.intp]) -> Clear
         Samples (K, N) of the motion, a value per joint of the model. Between two samples, the
         joints move on a straight line.
     rows
-        Indices of the samples at which all pairs are evaluated first; 0 and K − 1 are included.
+        Indices of R samples, 0 and K − 1 included. Their distances are measured first, those of
+        pairs that are checked for collisions only where pieces between them do not decide.
     """
     search = _Search(model, Q)
     undecided = search.look_at(rows)
     search.settle(rows, undecided)
     search.test_samples(rows)
+    if search.stopped_after_a_collision:
+        search.settle(rows, undecided)
     return search.found()
 
 
@@ -126,7 +129,7 @@ class _Search:
         self._at = 0.0
         self._touch = np.inf
         self._points = 0
-        self._left = _MOST
+        self._left = 0
         self._undecided: list[int] = []
 
     def found(self) -> Clearance:
@@ -183,8 +186,10 @@ class _Search:
         """Decide by measurement whether undecided pairs collide or are the closest.
 
         ``undecided`` is two index arrays, of the pairs and of the pieces on which bounds do not
-        decide. Piece k is the motion from sample ``rows[k]`` to ``rows[k + 1]``.
+        decide. Piece k is the motion from sample ``rows[k]`` to ``rows[k + 1]``. At most ``_MOST``
+        distances are measured. After a collision, only an earlier one is sought.
         """
+        self._left, self._undecided = _MOST, []
         pairs, pieces = undecided
         order = np.argsort(pairs, kind="stable")
         pairs, pieces = pairs[order], pieces[order]
@@ -242,6 +247,14 @@ class _Search:
                 self._note(float(row), distance)
             self._points += len(rows)
             self._distances = [np.minimum(np.concatenate(self._distances), distances)]
+
+    @property
+    def stopped_after_a_collision(self) -> bool:
+        """Whether measurements ended at their maximum number, although a collision was found.
+
+        Most of them may have been made before it was known, so an earlier one may be left.
+        """
+        return self._touch < np.inf and self._left <= 0
 
     def _pieces(self, pair: int, begin: Array, end: Array) -> _Pieces:
         """Make M pieces of the motion, from the positions ``begin`` to ``end`` (M,).

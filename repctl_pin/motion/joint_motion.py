@@ -176,13 +176,14 @@ class JointMotion:
     def clearance(self) -> Clearance:
         """Minimum body distance and first collision, at the samples and between them.
 
-        Between two samples, the joints move on a straight line. All pairs of bodies are evaluated
-        at about 100 samples per cycle. Bounds on the distances show where more are needed.
+        Between two samples, the joints move on a straight line. Distances are measured at about 100
+        samples per cycle. Bounds on the distances show where more are needed, and where pairs that
+        are checked for collisions only are tested.
         """
         return self._clearance_from(_COARSE)
 
     def _clearance_from(self, most: int) -> Clearance:
-        """Compute :attr:`clearance`, with all pairs evaluated at ``most`` samples per cycle."""
+        """Compute :attr:`clearance`, with distances at about ``most`` samples per cycle."""
         return bodies_of(self.task)._along(self.q, rows_of(self, most))
 
     @property

@@ -81,3 +81,18 @@ def test_the_sentence_calls_proved_only_what_is() -> None:
     assert proof.excepted
     without = f", without those of {' and '.join(proof.excepted)},"
     assert f"The function and its joint limits{without} proved at every pose" in said
+
+
+def test_a_full_turn_within_wider_limits_is_not_the_whole_range() -> None:
+    """A first joint that turns more than once was said to use its range, and did not count."""
+    design = found("one orientation")
+    (turn,) = design.evaluation.turns
+    assert turn.reach < 2 * np.pi and not turn.left  # its limits end the range
+    ends = f"{turn.joint} uses its whole range"
+    assert ends in str(PAGE.cell_headline(design)).replace("\u00a0", " ")
+    assert f"without {turn.joint}, whose limits" in design.summary()
+    once = replace(turn, joint_range=2 * np.pi + turn.spread + 0.05, reach=2 * np.pi)
+    wide = replace(design, evaluation=replace(design.evaluation, turns=(once,)))
+    said = str(PAGE.cell_headline(wide)).replace("\u00a0", " ")
+    assert re.search(r"Joint limits kept by 0\.02[45] rad or more", said) and ends not in said
+    assert f"0.025 rad of {turn.joint}, a full turn" in wide.summary()

@@ -204,6 +204,17 @@ def test_neighbours_that_collide_are_found_at_samples(
     assert (found.distances < 0).tolist() == [False, False, False, True, False]
 
 
+def test_a_collision_found_last_is_searched_for_an_earlier_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Measurements are spent on other pairs, and only the samples show that neighbours collide."""
+    task = folding(tmp_path)
+    angles = [0.0, 1.0, 2.0, 3.14, 2.0]
+    first, links = folded(task, angles).touch
+    monkeypatch.setattr(f"{type(folded(task, angles)).__module__}._MOST", 12)
+    assert folded(task, angles).touch == (pytest.approx(first, abs=0.01), links)
+
+
 @pytest.mark.parametrize("angles", [[3.14], [3.14, 3.14], [3.14, 2.0, 0.0], [0.0, 3.14]])
 def test_motions_that_begin_or_end_in_a_collision_of_neighbours(
     angles: list[float], tmp_path: Path

@@ -19,6 +19,7 @@ goes from 0 to 1 in a cycle.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
@@ -42,7 +43,7 @@ from .chart.chart import Chart
 from .evaluate.cell_evaluation import Evaluation, sampled
 from .evaluate.cell_failures import FailureReason
 from .evaluate.margins import CandidateFunction
-from .evaluate.symmetric_coordinates import turn_at
+from .evaluate.symmetric_coordinates import Turn, turn_at
 from .function import InverseFunction
 from .geometry.cell import Cell
 from .geometry.ranges import range_rows
@@ -246,8 +247,7 @@ class CellDesign:
             f"({most} {j.attainable_margin:.3g})"
             f"{_unmet(j.limit_margin, self.requested_limit_margin)}"
         )
-        if left_out := self.function.chart.cell.excepted:
-            margin += f"\nwithout {', '.join(left_out)}, whose limits bound the range"
+        margin += _left_out(self.function.chart.cell.excepted, j.turns)
         # bodies and singularities
         bodies = _NO_BODIES
         if np.isnan(j.body_distance):
@@ -369,6 +369,19 @@ def _cell_parts(cell: Cell) -> tuple[Any, ...]:
     used = [(one.coordinate, one.joint, one.sign) for one in cell.removed]
     profile = [np.array(cell.profile)] if cell.profile.degree else []
     return "sector", *box, rounded(cell.axis), cell.free, used, cell.spin_middle, *profile
+
+
+def _left_out(joints: Sequence[str], turns: Sequence[Turn]) -> str:
+    """Write which joints are left out of the limit margin, in lines that follow it.
+
+    ``joints`` are their names, and ``turns`` the ranges of symmetric coordinates. A joint that
+    makes a full turn within its limits is written with its own margin.
+    """
+    full = {turn.joint: turn.left for turn in turns if turn.left}
+    bounded = [name for name in joints if name not in full]
+    text = f"\nwithout {', '.join(bounded)}, whose limits bound the range" if bounded else ""
+    whole = [f"\n{full[name]:.3g} rad of {name}, a full turn" for name in joints if name in full]
+    return text + "".join(whole)
 
 
 def _unmet(found: float, asked: float) -> str:

@@ -89,6 +89,15 @@ class Turn:
     as_covered: float = float("nan")
     bodies: str = ""
 
+    @property
+    def left(self) -> float:
+        """Smallest distance of the joint from its limits, rad, if the range is a full turn.
+
+        It is 0 for a smaller range, which the joint's limits end; infinite without limits.
+        """
+        full = self.reach >= 2 * np.pi
+        return (self.joint_range - self.spread - self.reach) / 2 if full else 0.0
+
     def __str__(self) -> str:
         text = f"{np.degrees(max(self.reach, 0)):.4g}° at every covered pose"
         if self.bodies:

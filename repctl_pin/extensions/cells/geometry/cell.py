@@ -490,10 +490,10 @@ class Cell:
 
     @property
     def excepted(self) -> tuple[str, ...]:
-        """Joints that are left out of limit margins, because their limits end a range ``"all"``.
+        """Joints that are left out of limit margins, because they have a range ``"all"`` to turn.
 
         Such a range of a sector's angle or spin extends to the limits of the joint, where the
-        margin is 0.
+        margin is 0, or is a full turn, if that is less.
         """
         lower, upper = self.task.lower, self.task.upper
         joints = [one.joint for one in self.removed if one.coordinate in self.free]

@@ -33,6 +33,7 @@ from ....show.report import framed, picture, versions
 from ....show.text.headline import NEAR, Headline
 from ....show.text.lines import Span, capital
 from ..cell_design_result import NO_EXTRA_SPEED, CellDesign
+from ..evaluate.symmetric_coordinates import Turn
 from ..geometry.cell import Cell
 from ..geometry.ranges import range_phrase
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
@@ -287,14 +288,16 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
 
     ``path`` is empty, or has the motion along the sample path, which then counts too. A joint is
     left out if the angle or spin of a sector has the range ``"all"`` and ends at its limits,
-    because its distance from them is 0 there.
+    because its distance from them is 0 there. A joint that makes a full turn within them counts.
     """
     found, unit = design.evaluation, design.task._joint_unit
     margins = [float(motion.limit_margin.min()) for motion in path]
     if min(margins, default=0.0) < 0:
         by = f"by {-min(margins):.2g} {unit} on the sample path"
         return Span(f"Joint limits exceeded {by}.", "bad")
-    least = min(found.limit_margin, found.limit_margin_worst)
+    turns = _whole_turns(design)
+    counted = [turn.left for turn in turns if turn.left]
+    least = min(found.limit_margin, found.limit_margin_worst, *counted)
     if least < 0:
         by = f"by {-least:.2g} {unit} at the worst pose"
         return Span(f"Joint limits exceeded {by}.", "bad")
@@ -302,7 +305,7 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     short = f" (requested {asked:g})" if least < asked else ""
     finite = np.isfinite(least)
     kept = f"kept by {below(least, 2)} {unit} or more{short}" if finite else "kept"
-    ends = _turned_to_the_end(design)
+    ends = [turn.joint for turn in turns if not turn.left]
     use = "use their whole ranges" if len(ends) > 1 else "uses its whole range"
     but = f", but {' and '.join(ends)} {use}" if ends else ""
     if not (np.isfinite(least) or ends):
@@ -310,14 +313,11 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     return Span(f"Joint limits {kept}{but}.")
 
 
-def _turned_to_the_end(design: CellDesign) -> list[str]:
-    """List, by name, the joints whose limits end a sector's range ``"all"`` of angle or spin."""
+def _whole_turns(design: CellDesign) -> list[Turn]:
+    """List the angle and spin of a sector that have the range ``"all"`` and a joint with limits."""
     free = [design.cell.coordinate_names[i] for i in design.cell.free]
-    return [
-        turn.joint
-        for turn in design.evaluation.turns
-        if turn.coordinate in free and np.isfinite(turn.joint_range)
-    ]
+    turns = design.evaluation.turns
+    return [turn for turn in turns if turn.coordinate in free and np.isfinite(turn.joint_range)]
 
 
 def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
