@@ -1297,6 +1297,42 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
 
 
 @pytest.mark.slow
+def test_a_stroke_of_the_address_that_the_arm_can_follow_is_no_failure(
+    driver: Any, page: Path
+) -> None:
+    """Nor is it drawn. Its page said that the arm cannot follow the loop, without a reason.
+
+    A stroke that it cannot follow is as long as a drawn one may be: 4 arm lengths from the start.
+    """
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    x, y, z = driver.execute_script("return repctl.own.chain.homes[0]")
+    size = driver.execute_script("return repctl.own.chain.size")
+
+    def written(*points: tuple[float, float]) -> str:
+        return ";".join(f"{x + dx},{y + dy},{z}" for dx, dy in points)
+
+    loop = written((0, 0), (-0.1, 0), (-0.1, 0.1), (0, 0))
+    can = written((-0.1, 0), (-0.12, 0.05))
+    cannot = written((-0.1, 0.1), (1e4, 0.1))
+    found = {}
+    for name, missed in {"none": can, "one": f"{can}|{cannot}"}.items():
+        open_page(driver, f"{page.resolve().as_uri()}#loop={loop}&missed={missed}&")
+        wait_until_computed(driver)
+        found[name] = said(driver), driver.execute_script("return repctl.own.scene.failure")
+    assert found["none"][0].startswith("After 10 cycles of your loop the hand is back."), found
+    assert found["none"][1] == ""
+    start = r"The arm cannot follow your loop beyond its first \d[\d.]*.c?m, at the red ball: "
+    assert re.match(start, found["one"][0]) and found["one"][1], found
+    ends = driver.execute_script(
+        "return repctl.own.missed.map((stroke) => stroke[stroke.length - 1])"
+    )
+    far = np.linalg.norm(np.subtract(ends, [x, y, z]), axis=1)
+    assert far == pytest.approx([np.hypot(0.12, 0.05), 4 * size])
+    assert errors(driver) == []
+
+
+@pytest.mark.slow
 def test_a_loop_that_breaks_a_limit_is_not_the_best(driver: Any, page: Path) -> None:
     schemes(driver, width=900, height=700)
     open_page(driver, page)
