@@ -627,17 +627,21 @@ export class Own {
     if (races || (sine < MIN_SINE_RATIO * this.atStart[k].sine && sine < sineBefore))
       return { refusal: "the arm comes near a singularity" };
     if (leaf < LEAST_MARGIN && leaf < leafBefore) return { refusal: LEAF_ENDS };
+    return this.isOff(q, targets) ? { refusal: OUT_OF_REACH } : state;
+  }
+
+  // Whether the hands of this configuration are too far from their targets.
+  isOff(q, targets) {
+    const { chain } = this;
     chain.place(q);
     const off = Math.hypot(...chain.error(targets, new Float64Array(chain.m)));
-    return off > 0.2 * this.stride + 1e-5 ? { refusal: OUT_OF_REACH } : state;
+    return off > 0.2 * this.stride + 1e-5;
   }
 
   // The same on the page of a cell, whose function alone holds the hand, where it has no value.
   coveredStep(law, q, targets) {
     const { chain } = this;
-    chain.place(q);
-    const off = Math.hypot(...chain.error(targets, new Float64Array(chain.m)));
-    if (off > 0.2 * this.stride + 1e-5) return { refusal: OUT_OF_REACH };
+    if (this.isOff(q, targets)) return { refusal: OUT_OF_REACH };
     const { joint, margin } = chain.nearest(q);
     const [chart] = law.parts;
     if (chart && chart.outside(chain.frames[0]))
