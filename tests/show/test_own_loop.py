@@ -1244,7 +1244,7 @@ def test_a_loop_that_was_altered_is_said_to_be_another(driver: Any, page: Path) 
     )
     told = said(driver)
     assert told.startswith("The arm cannot follow your loop beyond its first "), told
-    assert ": your loop as followed, " in driver.find_element("id", "title").text
+    assert ": the solid line, " in driver.find_element("id", "title").text
     notes = [e.text for e in driver.find_elements("css selector", "#notes > span")]
     assert notes[0].startswith("Solid: the way that the hand took instead. Dashed: "), notes
     assert notes[1].startswith("After one cycle of the solid line the hand is back. "), notes

@@ -822,7 +822,7 @@ export class Own {
     const far = this.elbowOff();
     const moved = far > 1e-4 ? `, ${this.part} moved by ${formatLength(far)}` : "";
     const title = points
-      ? `your loop${failure ? " as followed" : ""}, ${formatLength(this.length)} long${moved}`
+      ? `${shape.whose}, ${formatLength(this.length)} long${moved}`
       : `the study’s path${moved}`;
     if (failure) {
       notes.unshift([LINES], [sentence.map(([text]) => text).join("")]);
