@@ -797,6 +797,56 @@ def test_nothing_overlaps_at_any_size(driver: Any, two_hands: Path, size: tuple[
     nothing_overlaps(driver)
 
 
+_IN_THEIR_PANES = """
+repctl.placed();
+return [...document.querySelectorAll(".pane")].flatMap((pane) => {
+  const { left, right, top, bottom } = pane.getBoundingClientRect();
+  return [...pane.querySelectorAll(".ring")].map((ring) => {
+    const box = ring.getBoundingClientRect();
+    const x = (box.left + box.right) / 2, y = (box.top + box.bottom) / 2;
+    return x > left && x < right && y > top && y < bottom;
+  });
+});
+"""
+
+_STROKE_BEYOND = """
+const { own } = repctl, [x, y, z] = own.chain.homes[0];
+own.grab(0, 7, null, 0);
+own.lead.queue.push([x, y, z + 0.02], [x + 9, y, z]);
+own.processQueue();
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("when", ["turned", "failed", "leading"])
+def test_rings_stay_in_their_panes_when_notes_open(driver: Any, two_hands: Path, when: str) -> None:
+    """On a phone: of a view that was turned, after a loop that failed, and while a hand is led.
+
+    Hands were beside a narrower pane, and their rings in the pane of the other arm.
+    """
+    schemes(driver, width=390, height=844)
+    open_page(driver, two_hands)
+    panes = "return document.querySelector('.pane').getBoundingClientRect().width"
+    wide = driver.execute_script(panes)
+    if when == "turned":
+        driver.execute_script("repctl.turn(0.02, 0)")
+    else:
+        driver.execute_script(_STROKE_BEYOND)
+    if when == "failed":
+        driver.execute_script("repctl.own.release()")
+        wait_until_computed(driver)
+    assert all(driver.execute_script(_IN_THEIR_PANES))
+    driver.execute_script("document.getElementById('noted').click()")
+    driver.execute_async_script("setTimeout(() => arguments[0](true), 500)")
+    if when == "leading":
+        driver.execute_script("repctl.own.release()")
+        wait_until_computed(driver)
+        assert driver.execute_script("return repctl.own.scene.failure")
+    assert driver.execute_script(panes) < 0.6 * wide
+    assert all(driver.execute_script(_IN_THEIR_PANES))
+    assert errors(driver) == []
+
+
 _LEAD = """
 const { own } = repctl;
 own.mirrored = arguments[0];
