@@ -797,6 +797,56 @@ def test_nothing_overlaps_at_any_size(driver: Any, two_hands: Path, size: tuple[
     nothing_overlaps(driver)
 
 
+_IN_THEIR_PANES = """
+repctl.placed();
+return [...document.querySelectorAll(".pane")].flatMap((pane) => {
+  const { left, right, top, bottom } = pane.getBoundingClientRect();
+  return [...pane.querySelectorAll(".ring")].map((ring) => {
+    const box = ring.getBoundingClientRect();
+    const x = (box.left + box.right) / 2, y = (box.top + box.bottom) / 2;
+    return x > left && x < right && y > top && y < bottom;
+  });
+});
+"""
+
+_STROKE_BEYOND = """
+const { own } = repctl, [x, y, z] = own.chain.homes[0];
+own.grab(0, 7, null, 0);
+own.lead.queue.push([x, y, z + 0.02], [x + 9, y, z]);
+own.processQueue();
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("when", ["turned", "failed", "leading"])
+def test_rings_stay_in_their_panes_when_notes_open(driver: Any, two_hands: Path, when: str) -> None:
+    """On a phone: of a view that was turned, after a loop that failed, and while a hand is led.
+
+    Hands were beside a narrower pane, and their rings in the pane of the other arm.
+    """
+    schemes(driver, width=390, height=844)
+    open_page(driver, two_hands)
+    panes = "return document.querySelector('.pane').getBoundingClientRect().width"
+    wide = driver.execute_script(panes)
+    if when == "turned":
+        driver.execute_script("repctl.turn(0.02, 0)")
+    else:
+        driver.execute_script(_STROKE_BEYOND)
+    if when == "failed":
+        driver.execute_script("repctl.own.release()")
+        wait_until_computed(driver)
+    assert all(driver.execute_script(_IN_THEIR_PANES))
+    driver.execute_script("document.getElementById('noted').click()")
+    driver.execute_async_script("setTimeout(() => arguments[0](true), 500)")
+    if when == "leading":
+        driver.execute_script("repctl.own.release()")
+        wait_until_computed(driver)
+        assert driver.execute_script("return repctl.own.scene.failure")
+    assert driver.execute_script(panes) < 0.6 * wide
+    assert all(driver.execute_script(_IN_THEIR_PANES))
+    assert errors(driver) == []
+
+
 _LEAD = """
 const { own } = repctl;
 own.mirrored = arguments[0];
@@ -1244,7 +1294,7 @@ def test_a_loop_that_was_altered_is_said_to_be_another(driver: Any, page: Path) 
     )
     told = said(driver)
     assert told.startswith("The arm cannot follow your loop beyond its first "), told
-    assert ": your loop as followed, " in driver.find_element("id", "title").text
+    assert ": the solid line, " in driver.find_element("id", "title").text
     notes = [e.text for e in driver.find_elements("css selector", "#notes > span")]
     assert notes[0].startswith("Solid: the way that the hand took instead. Dashed: "), notes
     assert notes[1].startswith("After one cycle of the solid line the hand is back. "), notes
@@ -1293,6 +1343,42 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     driver.find_element("id", "back").click()
     assert said(driver).startswith("After 2 cycles the hand is back")
     assert driver.execute_script("return repctl.own.arms[0].stop") is None
+    assert errors(driver) == []
+
+
+@pytest.mark.slow
+def test_a_stroke_of_the_address_that_the_arm_can_follow_is_no_failure(
+    driver: Any, page: Path
+) -> None:
+    """Nor is it drawn. Its page said that the arm cannot follow the loop, without a reason.
+
+    A stroke that it cannot follow is as long as a drawn one may be: 4 arm lengths from the start.
+    """
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    x, y, z = driver.execute_script("return repctl.own.chain.homes[0]")
+    size = driver.execute_script("return repctl.own.chain.size")
+
+    def written(*points: tuple[float, float]) -> str:
+        return ";".join(f"{x + dx},{y + dy},{z}" for dx, dy in points)
+
+    loop = written((0, 0), (-0.1, 0), (-0.1, 0.1), (0, 0))
+    can = written((-0.1, 0), (-0.12, 0.05))
+    cannot = written((-0.1, 0.1), (1e4, 0.1))
+    found = {}
+    for name, missed in {"none": can, "one": f"{can}|{cannot}"}.items():
+        open_page(driver, f"{page.resolve().as_uri()}#loop={loop}&missed={missed}&")
+        wait_until_computed(driver)
+        found[name] = said(driver), driver.execute_script("return repctl.own.scene.failure")
+    assert found["none"][0].startswith("After 10 cycles of your loop the hand is back."), found
+    assert found["none"][1] == ""
+    start = r"The arm cannot follow your loop beyond its first \d[\d.]*.c?m, at the red ball: "
+    assert re.match(start, found["one"][0]) and found["one"][1], found
+    ends = driver.execute_script(
+        "return repctl.own.missed.map((stroke) => stroke[stroke.length - 1])"
+    )
+    far = np.linalg.norm(np.subtract(ends, [x, y, z]), axis=1)
+    assert far == pytest.approx([np.hypot(0.12, 0.05), 4 * size])
     assert errors(driver) == []
 
 

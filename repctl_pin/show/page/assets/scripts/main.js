@@ -124,6 +124,7 @@ async function main() {
   let drawing = false;
   let lines = []; // what a visitor's loop adds to what is seen: its points, and where it stops
   let own = null;
+  let unfitted = false; // whether the stage has another size since a hand was led
   function show() {
     if (drawing) return;
     const { cycles } = clock;
@@ -176,9 +177,10 @@ async function main() {
     panes.layout();
     document.body.style.setProperty("--tall", `${byId("stage").clientHeight}px`);
     if (own) own.reserve();
-    if (!eye.touched && !(own && own.lead))
+    unfitted = Boolean(own && own.lead);
+    if (!eye.touched && !unfitted)
       eye.fit([...(small.matches ? near : points), ...lines], panes.size);
-    if (chart && !(own && own.lead)) chart.reserve();
+    if (chart && !unfitted) chart.reserve();
     show();
   }
   const view = {
@@ -238,6 +240,7 @@ async function main() {
       rule(clock);
       offerEnlarge();
       panes.inRows();
+      if (unfitted) resize();
       yield;
       chart.reserve();
     } finally {

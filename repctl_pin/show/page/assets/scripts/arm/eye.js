@@ -17,9 +17,12 @@ export class Eye {
       viewer.set_camera(camera);
       viewer.set_object(["Cameras", "default", "rotated"], camera);
     } else viewer.camera.fov = 16;
-    viewer.controls.addEventListener("start", () => {
-      this.touched = true;
-    });
+    viewer.controls.addEventListener("start", () => this.touch());
+  }
+
+  // From now on the view is the visitor's: it is kept, and a narrower pane shows as much of it.
+  touch() {
+    Object.assign(this, { touched: true, chosen: this.ratio, share: 1 });
   }
 
   span(points, axis) {
@@ -103,6 +106,12 @@ export class Eye {
 
   aspect(ratio) {
     const { camera } = this.viewer;
+    this.ratio = ratio;
+    if (this.touched) {
+      const share = Math.min(1, ratio / this.chosen);
+      camera.zoom *= share / this.share;
+      this.share = share;
+    }
     if (camera.isOrthographicCamera)
       Object.assign(camera, { left: camera.bottom * ratio, right: camera.top * ratio });
     else camera.aspect = ratio;
@@ -121,7 +130,7 @@ export class Eye {
     camera.zoom = numbers[6];
     camera.updateProjectionMatrix();
     controls.update();
-    this.touched = true;
+    this.touch();
     this.viewer.set_dirty();
   }
 
@@ -135,7 +144,7 @@ export class Eye {
     if (camera.isOrthographicCamera) camera.zoom *= nearer;
     else offset.radius /= nearer;
     camera.position.setFromSpherical(offset.makeSafe()).add(controls.target);
-    this.touched = true;
+    this.touch();
     this.viewer.set_dirty();
   }
 }

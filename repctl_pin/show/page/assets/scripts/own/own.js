@@ -30,6 +30,7 @@ const LEAST_MARGIN = 0.15; // of the leaf, below which it stops
 const DRAW = [["Draw a loop and let go. Both arms follow."]];
 const HOW = ["The dotted line closes the loop."];
 const DOTS = 200; // of that line, at most
+const FARTHEST = 4; // arm lengths from its start, beyond which a hand is not led
 const MAX_SPEED_RATIO = 4; // times the joint speed at the start, or the limit, at which it stops
 // part of the smallest sine between the rows of J at the start, below which it stops
 const MIN_SINE_RATIO = 0.35;
@@ -462,13 +463,20 @@ export class Own {
       const hit =
         sight.intersectPlane(lead.plane, new MeshCat.THREE.Vector3()) ||
         lead.plane.projectPoint(sight.at(1e3 * chain.size, home.clone()), home.clone());
-      const off = hit
-        .clone()
-        .sub(home)
-        .clampLength(0, 4 * chain.size);
-      lead.queue.push(off.add(home).toArray());
+      lead.queue.push(this.limited(hit.toArray()));
     }
     this.scheduleStep();
+  }
+
+  // A place to which the hand is led, or the one in this direction at the farthest.
+  limited(place) {
+    const { homes, size } = this.chain;
+    const home = new MeshCat.THREE.Vector3(...homes[this.led]);
+    const off = new MeshCat.THREE.Vector3(...place).sub(home);
+    return off
+      .clampLength(0, FARTHEST * size)
+      .add(home)
+      .toArray();
   }
 
   key(k, event, f) {
@@ -619,17 +627,21 @@ export class Own {
     if (races || (sine < MIN_SINE_RATIO * this.atStart[k].sine && sine < sineBefore))
       return { refusal: "the arm comes near a singularity" };
     if (leaf < LEAST_MARGIN && leaf < leafBefore) return { refusal: LEAF_ENDS };
+    return this.isOff(q, targets) ? { refusal: OUT_OF_REACH } : state;
+  }
+
+  // Whether the hands of this configuration are too far from their targets.
+  isOff(q, targets) {
+    const { chain } = this;
     chain.place(q);
     const off = Math.hypot(...chain.error(targets, new Float64Array(chain.m)));
-    return off > 0.2 * this.stride + 1e-5 ? { refusal: OUT_OF_REACH } : state;
+    return off > 0.2 * this.stride + 1e-5;
   }
 
   // The same on the page of a cell, whose function alone holds the hand, where it has no value.
   coveredStep(law, q, targets) {
     const { chain } = this;
-    chain.place(q);
-    const off = Math.hypot(...chain.error(targets, new Float64Array(chain.m)));
-    if (off > 0.2 * this.stride + 1e-5) return { refusal: OUT_OF_REACH };
+    if (this.isOff(q, targets)) return { refusal: OUT_OF_REACH };
     const { joint, margin } = chain.nearest(q);
     const [chart] = law.parts;
     if (chart && chart.outside(chain.frames[0]))
@@ -745,11 +757,12 @@ export class Own {
   *following(points, cycle, missed = []) {
     Object.assign(this, { points, missed });
     const paths = this.paths();
-    const failure = missed.length ? yield* this.stopOf(points, missed[0]) : null;
+    const failed = yield* this.failed(points, missed);
+    const [failure] = [...failed.values(), null];
     const result = yield* computed(this.laws, this.arms, paths, CYCLES);
     yield;
     this.endGesture();
-    const strokes = this.lines(missed);
+    const strokes = this.lines([...failed.keys()]);
     yield* this.player.play({ ...result, paths: this.lines(paths), strokes });
     yield;
     const lead = paths.find(Boolean);
@@ -770,7 +783,19 @@ export class Own {
     this.clock.seek(this.shown);
   }
 
-  // Where on a loop the hand cannot follow a stroke, and why: {after, m of the loop, reason}.
+  // Where on a loop the hand cannot follow each of these strokes, without those that it can: an
+  // address may have such, and so may another place of the slider.
+  *failed(loop, strokes) {
+    const found = new Map();
+    for (const stroke of strokes) {
+      const stop = yield* this.stopOf(loop, stroke);
+      if (stop.reason) found.set(stroke, stop);
+    }
+    return found;
+  }
+
+  // Where on a loop the hand cannot follow a stroke, and why: {after, m of the loop, reason}, which
+  // is empty where it can.
   *stopOf(loop, stroke) {
     const from = {
       hand: loop[0],
@@ -797,7 +822,7 @@ export class Own {
     const far = this.elbowOff();
     const moved = far > 1e-4 ? `, ${this.part} moved by ${formatLength(far)}` : "";
     const title = points
-      ? `your loop${failure ? " as followed" : ""}, ${formatLength(this.length)} long${moved}`
+      ? `${shape.whose}, ${formatLength(this.length)} long${moved}`
       : `the study’s path${moved}`;
     if (failure) {
       notes.unshift([LINES], [sentence.map(([text]) => text).join("")]);
@@ -971,7 +996,8 @@ export class Own {
       }
       for (const law of laws) law.start = from.qs.at(-1);
     }
-    yield* this.following(closed(points, first), CYCLES, missed);
+    const strokes = missed.map((stroke) => stroke.map((place) => this.limited(place)));
+    yield* this.following(closed(points, first), CYCLES, strokes);
   }
 
   // What the address keeps of all this.

@@ -45,9 +45,8 @@ export function answer(chain, arms, { runs }, cycles, shape) {
 export function failureWords(chain, { after, reason, under }) {
   const far = unbroken(formatLength(after));
   const by = under ? ` under ${aloneUnder({ data: { under } })}` : "";
-  const why = reason && `: ${reason}${by}`;
   const words = `The ${armWord(chain)} cannot follow your loop beyond its first ${far}`;
-  return [[`${words}, at the red ball${why}.`, "bad"]];
+  return [[`${words}, at the red ball: ${reason}${by}.`, "bad"]];
 }
 
 // The reason of a refusal as a sentence; it may begin with the name of a joint.
