@@ -1162,12 +1162,15 @@ export class Own {
   }
 }
 
-// The longest words of a gesture.
+// The longest sentence of a gesture, and the notes of a loop on which joints keep their limits.
 const LEAD_WORDS = {
   verdict: ["That joint would have to be faster than it can. Go another way, or let go."],
   notes: [
-    "The dotted line closes the loop.",
-    "You are more than 1.1 cm from the start: there, closing is not proved.",
+    "Under the repeatable one, the joints move on average 0.7 % faster than under the usual " +
+      "control in cycle 1.",
+    "Joint limits are kept.",
+    "The repeatable control stays far from where it fails: 0.82 (1 is best, 0 fails).",
+    "Collisions are not checked.",
   ],
 };
 const LET_GO =
