@@ -430,7 +430,8 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
     figures = content.figures
     if any(len(reason.u) != cell.whole.k for reason in figures.failures):
         raise InputError(
-            f"the pose u of each failure must be {cell.whole.k} numbers; design the cell again"
+            f"each pose of the cell at which the function failed must be {cell.whole.k} numbers; "
+            "design the cell again"
         )
     # figures that older files lack
     if figures.limit_margin_worst is None:  # infinite, or not in older files

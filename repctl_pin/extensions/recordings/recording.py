@@ -234,8 +234,8 @@ class Recording:
             table = read_table(path, task.joint_names)
         if action is not None and not (data_set and action in ACTIONS):
             raise InputError(
-                f"must be {' or '.join(ACTIONS)}, of a data set of LeRobot or robomimic; got "
-                f"{shown(action)}",
+                f"must be {' or '.join(ACTIONS)}, and belongs to data sets of LeRobot or "
+                f"robomimic; got {shown(action)}",
                 argument="action",
             )
         try:

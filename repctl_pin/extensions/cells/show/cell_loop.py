@@ -57,7 +57,7 @@ def _turns_along(cell: Cell) -> TypeGuard[Sector]:
 
 
 def _described(design: CellDesign) -> dict[str, Any]:
-    """Describe the coordinates u and the monomials of a chart in plain types."""
+    """Return the chart of a cell's function as plain types, as ``potentials.js`` reads it."""
     chart, task = design.function.chart, design.task
     cell = chart.cell
     on = cell._active

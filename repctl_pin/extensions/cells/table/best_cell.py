@@ -582,7 +582,7 @@ def _best_of(
 
 
 def _repeats(task: Task, one: Candidate, others: list[Candidate]) -> bool:
-    """Test whether one of ``others`` has nearly the same joints as ``one``, and no smaller margin.
+    """Test whether some of ``others`` has nearly these joints and no smaller limit margin.
 
     All are in the middle of the same box. Joints are compared up to full turns of revolute ones,
     which make no difference to the function, only to the limit margin.

@@ -203,8 +203,8 @@ def _refuse_foreign(path: Path) -> None:
 def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
     """Choose the configuration (n,) at which the example and the test vectors begin.
 
-    It is F in the middle of the cell if Ω is a cell; else the centre of Ω or, without Ω, the task's
-    reference configuration.
+    If Ω is a cell, it is F(x; 0) at the cell's middle x; else the centre of Ω or, without Ω, the
+    task's reference configuration.
     """
     if isinstance(region, Cell) and isinstance(inverse.potentials, CellPotentials):
         return InverseFunction(inverse.potentials.chart)(region.placement)

@@ -157,7 +157,7 @@ def _array(held: Any, member: str, name: str) -> Iterator[str]:
 
 
 def _template(file: str) -> str:
-    """Read the file ``templates/FILE.in``, in which ``@part`` and ``arm`` are placeholders."""
+    """Return the text of ``templates/FILE.in``, whose placeholders are not yet filled."""
     return (files(__package__) / "templates" / f"{file}.in").read_text(encoding="utf-8")
 
 
