@@ -256,8 +256,12 @@ def _written(
     None.
     """
     from ..motion.csv_file import csv_text
-    from ..motion.joint_motion import refuse_violations
-    from ..motion.write_motion import refuse_coarse, refuse_timed_violations, yaml_text
+    from ..motion.write_motion import (
+        refuse_coarse,
+        refuse_timed_violations,
+        refuse_violations,
+        yaml_text,
+    )
 
     if (options.csv or options.yaml) and not options.allow_violations:
         refuse_violations(slowed, f"{remedy}, or write it anyway with --allow-violations")

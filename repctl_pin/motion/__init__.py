@@ -10,7 +10,6 @@ from .follow import check_length as check_length
 from .follow import follow as follow
 from .follow import followed as followed
 from .follow import unresolved as unresolved
-from .joint_motion import refuse_violations as refuse_violations
 from .joint_motion import violations_of as violations_of
 from .leaf_lock import LeafLock as LeafLock
 from .least_motion import least_closed_motion as least_closed_motion

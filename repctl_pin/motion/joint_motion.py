@@ -315,19 +315,3 @@ def checked_words(motion: JointMotion) -> str:
     """
     found = motion.clearance
     return "" if found.between or found.touch else f" at {found.points:,} points"
-
-
-def refuse_violations(motion: JointMotion, remedy: str) -> None:
-    """Raise InputError if a motion that is to be written has a limit violation or a collision.
-
-    ``remedy`` ends the message.
-
-    Raises
-    ------
-    InputError
-        If a limit is violated or bodies collide; the message names the joint or the links, and the
-        time.
-    """
-    found = violations_of(motion)
-    if found:
-        raise InputError(f"{'; '.join(map(str, found))}: no trajectory was written; {remedy}")

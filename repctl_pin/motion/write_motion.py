@@ -1,4 +1,4 @@
-"""Writing of trajectory files: CSV, or ROS 2 JointTrajectory as YAML.
+"""Writing of trajectory files: CSV, or ROS 2 JointTrajectory as YAML; refusal of violating motions.
 
 A strategy is a controller, a map from the configuration and the task velocity to joint velocities.
 """
@@ -16,7 +16,7 @@ from ..base.files import write_whole
 from ..model.task import Task
 from ..strategies import Strategy
 from .csv_file import csv_text
-from .joint_motion import JointMotion, refuse_violations, violations_of
+from .joint_motion import JointMotion, violations_of
 from .motion import Motion
 from .timed_motion import TimedMotion
 
@@ -71,6 +71,22 @@ def write_motion(
         if isinstance(motion, TimedMotion):
             refuse_timed_violations(motion, followed.task, remedy)
     return write_whole(path, csv_text(motion) if path.suffix == ".csv" else yaml_text(motion))
+
+
+def refuse_violations(motion: JointMotion, remedy: str) -> None:
+    """Raise InputError if a motion that is to be written has a limit violation or a collision.
+
+    ``remedy`` ends the message.
+
+    Raises
+    ------
+    InputError
+        If a limit is violated or bodies collide; the message names the joint or the links, and the
+        time.
+    """
+    found = violations_of(motion)
+    if found:
+        raise InputError(f"{'; '.join(map(str, found))}: no trajectory was written; {remedy}")
 
 
 def refuse_coarse(motion: TimedMotion) -> None:

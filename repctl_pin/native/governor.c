@@ -15,10 +15,8 @@
 #define FAR 1e6       /* positions and twists beyond are refused, m, m/s and rad/s */
 #define MOST_IDLE 250 /* plans in a row that an arm at rest does not find, before it is said to be stopped */
 
-/* Back from beyond a joint limit: how far beyond it an arm can start, rad or m, and the shares of the limits. */
+/* How far beyond a joint limit an arm can start, rad or m. */
 #define BEYOND 0.1
-#define BACK_SPEED 0.1
-#define BACK 0.5
 
 /* Shares of the limits that plans aim at; the remainder is for the change of G along the path. */
 #define AIM_SPEED 0.985
@@ -598,31 +596,6 @@ static int is_heeded(const Arm *arm, const Governor *g, const Input *input) {
   for (int k = 0; k < N - M && input->to_leaf; k++)
     if (input->goal.leaf[k] != g->heard.leaf[k]) return 0;
   return 1;
-}
-
-/* Make the plan that brings the joints from q, beyond a limit, to those inside: each one on a quintic from rest to rest,
-   so never farther out. */
-static void plan_back(const Arm *arm, const Governor *g, const double q[], const double inside[], Plan *plan) {
-  static const double QUINTIC[6] = {0.5, 0.9375, 0.0, -0.625, 0.0, 0.1875}; /* from 0 to 1, by u */
-  static const double PEAK[3] = {1.875, 5.7735026918962582, 60.0}; /* of its derivatives by time, for T = 1 */
-  Piece *piece = &plan->piece[0];
-  double T = 4.0 * g->dt;
-  (void)arm;
-  for (int i = 0; i < N; i++) {
-    const double way = fabs(inside[i] - q[i]);
-    const double by_speed = PEAK[0] * way / (BACK_SPEED * g->limits.velocity[i]);
-    const double by_acceleration = sqrt(PEAK[1] * way / (BACK * g->limits.acceleration[i]));
-    const double by_jerk = cbrt(PEAK[2] * way / (BACK * g->limits.jerk[i]));
-    if (by_speed > T) T = by_speed;
-    if (by_acceleration > T) T = by_acceleration;
-    if (by_jerk > T) T = by_jerk;
-  }
-  piece->begin = 0.0;
-  piece->end = plan->time = T;
-  piece->degree = 5;
-  for (int k = 0; k <= 5; k++)
-    for (int i = 0; i < N; i++) piece->C[k][i] = (k ? 0.0 : q[i]) + QUINTIC[k] * (inside[i] - q[i]);
-  plan->pieces = 1;
 }
 
 /* Begin at rest at q, if the arguments are right. Beyond a joint limit, the leaf is that of the configuration inside. */

@@ -118,6 +118,7 @@ SHARED void plan_rates(const Arm *arm, const Plan *plan, double t, double twist[
 SHARED void plan_course_at(const Arm *arm, const Plan *plan, double t, Course *course);
 SHARED void plan_begin(const Arm *arm, Plan *plan, const Course *start, const double q[], const double qdot[]);
 SHARED int plan_append(const Arm *arm, Governor *g, Plan *plan, int table, int count);
+SHARED void plan_back(const Arm *arm, const Governor *g, const double q[], const double inside[], Plan *plan);
 
 /* ---- configurations of targets ---- */
 

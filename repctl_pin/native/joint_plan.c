@@ -6,6 +6,10 @@
 #include "governor.h"
 #include "law.h"
 
+/* Shares of the speed limits, and of those of acceleration and jerk, on the way back from beyond a joint limit. */
+#define BACK_SPEED 0.1
+#define BACK 0.5
+
 /* Chebyshev-Lobatto nodes from 0 to 1, of two degrees; extrapolation to node j from the nodes before j, and, column j,
    from the derivative at node 0; coefficients of 1, u, u^2, ... from values at the nodes. */
 static const double NODE_SHARE[2][DEGREE + 1] = {
@@ -227,3 +231,27 @@ SHARED int plan_append(const Arm *arm, Governor *g, Plan *plan, int table, int c
   return made;
 }
 
+/* Make the plan that brings the joints from q, beyond a limit, to those inside: each one on a quintic from rest to rest,
+   so never farther out. */
+SHARED void plan_back(const Arm *arm, const Governor *g, const double q[], const double inside[], Plan *plan) {
+  static const double QUINTIC[6] = {0.5, 0.9375, 0.0, -0.625, 0.0, 0.1875}; /* from 0 to 1, by u */
+  static const double PEAK[3] = {1.875, 5.7735026918962582, 60.0}; /* of its derivatives by time, for T = 1 */
+  Piece *piece = &plan->piece[0];
+  double T = 4.0 * g->dt;
+  (void)arm;
+  for (int i = 0; i < N; i++) {
+    const double way = fabs(inside[i] - q[i]);
+    const double by_speed = PEAK[0] * way / (BACK_SPEED * g->limits.velocity[i]);
+    const double by_acceleration = sqrt(PEAK[1] * way / (BACK * g->limits.acceleration[i]));
+    const double by_jerk = cbrt(PEAK[2] * way / (BACK * g->limits.jerk[i]));
+    if (by_speed > T) T = by_speed;
+    if (by_acceleration > T) T = by_acceleration;
+    if (by_jerk > T) T = by_jerk;
+  }
+  piece->begin = 0.0;
+  piece->end = plan->time = T;
+  piece->degree = 5;
+  for (int k = 0; k <= 5; k++)
+    for (int i = 0; i < N; i++) piece->C[k][i] = (k ? 0.0 : q[i]) + QUINTIC[k] * (inside[i] - q[i]);
+  plan->pieces = 1;
+}

@@ -37,8 +37,9 @@ from .orientation import angular_velocity, rotation_matrix
 class ClosedPath(Protocol):
     """Interface of a closed path, which :class:`TaskPath` and custom classes implement.
 
-    A path is a function of s, from 0 at the start to 1 at the end of a cycle. It has the attributes
-    ``name`` and ``breaks`` (corners), and the methods ``placement(s)`` and ``twist(s)``.
+    A path is a function of s, from 0 at the start to 1 at the end of a cycle. ``placement(s)`` is
+    its pose, a ``pinocchio.SE3``, and ``twist(s)`` the derivative (6,) by s, for one number s.
+    ``breaks`` are the values of s at its corners, without 0 and 1; ``name`` is shown in tables.
     """
 
     @property

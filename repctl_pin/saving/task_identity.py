@@ -237,9 +237,9 @@ def require_arm_angles(basis: BasisFile, made_for: TaskFile, task: Task) -> list
     """Check that the frames of arm angles are where they were when the design was saved.
 
     An arm angle is a potential made of shoulder, elbow and wrist frames; other potentials of
-    ``basis`` are not checked. Returns ["the frames of the arm angle"] if the file is from an older
-    version that lacks their positions, otherwise an empty list. InputError names a frame that has
-    moved.
+    ``basis`` are not checked. Returns the names of what could not be compared: ["the frames of the
+    arm angle"] if the file is from an older version that lacks their positions, otherwise []. The
+    InputError of a frame that has moved names it.
     """
     if isinstance(basis, JoinedFile):
         parts = [require_arm_angles(part, made_for, task) for part in basis.parts]

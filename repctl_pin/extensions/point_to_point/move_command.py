@@ -63,8 +63,7 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Time the motion through the poses of a file, and write it; return the exit code."""
     from ...motion.csv_file import csv_text
-    from ...motion.joint_motion import refuse_violations
-    from ...motion.write_motion import refuse_coarse, yaml_text
+    from ...motion.write_motion import refuse_coarse, refuse_violations, yaml_text
     from .motion_between import between
 
     say = progress(options.quiet or options.json)

@@ -157,8 +157,8 @@ _LEAST = 1e-17
 def _top(curves: Sequence[_Curve]) -> float | None:
     """Choose the upper end of a linear axis, in its unit, so that large drift does not flatten it.
 
-    Curves exceed the axis that drift in cycle 1 by more than four times the drift of the others,
-    and hardly further. The result is None if there are no such curves.
+    The axis leaves out the curves that :func:`_near` does: they jump in cycle 1, far above all
+    others, and then stay. The result is None if there are no such curves.
     """
     kept = {label for label, _, _ in _near([curve[:3] for curve in curves])}
     if len(kept) == len(curves):
@@ -169,9 +169,9 @@ def _top(curves: Sequence[_Curve]) -> float | None:
 def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion, str]]:
     """Select the motions that can be drawn on one linear scale.
 
-    Motions are left out that drift in cycle 1 by more than four times the drift of the others, and
-    hardly further, as under a controller with a posture task. ``motions`` lists the label, motion
-    and colour of each.
+    A motion is left out if its drift in cycle 1 is more than four times the largest drift of the
+    others, and hardly grows in later cycles, as under a controller with a posture task. ``motions``
+    lists the label, motion and colour of each.
     """
     rest = max((float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)), default=0.0)
     return [

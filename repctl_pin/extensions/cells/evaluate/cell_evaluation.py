@@ -386,9 +386,11 @@ def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
 
 
 def _limit_figures(candidate: CandidateFunction, held_out: Sample, low: Sample) -> dict[str, Any]:
-    """Evaluate the smallest limit margins, at held-out poses and at the poses ``low`` of a search.
+    """Evaluate the smallest limit margin at held-out poses, and at the poses ``low``.
 
-    At the poses of both minima, evaluate also the largest limit margin on any leaf. The keys are
+    The limit margin is the distance of the nearest joint from its limit, rad (m for prismatic
+    joints). ``low`` are the poses at which a search ended that looks for the smallest one. At the
+    poses of both minima, evaluate also the largest limit margin on any leaf. The keys are
     attributes of :class:`Evaluation`: ``limit_margin`` and ``attainable_margin`` at the held-out
     pose, and ``limit_margin_worst`` and ``attainable_margin_worst`` at the worst pose found.
     """

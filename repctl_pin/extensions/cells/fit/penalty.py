@@ -119,7 +119,8 @@ class PenaltyMethod:
     """Minimisation of the cost with penalties on margins, at the worst poses found so far.
 
     The cost is the mean distance of a function's derivative from the desired inverse G_d, over
-    poses of a cell. Each round multiplies the weight of the penalties by ten, up to a maximum.
+    poses of a cell. Each round multiplies the weight of the penalties by ten, up to a maximum, and
+    adds the worst poses found.
 
     Parameters
     ----------
@@ -130,8 +131,7 @@ class PenaltyMethod:
     constraints
         One constraint per kind of margin; a minimisation adds poses to them.
     rounds
-        Maximum number of rounds; each raises the weight of the penalties or adds poses. With 0,
-        nothing is penalised.
+        Maximum number of rounds; with 0, nothing is penalised.
     """
 
     def __init__(

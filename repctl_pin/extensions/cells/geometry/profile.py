@@ -163,8 +163,8 @@ def _side_pair(radius: Any) -> tuple[Array, Array]:
     if not good:
         raise InputError(
             "must be one number, m, or two lists of at most "
-            f"{MOST_DEGREE + 1} coefficients, of the smallest and of the largest radius, m: "
-            "polynomials in the height above the middle divided by its half-width",
+            f"{MOST_DEGREE + 1} coefficients, m, lowest power first: the smallest and the largest "
+            "radius as polynomials in the height above the middle divided by its half-width",
             argument="radius",
         )
     return low, high
