@@ -23,7 +23,7 @@ from ..base.plugins import all_extensions
 from ..base.threads import BLAS_THREADS
 from ..show.text.lines import capital
 from . import animate, check, design, follow, inspect, robots, study
-from .endings import exit_code
+from .exit_codes import exit_code
 from .options import Parser
 from .parsed_options import is_saved
 from .terminal import say_line

@@ -20,7 +20,7 @@ from ..base.defaults import REGION
 from ..base.errors import InputError
 from ..show.text.lines import fitted
 from ..show.text.numbers import row
-from .endings import proof_code
+from .exit_codes import proof_code
 from .options import Parser
 from .parsed_options import Options, box_within_limits, cut_note, integer, natural, positive
 from .terminal import in_percent, progress, report

@@ -22,7 +22,7 @@ from ..base.errors import InputError
 from ..base.files import write_whole, written_together
 from ..show.text.lines import fitted, noted
 from ..show.text.numbers import row
-from .endings import proof_code
+from .exit_codes import proof_code
 from .options import Parser
 from .parsed_options import (
     Options,

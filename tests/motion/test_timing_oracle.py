@@ -10,7 +10,7 @@ from controls import some
 from scipy.interpolate import CubicSpline
 
 import repctl_pin as rp
-from repctl_pin.extensions.timing.profile import Segment, fastest
+from repctl_pin.extensions.timing.speed_profile import Segment, fastest
 from repctl_pin.motion.limits import JointLimits, joint_limits
 
 algorithm = pytest.importorskip("toppra.algorithm")

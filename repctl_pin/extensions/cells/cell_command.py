@@ -22,7 +22,7 @@ import repctl_pin as rp
 from ...base.errors import InputError, RepctlError, needed
 from ...base.files import write_whole, written_together
 from ...base.progress import Report
-from ...cli.endings import proof_code
+from ...cli.exit_codes import proof_code
 from ...cli.options import Parser
 from ...cli.parsed_options import (
     Options,

@@ -113,8 +113,8 @@ class _SectorFile(Part):
     polynomials leave out. ``spin_middle`` is the middle of the spin, rad; only a sector with tilts
     and with the spin in ``free`` has it. ``profile`` has two rows of coefficients, bend and
     stretch, of powers of the height above the middle, m, see
-    :class:`repctl_pin.extensions.cells.geometry.profile.Profile`; only a sector whose range of
-    radius depends on the height has it.
+    :class:`repctl_pin.extensions.cells.geometry.sector_profile.Profile`; only a sector whose range
+    of radius depends on the height has it.
     """
 
     axis: Rows

@@ -34,7 +34,7 @@ from ..cells.function import InverseFunction
 from ..cells.geometry.cell_arguments import stacked
 from ..cells.targets import as_poses, homogeneous
 from ..cells.tool_function import ToolFunction
-from ..timing.profile import Course, Segment, require_possible, require_samples
+from ..timing.speed_profile import Course, Segment, require_possible, require_samples
 from .lines import Function
 from .parts import Part, parts_of
 

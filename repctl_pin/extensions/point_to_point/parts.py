@@ -24,7 +24,7 @@ import numpy as np
 from ...base.arguments import Array, read_only
 from ...base.errors import InputError
 from ...motion.limits import JointLimits
-from ..timing.profile import Segment, fastest_along, most_used
+from ..timing.speed_profile import Segment, fastest_along, most_used
 from .lines import Blend, Curve, Function, Line, blend_of, cell_line, tool_line, tool_of
 
 if TYPE_CHECKING:

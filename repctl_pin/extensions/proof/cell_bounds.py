@@ -55,8 +55,8 @@ from ...native import CELL, MARGINS, filled_struct, required_library
 from ..cells.chart.chart import Chart, Points
 from ..cells.chart.monomials import Monomials
 from ..cells.geometry.cell import Cell
-from ..cells.geometry.profile import STRAIGHT
 from ..cells.geometry.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
+from ..cells.geometry.sector_profile import STRAIGHT
 from .chain import FREE, Chain, chain_of, relative_rounding, tool_reach
 from .taylor import ORDER, basis, space_of
 

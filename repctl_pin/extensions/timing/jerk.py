@@ -43,7 +43,7 @@ from numpy.typing import NDArray
 from ...base.arguments import Array, read_only
 from ...base.errors import InputError
 from ...motion.limits import JointLimits
-from .profile import Segment, most_used, torques_along, used_fractions
+from .speed_profile import Segment, most_used, torques_along, used_fractions
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

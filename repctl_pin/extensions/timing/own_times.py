@@ -20,7 +20,7 @@ import numpy as np
 from ...base.arguments import Array, read_only
 from ...base.errors import InputError
 from ...motion.limits import JointLimits
-from .profile import Segment, most_used, used_fractions
+from .speed_profile import Segment, most_used, used_fractions
 
 _LONGER = 1.5
 """Ratio of successive smoothing times that are tried."""

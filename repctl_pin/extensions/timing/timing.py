@@ -30,7 +30,7 @@ from ...motion.limits import JointLimits, Limits, joint_limits, presumed_acceler
 from ...motion.motion import CLOSED, Motion
 from ...motion.timed_motion import TimedMotion
 from ...studies.study_result import Row
-from .profile import (
+from .speed_profile import (
     BEND,
     MOST_SAMPLES,
     SHARP,

@@ -40,7 +40,7 @@ from .cell_arguments import (
     no_spin,
 )
 from .kinematics import exp3, left_jacobian
-from .profile import MOST_DEGREE, NARROWEST, STRAIGHT, Profile, as_profile
+from .sector_profile import MOST_DEGREE, NARROWEST, STRAIGHT, Profile, as_profile
 from .symmetry import NEAR, Symmetry, axis_symmetry, difference, difference_words, tool_symmetry
 
 RADIUS, ANGLE, HEIGHT, SPIN = 0, 1, 2, 5

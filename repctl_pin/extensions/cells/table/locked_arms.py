@@ -36,7 +36,7 @@ from ..geometry.sector import ANGLE, HEIGHT, Sector
 from .flood import SPACING, Table, flooded, rectangles
 from .flood_sets import ALIKE, SETTLED, Floods
 from .joint_speeds import locked_price, locked_squares
-from .profiles import SPARE, Between, affordable_between, area_of, more_between, most_between
+from .largest_profile import SPARE, Between, affordable_between, area_of, more_between, most_between
 from .windows import free_nodes
 
 _SETS, _COMPARED, _ALMOST = 16, 6, 0.02

@@ -80,8 +80,8 @@ from .flood_sets import (
     unlike_floods,
 )
 from .joint_speeds import least_speeds
+from .largest_profile import DEAREST, SHARES, Between, affordable_between, area_of, most_between
 from .locked_arms import LargerArm, LockedJoints, best_locked, larger_arm, with_middles
-from .profiles import DEAREST, SHARES, Between, affordable_between, area_of, most_between
 from .windows import Shut, shut, windows
 
 _DESIGNED = 3

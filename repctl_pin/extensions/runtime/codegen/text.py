@@ -41,8 +41,8 @@ def checked_name(name: Any) -> str:
     Raises
     ------
     InputError
-        If the name is not an identifier, has capitals only, or is reserved. ``taken.txt`` lists the
-        reserved names: keywords of C and C++, names of C and POSIX headers and of their
+        If the name is not an identifier, has capitals only, or is reserved.
+        ``reserved_names.txt`` lists keywords of C and C++, names of C and POSIX headers and of their
         declarations, macros that some compilers predefine, and names of the other exported files.
     """
     plain = isinstance(name, str) and re.fullmatch(
@@ -57,7 +57,7 @@ def checked_name(name: Any) -> str:
         raise InputError(
             f"{name!r} could be a macro, because it has capitals only; use lower-case letters"
         )
-    low, taken = name.lower(), _template("taken.txt").split()
+    low, taken = name.lower(), _template("reserved_names.txt").split()
     if low in taken or _VARIANT.sub("", low) in taken or _FAMILY.match(low):
         raise InputError(
             f"{name!r} is reserved in C, C++, POSIX or the export; choose another name, such as "
