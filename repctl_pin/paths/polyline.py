@@ -186,8 +186,8 @@ def waypoints(
     corners, turns = _placed(points, rotation)
     if len(corners) < 3:
         raise InputError(
-            "a closed path requires at least 3 waypoints, of which the last is the first again, "
-            f"not {len(corners)}"
+            "a closed path requires at least 3 waypoints, with the first repeated as the last; "
+            f"got {len(corners)}"
         )
     size = max(float(np.ptp(corners, axis=0).max()), 1e-3)
     gap = float(np.linalg.norm(corners[-1] - corners[0]))

@@ -62,8 +62,9 @@ def _solved(
 ) -> tuple[Array | None, int]:
     """Evaluate F at a request's pose: return (joints (n,), SUCCESS) or (None, MoveIt's error code).
 
-    ``base`` is the only frame in which poses are accepted, ``leaf`` (r,) the level c, and ``tool``
-    the placement of a tool in the frame; the requested pose is then the tool's.
+    ``base`` is the only frame in which poses are accepted. ``leaf`` (r,) is the level c of F(x; c),
+    the position along the self-motion; None is 0. ``tool`` is the placement of a tool in the frame;
+    the requested pose is then the tool's.
     """
     if request.ik_link_name not in ("", F.task.frame):
         return None, WRONG_LINK

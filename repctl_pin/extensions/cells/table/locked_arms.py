@@ -249,7 +249,11 @@ def _angles(table: Table, cell: Sector) -> tuple[float, float]:
 
 
 def _at_zero(table: Table, design: CellDesign) -> Array:
-    """Turn the configuration (n,) in a design's middle to the angle 0 and spin 0 of a table."""
+    """Turn the configuration (n,) in a design's middle to the angle and the orientation of a table.
+
+    Only the joints that turn the arm about the axis of the sector, and the tool about its own
+    axis, are changed.
+    """
     q = design.posture.copy()
     for one in design.function.chart.cell.removed:
         p, R, _ = placed(table.task, q[None])

@@ -42,8 +42,8 @@ def checked_name(name: Any) -> str:
     ------
     InputError
         If the name is not an identifier, has capitals only, or is reserved.
-        ``reserved_names.txt`` lists keywords of C and C++, names of C and POSIX headers and of their
-        declarations, macros that some compilers predefine, and names of the other exported files.
+        ``reserved_names.txt`` lists keywords of C and C++, names of headers of C and POSIX and of
+        what they declare, macros that compilers predefine, and names of the other exported files.
     """
     plain = isinstance(name, str) and re.fullmatch(
         r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name, re.ASCII
