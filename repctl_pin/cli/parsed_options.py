@@ -130,7 +130,7 @@ class Options(argparse.Namespace):
         InputError
             If the file is not a design, its robot is not known, or an option contradicts it.
         """
-        from ..saving.files import made_of, read_design
+        from ..saving.save_load import made_of, read_design
         from ..saving.task_identity import task_of
 
         if not self.saved:

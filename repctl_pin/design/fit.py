@@ -31,9 +31,9 @@ from ..potentials.basis import PotentialBasis
 from ..strategies.repeatable import RepeatableInverse
 from . import criterion
 from .batches import BarrierCost, Batches
+from .coefficients import Descent
 from .continuation import Continuation, FitProblem
 from .criterion import Builder, evaluate, oriented_nullspace
-from .descend import Descent
 from .design_result import Design
 from .evaluation import evaluate_design
 from .independence import Independent, independent

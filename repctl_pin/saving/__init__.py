@@ -1,5 +1,5 @@
 """Saving and loading of designs, over a region of joint space or over a cell of the workspace."""
 
-from .files import load, load_design, save
+from .save_load import load, load_design, save
 
 __all__ = ["load", "load_design", "save"]

@@ -37,7 +37,7 @@ from ...model.shapes import Shape
 from ...model.task import Task
 from ...model.urdf import Description
 from ...saving.design_file import FileKind, head
-from ...saving.files import load
+from ...saving.save_load import load
 from ...saving.schema import (
     Desired,
     Part,
