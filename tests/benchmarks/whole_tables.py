@@ -46,7 +46,7 @@ def line(name: str) -> list[str]:
         f"{table.area:.3f}" if table.by_height else "–",
         ", ".join(turns),
         f"{100 * max(design.extra_speed, 0.0):.1f}, {100 * design.extra_speed_worst:.0f}",
-        f"{100 * design.body_distance:.1f}",
+        f"{100 * design.body_distance:.1f}" if np.isfinite(design.body_distance) else "–",
         f"{seconds:.0f}",
         str(table.locked),
     ]

@@ -725,6 +725,24 @@ def test_the_approach_axis_is_found(name: str, axis: str, why: str) -> None:
     assert np.linalg.det(found.rotation) == pytest.approx(1)
 
 
+@pytest.mark.parametrize("sign", ["", "-"])
+def test_a_flange_at_the_last_joint_points_away_from_the_arm(sign: str, tmp_path: Path) -> None:
+    """55.4: a last joint whose axis points back along the arm, as on a Motoman SIA20D."""
+    axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 -1", "0 -1 0", f"0 0 {sign}1")
+    heights = (0.41, 0.0, 0.49, 0.0, 0.42, 0.0, 0.18)
+    parts = ['<robot name="arm"><link name="l0"/>']
+    for i, (axis, height) in enumerate(zip(axes, heights, strict=True), 1):
+        parts.append(
+            f'<link name="l{i}"/><joint name="j{i}" type="revolute"><parent link="l{i - 1}"/>'
+            f'<child link="l{i}"/><origin xyz="0 0 {height}"/><axis xyz="{axis}"/>'
+            '<limit lower="-2" upper="2" velocity="2" effort="1"/></joint>'
+        )
+    file = tmp_path / "arm.urdf"
+    file.write_text("".join(parts) + "</robot>", encoding="utf-8")
+    found = best_cell.approach_axis(rp.Robot.load(str(file)).task("l7", "pose"))
+    assert found == ("z", "the axis of j7")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "axis", ["-z", *(pytest.param(a, marks=pytest.mark.slow) for a in ("x", "y", "z", "-x", "-y"))]

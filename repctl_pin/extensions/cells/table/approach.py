@@ -60,10 +60,11 @@ def approach_axis(task: Task, given: Any = None) -> Approach:
     """Find the approach axis of a task's frame, or check a given name such as ``"-z"``.
 
     The tool points along the axis of the last joint, toward the fingers or, without fingers, the
-    frame's origin. If these lie beside that axis, the tool points from the joint to them. The
-    approach axis is the axis of the frame nearly along that direction, or z if there is none. The
-    result has the name of the axis, and a text on how it was found. With a ``given`` name, that is
-    returned; InputError is raised if it names no axis.
+    frame's origin; if this is the origin of the joint, away from the joint before it. If the
+    fingers or the frame lie beside that axis, the tool points from the joint to them. The approach
+    axis is the axis of the frame nearly along that direction, or z if there is none. The result has
+    the name of the axis, and a text on how it was found. With a ``given`` name, that is returned;
+    InputError is raised if it names no axis.
     """
     if given is not None:
         require_choice(given, AXES, "approach axis")
@@ -72,7 +73,7 @@ def approach_axis(task: Task, given: Any = None) -> Approach:
     fingers = _fingers(task)
     away = -origin if fingers is None else fingers - origin
     far = float(np.linalg.norm(away))
-    along = float(axis @ away) / far if far > _SHORT else 1.0
+    along = float(axis @ away) / far if far > _SHORT else _outward(task, axis)
     if abs(along) > _ACROSS and np.abs(axis).max() > _STRAIGHT:
         return Approach(_named(axis if along > 0 else -axis), f"the axis of {name}")
     if far > _SHORT and np.abs(away).max() > _ROUGHLY * far:
@@ -87,6 +88,18 @@ def with_approach(task: Task, approach: Approach) -> Task:
     The frame of a task whose approach axis is z is not turned.
     """
     return task if approach.axis == "z" else turned_frame(task, approach.rotation)
+
+
+def _outward(task: Task, axis: Array) -> float:
+    """Tell whether the axis (3,) of the last joint points away from the joint before it: 1 or −1.
+
+    The distance of that joint along the axis does not depend on the configuration. Without a
+    distance, the result is 1.
+    """
+    q = np.array(task.reference)
+    x = task.placement(q)
+    before = x.actInv(task.joint_origins(q)[-2:][0])
+    return -1.0 if float(axis @ before) > _SHORT else 1.0
 
 
 def _named(direction: Array) -> str:
