@@ -73,7 +73,7 @@ class LockedJoints(NamedTuple):
 
     def __str__(self) -> str:
         pairs = zip(self.joints, self.values, strict=True)
-        where = " and ".join(f"{name} at {value + 0.0:.2f}" for name, value in pairs)
+        where = " and ".join(f"{name} at {round(value, 2) + 0.0:.2f}" for name, value in pairs)
         if not self.share:
             return f"{where} locked: covers none of it"
         return (
