@@ -1166,8 +1166,8 @@ export class Own {
 const LEAD_WORDS = {
   verdict: ["That joint would have to be faster than it can. Go another way, or let go."],
   notes: [
-    "Under the repeatable one, the joints move on average 0.7 % faster than under the usual " +
-      "control in cycle 1.",
+    "Average joint speed: 0.7 % higher under the repeatable one than under the usual control in " +
+      "cycle 1.",
     "Joint limits are kept.",
     "The repeatable control stays far from where it fails: 0.82 (1 is best, 0 fails).",
     "Collisions are not checked.",
