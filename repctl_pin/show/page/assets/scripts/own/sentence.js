@@ -210,7 +210,7 @@ function violationWords({ broken, under, lost }, cycles) {
   return [[` ${limitWords(broken)} in cycle ${broken.cycle} under ${under}.`, "bad"]];
 }
 
-// What happens in a later cycle, whose bars are hatched or missing.
+// What happens in a later cycle, whose bars may be missing.
 function laterWords({ broken, under, lost }, cycles) {
   if (!broken || broken.cycle <= cycles) return [];
   const what =
