@@ -268,7 +268,9 @@ def _cost(design: CellDesign) -> Span:
     said = f"Joint speed {above}, {worst} at the worst pose"
     if design.extra_speed_direction > design.extra_speed_worst:
         more = design.extra_speed_direction
-        high = f"{1 + more:.2g} times as high" if more >= 1 else f"{ratio_in_percent(more, 2)} higher"
+        high = f"{ratio_in_percent(more, 2)} higher"
+        if more >= 1:
+            high = f"{1 + more:.2g} times as high"
         said += f". In a single direction of motion, it is up to {high}"
     return Span(f"{said}.")
 
