@@ -384,7 +384,7 @@ class Proof:
         if not np.isfinite(self.extra_speed_direction):
             return "no bound"
         percent = np.ceil(1e4 * self.extra_speed_direction) / 100
-        return f"< {percent:g} % over J⁺ at every pose, in the worst direction"
+        return f"< {percent:g} % over J⁺ at every pose, in every direction"
 
     @property
     def _leaf_words(self) -> str:

@@ -721,7 +721,7 @@ def test_the_largest_joint_speeds_of_a_cell_are_found_by_search() -> None:
     assert single.max() <= design.extra_speed_direction + 1e-9
     assert 0.8 * design.extra_speed_direction < single.max()  # and it is there
     assert (
-        f"{100 * design.extra_speed_direction:.3g} % at the worst pose in the worst task direction"
+        f"{100 * design.extra_speed_direction:.3g} % at most in a single task direction"
         in design.summary()
     )
 

@@ -456,7 +456,8 @@ const { own } = repctl, { clock, rings: [[ring]] } = own, seen = [];
 const look = () => { own.place(); seen.push([clock.time, getComputedStyle(ring.firstChild).display !== "none", ring.classList.contains("pulse")]); };
 clock.open(); look();
 clock.pass(3.1); for (let k = 0; k < clock.cycles; k++) clock.pass(0.51); look();
-clock.pass(3.1); clock.pass(0.3 * clock.seconds); look();
+clock.pass(9); look(); seen.at(-1).push(clock.playing);
+clock.play(true); clock.pass(3.1); clock.pass(0.3 * clock.seconds); look();
 clock.play(false); clock.seek(clock.cycles);
 return seen;
 """  # noqa: E501
@@ -464,12 +465,13 @@ return seen;
 
 @pytest.mark.slow
 def test_it_asks_to_be_dragged_and_points_at_the_elbow(driver: Any, page: Path) -> None:
-    """While it opens, not while the hand goes round; and the callouts point at one place of both
-    arms, where the drift is."""
+    """While it opens, which ends where the drift is seen, not while the hand goes round; and the
+    callouts point at one place of both arms, where the drift is."""
     schemes(driver, width=900, height=700)
     open_page(driver, page)
-    beginning, walked, running = driver.execute_script(_OPENING)
+    beginning, walked, rests, running = driver.execute_script(_OPENING)
     assert beginning == [2, True, False] and walked == [2, True, True]
+    assert rests == [*walked, False]
     assert 0.2 < running[0] < 1 and not running[1]
     spots, elbows = np.array(
         driver.execute_script(

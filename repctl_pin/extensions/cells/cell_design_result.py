@@ -301,7 +301,7 @@ class CellDesign:
         error = f" ± {100 * j.extra_speed_error:.1g}" if j.extra_speed > NO_EXTRA_SPEED else ""
         text = f"{mean}{error} on average, {worst} at the worst pose"
         for one in direction:
-            text += f"\n{one} at the worst pose in the worst task direction"
+            text += f"\n{one} at most in a single task direction"
         return text + proved
 
     def _ranges(self) -> dict[str, str]:

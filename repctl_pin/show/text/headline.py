@@ -48,7 +48,7 @@ _UNDER = {
     "nearest repeatable": "the repeatable one",
     "One function, q = F(x)": "the function",
 }
-_WHY_SLOWER = "This is possible because the two arms pass through different joint positions."
+_WHY_LOWER = "This is possible because the two arms pass through different joint positions."
 """Why a motion can need less joint speed over a cycle than J⁺, the slowest at each instant."""
 
 _ABOUT_DRIFT = (
@@ -418,27 +418,26 @@ def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list
     moves = first.speed > 0 and first.mean_speed > 0
     if last is first or not moves or first.path_loss or last.path_loss:
         return []
-    early = _faster(last.speed / first.speed - 1)
-    late = _faster(last.mean_speed / first.mean_speed - 1) if cycles > 1 else early
+    early = _higher(last.speed / first.speed - 1)
+    late = _higher(last.mean_speed / first.mean_speed - 1) if cycles > 1 else early
     middle = " and" if early == late else f", {late}"
     over = f"{middle} over all {cycles} cycles" if cycles > 1 else ""
-    than = f"{early} than under {under(first.label)} in cycle 1"
-    said = f"Under {under(last.label)}, the joints move on average {than}{over}."
-    if first.label == "J⁺" and "slower" in early + late:
-        said += f" {_WHY_SLOWER}"
+    than = f"under {under(last.label)} than under {under(first.label)} in cycle 1"
+    said = f"Average joint speed: {early} {than}{over}."
+    if first.label == "J⁺" and "lower" in early + late:
+        said += f" {_WHY_LOWER}"
     return [Span(said)]
 
 
-def _faster(cost: float) -> str:
-    """Write a change of the joint speed, a fraction, in words: ``0.3 % faster``.
+def _higher(cost: float) -> str:
+    """Write a change of the joint speed, a fraction, in words: ``0.3 % higher``.
 
-    A positive change is faster, a negative one slower; if it is 0 when rounded, the text is ``no
-    faster``.
+    A negative change is lower; if it is 0 when rounded, the text is ``no higher``.
     """
     change = percent(cost)
     if change.startswith("0"):
-        return "no faster"
-    return _whole(change[1:]) + (" faster" if change[0] == "+" else " slower")
+        return "no higher"
+    return _whole(change[1:]) + (" higher" if change[0] == "+" else " lower")
 
 
 def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:

@@ -258,7 +258,7 @@ def _cost(design: CellDesign) -> Span:
     """Write the extra joint speed, on average and at the worst pose of the cell.
 
     It is relative to the desired inverse, by default J⁺; all directions of motion count equally. A
-    second sentence has the worst single direction.
+    second sentence has the single direction with the largest one.
     """
     every = design.extra_speed, design.extra_speed_worst
     if max(every) < NO_EXTRA_SPEED:
@@ -267,8 +267,11 @@ def _cost(design: CellDesign) -> Span:
     above = f"{mean} above that of the {usual(design)} control on average"
     said = f"Joint speed {above}, {worst} at the worst pose"
     if design.extra_speed_direction > design.extra_speed_worst:
-        single = ratio_in_percent(design.extra_speed_direction, 2)
-        said += f", {single} in the worst direction of motion"
+        more = design.extra_speed_direction
+        high = f"{ratio_in_percent(more, 2)} higher"
+        if more >= 1:
+            high = f"{1 + more:.2g} times as high"
+        said += f". In a single direction of motion, it is up to {high}"
     return Span(f"{said}.")
 
 

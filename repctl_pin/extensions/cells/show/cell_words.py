@@ -101,7 +101,8 @@ def _of_the_figures(design: CellDesign) -> dict[str, str]:
         "Posture": f"the joints in the middle of the {shape_word(design)}",
         "Degree": "of the polynomials from which the function is computed",
         "Extra joint speed": f"joint speed of the function relative to the {usual(design)} control "
-        "at the same configurations, minus 1, over all directions of the hand or in the worst one",
+        "at the same configurations, minus 1: a mean over all directions of the hand, or the "
+        "largest of a single one",
         "Mean ‖∂F − G_d‖²": "the mean that the design makes small: squared differences between the "
         f"joint velocities of the function and of the {usual(design)} control",
         "Held-out poses": f"random poses of the {shape_word(design)} that the design did not use",

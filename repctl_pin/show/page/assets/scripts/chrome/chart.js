@@ -129,7 +129,7 @@ export class Chart {
 
   // How far each arm is off at the end of each cycle; the axis ends at a step of 1, 2 or 5.
   drawBars({ draw, width, height, em, count, pitch, foot, at }, cycle, part) {
-    const { arms, scene } = this;
+    const { arms } = this;
     const room = foot - 0.5 * em;
     const group = Math.min(0.66 * pitch, 4.5 * em);
     const wide = group / arms.length;
@@ -138,7 +138,7 @@ export class Chart {
     const level = (v) => foot - (v / top) * room;
     draw.strokeStyle = tone("--edge");
     line(draw, INSET, foot + 0.5, width - INSET, foot + 0.5, []);
-    const legend = new Set();
+    let legend = "";
     for (let c = 0; c < count; c++) {
       const finished = c < cycle || (c === cycle && part >= 1);
       arms.forEach((arm, k) => {
@@ -151,16 +151,12 @@ export class Chart {
         draw.fillStyle = this.barColour(arm.data.color);
         draw.fillRect(x, foot - tall, across, tall);
         if (!finished && hollow(draw, x, foot - tall, across, tall))
-          legend.add("hollow: still to come");
-        const { broken } = arm.data;
-        if (!broken || scene.cycles[c] < broken.cycle) return;
-        hatch(draw, x, foot - tall, wide, tall, 0.3 * em);
-        legend.add("hatched: past a limit");
+          legend = " · hollow: still to come";
       });
     }
     this.number({ draw, height, em, count, pitch, at }, group);
     // under the line of the axis, or in it; the line then begins after the words
-    const words = room > 0.8 * em ? [formatLength(top), ...legend].join(" · ") : "";
+    const words = room > 0.8 * em ? formatLength(top) + legend : "";
     const inLine = room < 2 * em;
     const y = Math.max(level(top) + (inLine ? 0.3 : 0.95) * em, 0.75 * em);
     const after = inLine && words ? draw.measureText(words).width + 8 : 0;
@@ -312,20 +308,4 @@ function hollow(draw, x, y, width, height) {
   draw.fillStyle = tone("--paper");
   draw.fillRect(x + 1, y + 1, width - 2, height - 1);
   return true;
-}
-
-function hatch(draw, x, y, width, height, step) {
-  draw.save();
-  draw.beginPath();
-  draw.rect(x, y, width, height);
-  draw.clip();
-  draw.strokeStyle = tone("--paper");
-  draw.lineWidth = 0.35 * step;
-  draw.beginPath();
-  for (let s = -height; s < width; s += step) {
-    draw.moveTo(x + s, y + height);
-    draw.lineTo(x + s + height, y);
-  }
-  draw.stroke();
-  draw.restore();
 }

@@ -1,6 +1,6 @@
 // Time, in shown cycles: running, or from one cycle's end to the next, when the hand stands still
 // and the elbow walks. It opens on the end for three seconds, goes through the cycles' ends once,
-// invites to draw, as long, and then runs.
+// stays at the last, where the drift is, and invites to draw.
 
 const END = 3;
 const HOLD = 1.4; // s
@@ -68,7 +68,6 @@ export class Clock {
     } else if (this.time >= this.cycles) {
       this.rest += seconds;
       if (this.rest < (this.opening ? END : HOLD)) return;
-      if (this.walked) this.hold();
       this.seek(0);
     } else if (this.stepping) {
       this.rest += seconds * this.speed;
@@ -79,7 +78,7 @@ export class Clock {
       this.seek(Math.floor(this.time) + count);
       this.rest = left;
       if (this.opening && this.time >= this.cycles) {
-        this.walked = true;
+        this.play(false);
         this.invite();
       }
     } else this.seek(this.time + (this.speed * seconds) / this.seconds);

@@ -426,7 +426,6 @@ export class Own {
     this.scene.failure = "";
     this.state = "leading";
     document.body.classList.add("leading", "own");
-    byId("own").hidden = true;
     this.scene.leading = lead.slides ? "slides" : "leads";
   }
 
@@ -1050,10 +1049,11 @@ export class Own {
     notes.style.maxHeight = "";
     // a sentence that is longer than any of a study or a gesture
     classList.toggle("tall", this.head && verdict.offsetTop + verdict.offsetHeight > this.head + 1);
-    const open = classList.contains("unfolded") || classList.contains("noted");
+    const open = classList.contains("unfolded");
     const clear = () => notes.offsetTop + notes.scrollHeight <= this.head - HEAD_FOOT;
     header.classList.remove("cut");
-    const folded = this.state !== "study" && this.head && notes.offsetWidth && !clear();
+    const room = notes.offsetWidth && !classList.contains("noted");
+    const folded = this.state !== "study" && this.head && room && !clear();
     header.classList.toggle("cut", Boolean(folded));
     more.textContent = open ? "Fewer notes" : "All notes";
     more.setAttribute("aria-expanded", String(open));
@@ -1085,7 +1085,7 @@ export class Own {
     const { body } = document;
     const [header] = document.getElementsByTagName("header");
     this.head = 0;
-    if (body.classList.contains("inside") || !header.clientWidth) return;
+    if (!header.clientWidth) return;
     const nodes = this.texts.map(([node]) => node);
     const now = nodes.map((node) => [...node.childNodes]);
     const classes = body.className;
@@ -1166,8 +1166,8 @@ export class Own {
 const LEAD_WORDS = {
   verdict: ["That joint would have to be faster than it can. Go another way, or let go."],
   notes: [
-    "Under the repeatable one, the joints move on average 0.7 % faster than under the usual " +
-      "control in cycle 1.",
+    "Average joint speed: 0.7 % higher under the repeatable one than under the usual control in " +
+      "cycle 1.",
     "Joint limits are kept.",
     "The repeatable control stays far from where it fails: 0.82 (1 is best, 0 fails).",
     "Collisions are not checked.",

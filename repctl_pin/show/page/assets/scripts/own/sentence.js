@@ -210,7 +210,7 @@ function violationWords({ broken, under, lost }, cycles) {
   return [[` ${limitWords(broken)} in cycle ${broken.cycle} under ${under}.`, "bad"]];
 }
 
-// What happens in a later cycle, whose bars are hatched or missing.
+// What happens in a later cycle, whose bars may be missing.
 function laterWords({ broken, under, lost }, cycles) {
   if (!broken || broken.cycle <= cycles) return [];
   const what =
@@ -220,17 +220,17 @@ function laterWords({ broken, under, lost }, cycles) {
   return [[` In cycle ${broken.cycle}, ${what}.`, "bad"]];
 }
 
-// How much faster the joints move under the repeatable control than under the usual one.
+// How much higher the joint speed is under the repeatable control than under the usual one.
 function speedWords(one, usual, cycles) {
-  const [early, late] = [0, cycles - 1].map((c) => faster(one.speeds[c] / usual.speeds[c] - 1));
+  const [early, late] = [0, cycles - 1].map((c) => higher(one.speeds[c] / usual.speeds[c] - 1));
   const middle = early === late ? " and" : `, ${late}`;
   const over = cycles > 1 ? `${middle} over all ${cycles} cycles` : "";
-  const average = `the joints move on average ${early} than under the usual control in cycle 1`;
-  return `Under ${one.data.under}, ${average}${over}.`;
+  const than = `under ${one.data.under} than under the usual control in cycle 1`;
+  return `Average joint speed: ${early} ${than}${over}.`;
 }
 
-function faster(cost) {
-  if (Math.abs(cost) < 5e-4) return "no faster";
+function higher(cost) {
+  if (Math.abs(cost) < 5e-4) return "no higher";
   const share = Math.abs(100 * cost).toFixed(Math.abs(cost) < 0.1 ? 1 : 0);
-  return `${share}\u00a0% ${cost > 0 ? "faster" : "slower"}`;
+  return `${share}\u00a0% ${cost > 0 ? "higher" : "lower"}`;
 }
