@@ -609,7 +609,10 @@ def test_no_joint_moves_a_corner_faster_than_its_bound(name: str, tmp_path: Path
             for k in np.flatnonzero(reach[:, j]):
                 ways = [
                     np.linalg.norm(
-                        (there[a].actInv(there[b]).homogeneous - here[a].actInv(here[b]).homogeneous)
+                        (
+                            there[a].actInv(there[b]).homogeneous
+                            - here[a].actInv(here[b]).homogeneous
+                        )
                         @ corners[b].T,
                         axis=0,
                     ).max()
