@@ -83,9 +83,9 @@ def parts(place: str) -> list[Any]:
     ----------
     place
         ``study_design``: functions (design, seconds spent, progress callback) → design;
-        ``study_notes``: functions design → notes, for the design of a study; ``study_row``:
-        functions row → row, for each strategy of a study; ``problem``: pairs of a design class and
-        its function (design, start, path, plane) → problem.
+        ``study_notes``: functions design → notes, for the design of a study; ``cycle_time``:
+        functions motion → minimum duration of its first cycle, s, or None; ``problem``: pairs of a
+        design class and its function (design, start, path, plane) → problem.
 
     Returns
     -------

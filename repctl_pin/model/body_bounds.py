@@ -51,7 +51,9 @@ class _JointPlacements:
         ]
         # q u, at q = 1; 0 for revolute joints
         self.slides = np.array([twist[:3] for twist in moved])
-        crosses = [pin.skew(twist[3:]) for twist in moved]
+        # u; 0 for prismatic joints
+        self.axes = np.array([twist[3:] for twist in moved])
+        crosses = [pin.skew(axis) for axis in self.axes]
         self.fixed = np.array([place.homogeneous for place in here])
         P = self.fixed[:, :3, :3]
         self.sine = P @ np.array(crosses)
@@ -139,6 +141,10 @@ class BodyBounds:
         self._radii = np.array([body.aabb_radius for body in bodies])
         self._turns = np.array([at.rotation for at in place]).reshape(-1, 3, 3)
         self._half = np.array([(box.max_ - box.min_) / 2 for box in boxes]).reshape(-1, 3)
+        self._corners = [
+            _corners(body) @ at.rotation.T + at.translation
+            for at, body in zip(place, bodies, strict=True)
+        ]
         self._first, self._second = pairs.T
         self._rows, row = np.unique(self._first, return_inverse=True)
         self._columns, column = np.unique(self._second, return_inverse=True)
@@ -214,28 +220,61 @@ class BodyBounds:
 
         From q to q', the distances of the pairs change by at most ``reach @ |q − q'|`` (P,). So a
         single distance rules out collisions in a whole box of configurations. Per radian, a
-        revolute joint moves a point by at most the point's distance from the joint's origin, which
-        is bounded along the chain from the joint to the body. The bound holds at every
-        configuration whose prismatic joints are within ±``strokes`` (N,), m. ``joints`` are the
-        joints of the robot, by name.
+        revolute joint moves a point by the point's distance from the joint's axis. A body's
+        distances from its joint's axis and origin are largest at its corners; they are bounded
+        along the chain from the body to the other joints. The bound holds at every configuration
+        whose prismatic joints are within ±``strokes`` (N,), m. ``joints`` are the joints of the
+        robot, by name.
         """
         model = self._model
         movers = [set(model.supports[j]) - {0} for j in self._joint.tolist()]
-        far_on_joint = np.linalg.norm(self._centers, axis=1) + self._radii
-        lengths = [float(np.linalg.norm(place.translation)) for place in model.jointPlacements]
+        far_on_joint, off_axis = self._extents()
+        steps = self._placements.fixed[:, :3, 3]
+        lengths = np.linalg.norm(steps, axis=1).tolist()
+        aside = self._off(self._placements.parents, steps).tolist()
         slides = [name in joints and joints[name].kind == "prismatic" for name in model.names]
         reach = np.zeros((len(self._pairs), model.nq))
         for row, (a, b) in zip(reach, self._pairs.tolist(), strict=True):
             for body, other in ((a, b), (b, a)):
-                far = float(far_on_joint[body])
+                far, off = far_on_joint[body], off_axis[body]
                 for j in sorted(movers[body] - movers[other], reverse=True):
-                    if slides[j]:
-                        row[j - 1] = 1.0
-                        far += strokes[j - 1]
-                    else:
-                        row[j - 1] = far
-                    far += lengths[j]
+                    row[j - 1] = 1.0 if slides[j] else off
+                    far += strokes[j - 1] if slides[j] else 0.0
+                    far, off = far + lengths[j], far + aside[j]
         return reach
+
+    def _extents(self) -> tuple[list[float], list[float]]:
+        """Bound how far each body extends from its joint's origin and axis, m: two lists of B."""
+        joint = self._joint.tolist()
+        spheres = np.linalg.norm(self._centers, axis=1) + self._radii
+        far = [np.linalg.norm(points, axis=1).max() for points in self._corners]
+        tubes = self._off(joint, self._centers) + self._radii
+        off = [
+            self._off([j] * len(points), points).max()
+            for j, points in zip(joint, self._corners, strict=True)
+        ]
+        return np.minimum(spheres, far).tolist(), np.minimum(tubes, off).tolist()
+
+    def _off(self, joint: Sequence[int], points: Array) -> Array:
+        """Compute the distances of M points from the axes of M joints: (M,), m.
+
+        ``points`` (M, 3) are relative to the joints. The axis of a prismatic joint is its origin.
+        """
+        axes = self._placements.axes[joint]
+        along = np.einsum("mi,mi->m", points, axes)
+        return np.asarray(np.linalg.norm(points - along[:, None] * axes, axis=1))
+
+
+def _corners(body: coal.CollisionGeometry) -> Array:
+    """List points whose convex hull contains a body: (M, 3), m, in the frame of the body.
+
+    They are the vertices of a convex mesh, or else those of the bounding box.
+    """
+    if isinstance(body, coal.Convex):
+        return np.array(body.points())
+    box = body.aabb_local
+    which = np.indices((2, 2, 2)).reshape(3, 8).T
+    return np.where(which, box.max_, box.min_)
 
 
 class KnownApart:

@@ -148,8 +148,8 @@ def study(
         design = addition(design, thread_time() - begun, say)
     say(f"following the path for {cycles} cycles")
     rows, time, slower = _rows(problem, design, custom, cycles=cycles, steps=steps, period=period)
-    say("evaluating body distances and fastest cycles")
-    rows = [_evaluated(row) for row in rows]
+    say("evaluating body distances")
+    rows = [evaluated(row) for row in rows]
     design = replace(design, cycle=Cycle(problem.start, problem.cycle, time))
     return Study(
         task=task,
@@ -204,18 +204,6 @@ def _designed(
         )
 
     return design_for(problem, desired, make, seed=options.seed, say=say)
-
-
-def _evaluated(row: Row) -> Row:
-    """Return a row with further figures of its motion: body distance, violations, and others.
-
-    The others are those of extensions, such as ``cycle_time``. A row without a motion is returned
-    as it is.
-    """
-    row = evaluated(row)
-    for addition in parts("study_row"):
-        row = addition(row)
-    return row
 
 
 def _notes(

@@ -12,6 +12,7 @@ over several cycles: q, q̇ (T, n) at times t, without the path of the frame.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ import numpy as np
 from ..base.arguments import Array, read_only, require_choice
 from ..base.certificate import proved_words
 from ..base.defaults import PERIOD
+from ..base.plugins import parts
 from ..design import Design
 from ..model.bodies import bodies_of
 from ..model.mechanism import Mechanism
@@ -55,9 +57,6 @@ class Row:
         or without a motion.
     violations : tuple of Violation
         First violation of a joint limit and first collision of two bodies, as far as they occur.
-    cycle_time : float or None
-        Time of the first cycle from rest to rest, s, as short as the robot's speed limits and the
-        accelerations of :func:`presumed_acceleration` allow; None where it cannot be timed.
     """
 
     key: str
@@ -68,7 +67,17 @@ class Row:
     distance: float | None = None
     body_distance: float | None = None
     violations: tuple[Violation, ...] = ()
-    cycle_time: float | None = None
+
+    @cached_property
+    def cycle_time(self) -> float | None:
+        """Time of the first cycle from rest to rest, s.
+
+        It is as short as the robot's speed limits and the accelerations of
+        :func:`presumed_acceleration` allow; None where it cannot be timed.
+        """
+        if self.motion is None:
+            return None
+        return next((least(self.motion) for least in parts("cycle_time")), None)
 
     @property
     def failure(self) -> str:

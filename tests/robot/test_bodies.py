@@ -12,6 +12,7 @@ import weakref
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import coal
 import numpy as np
@@ -550,12 +551,7 @@ def test_surroundings_that_cannot_be_used_are_refused(
 @pytest.mark.parametrize(("name", "count"), [("panda", 20), ("tiago", 4), ("spatial", 20)])
 def test_balls_and_boxes_bound_every_pair_from_below(name: str, count: int, tmp_path: Path) -> None:
     """Also on arms with prismatic joints, of any direction."""
-    if name == "spatial":
-        ball = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
-        text = re.sub(r'(name="link\d")/>', rf"\1>{ball}</link>", spatial_urdf(7, 3))
-        (tmp_path / "spatial.urdf").write_text(text, encoding="utf-8")
-        name = str(tmp_path / "spatial.urdf")
-    task = rp.Robot.load(name).task()
+    task = rp.Robot.load(spatial_with_balls(tmp_path) if name == "spatial" else name).task()
     bodies = rp.Bodies(task)
     model = bodies._model
     Q = np.random.default_rng(1).uniform(task.lower, task.upper, (count, task.n))
@@ -569,6 +565,79 @@ def test_balls_and_boxes_bound_every_pair_from_below(name: str, count: int, tmp_
         tight.append((bounds[apart] / exact[apart]).mean())
         assert bodies.nearest(q).distance == pytest.approx(exact.min(), abs=1e-5)
     assert np.mean(tight) > 0.5
+
+
+TWO_BOXES = """<robot name="boxes">
+<link name="base"><collision><geometry><sphere radius="0.01"/></geometry></collision></link>
+<link name="post"/><link name="arm"><collision><origin xyz="0.2 0.03 0"/><geometry>
+<box size="0.4 0.02 0.02"/></geometry></collision></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="post"/><axis xyz="0 0 1"/>
+<origin xyz="0.1 0 0"/><limit lower="-3" upper="3" velocity="2" effort="1"/></joint>
+<joint name="lift" type="revolute"><parent link="post"/><child link="arm"/><axis xyz="0 1 0"/>
+<origin xyz="0 0.03 1"/><limit lower="-3" upper="3" velocity="2" effort="1"/></joint></robot>"""
+
+
+def test_a_joint_moves_a_body_by_the_distance_of_its_corners_from_the_axis(tmp_path: Path) -> None:
+    (tmp_path / "boxes.urdf").write_text(TWO_BOXES)
+    model = rp.Bodies(rp.Robot.load(tmp_path / "boxes.urdf").task("arm", "position"))._model
+    corner = np.array([0.4, 0.04, 0.01])
+    rates = [np.linalg.norm(corner) + 0.03, np.hypot(0.4, 0.01)]  # the post is 1 m long
+    np.testing.assert_allclose(model.reach(), [rates], rtol=1e-12)
+
+
+def spatial_with_balls(folder: Path) -> str:
+    """Write an arm of revolute and prismatic joints of any direction; return its file."""
+    ball = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
+    text = re.sub(r'(name="link\d")/>', rf"\1>{ball}</link>", spatial_urdf(7, 3))
+    (folder / "spatial.urdf").write_text(text, encoding="utf-8")
+    return str(folder / "spatial.urdf")
+
+
+@pytest.mark.parametrize("name", ["panda", "tiago", "spatial"])
+def test_no_joint_moves_a_corner_faster_than_its_bound(name: str, tmp_path: Path) -> None:
+    """Of the two bodies of a pair, one moves in the frame of the other, by a small step."""
+    task = rp.Robot.load(spatial_with_balls(tmp_path) if name == "spatial" else name).task()
+    bodies, step = rp.Bodies(task), 1e-6
+    model = bodies._model
+    reach, corners = model.reach(), [body_points(body.hull) for body in model._bodies]
+    Q = np.random.default_rng(5).uniform(task.lower, task.upper, (3, task.n))
+    largest = np.zeros_like(reach)
+    for q in bodies._drive.joints(Q):
+        here = placed(model, q)
+        for j in range(reach.shape[1]):
+            there = placed(model, q + step * np.eye(len(q))[j])
+            for k in np.flatnonzero(reach[:, j]):
+                ways = [
+                    np.linalg.norm(
+                        (
+                            there[a].actInv(there[b]).homogeneous
+                            - here[a].actInv(here[b]).homogeneous
+                        )
+                        @ corners[b].T,
+                        axis=0,
+                    ).max()
+                    for a, b in (model.pairs[k], model.pairs[k, ::-1])
+                ]
+                largest[k, j] = max(largest[k, j], min(ways) / step)
+    assert (largest <= reach + 1e-6).all()
+    moved = reach > 0
+    assert np.median(largest[moved] / reach[moved]) > 0.5
+
+
+def body_points(hull: coal.CollisionGeometry) -> np.ndarray:
+    """The corners of a mesh's hull, or points of another body: (M, 4), homogeneous."""
+    points = np.zeros((1, 3))
+    if isinstance(hull, coal.Convex):
+        points = np.array(hull.points())
+    elif isinstance(hull, coal.Sphere):
+        points = hull.radius * np.eye(3)
+    return np.column_stack([points, np.ones(len(points))])
+
+
+def placed(model: Any, q: np.ndarray) -> list[pin.SE3]:
+    """The placements of the robot's bodies at q."""
+    model._move(q)
+    return [pin.SE3(place) for place in model._placed.oMg]
 
 
 def full_mesh_distances(

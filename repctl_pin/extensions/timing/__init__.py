@@ -7,4 +7,4 @@ that the user can change at any time (feed override).
 
 from ...base.plugins import Extension
 
-EXTENSION = Extension(__name__, parts={"study_row": "timing:with_cycle_time"})
+EXTENSION = Extension(__name__, parts={"cycle_time": "timing:fastest_cycle"})

@@ -7,8 +7,7 @@ joint path. An argument ``laps`` is the joint path of a few cycles, see :class:`
 
 ``Profile`` is the timing of a few cycles: segments with pauses between them. ``Segment`` is a
 smooth part of a joint path between two stops, with its speed at each stage. ``JointMotion`` is a
-joint motion over several cycles: q, q̇ (T, n) at times t, without the path of the frame. ``Row`` is
-the result of one strategy in a study: its motion and figures, or why it stopped.
+joint motion over several cycles: q, q̇ (T, n) at times t, without the path of the frame.
 """
 
 from __future__ import annotations
@@ -29,7 +28,6 @@ from ...motion.joint_motion import JointMotion
 from ...motion.limits import JointLimits, Limits, joint_limits, presumed_acceleration
 from ...motion.motion import CLOSED, Motion
 from ...motion.timed_motion import TimedMotion
-from ...studies.study_result import Row
 from .speed_profile import (
     BEND,
     MOST_SAMPLES,
@@ -469,18 +467,7 @@ def _check_bodies(task: Task, line: Array) -> None:
         )
 
 
-def with_cycle_time(row: Row) -> Row:
-    """Return a row of a study's table with ``cycle_time``, the minimum duration of a cycle, s.
-
-    It is that of cycle 1 from rest to rest within the limits of speed and acceleration. A row
-    without a motion is returned unchanged.
-    """
-    if row.motion is None:
-        return row
-    return replace(row, cycle_time=_fastest_cycle(row.motion))
-
-
-def _fastest_cycle(motion: Motion) -> float | None:
+def fastest_cycle(motion: Motion) -> float | None:
     """Compute the minimum duration, s, of a motion's first cycle from rest to rest.
 
     Return None if the joints do not move, or no speed is within the limits. The acceleration limits
