@@ -25,8 +25,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import scipy.linalg
-from scipy.sparse.linalg import LinearOperator, cg
+import scipy  # which imports its parts when they are needed
 
 from ..base.arguments import Array, read_only
 from ..solvers import Damping, Point, Step, levenberg_marquardt
@@ -315,6 +314,8 @@ class _MatrixFree(_PenalisedCost):
         ``model`` is what :meth:`model` returns: g (N, r), and three data of H. The residual is at
         most 1e-3 of ``‖g‖``; it changes the steps, but not the optimum, because g is exact.
         """
+        from scipy.sparse.linalg import LinearOperator, cg  # slow to import
+
         g, (differentials, approximate, level) = model
         r, flat = self.r, -g.T.ravel()
         factor, mu, damping = _factor(approximate, damping, level)

@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy  # which imports its parts when they are needed
 from numpy.typing import NDArray
 
 from ..base.arguments import Array, read_only

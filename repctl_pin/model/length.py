@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import null_space
 
 from ..base.arguments import Array
 from .several_frames import of_singles
@@ -79,7 +78,8 @@ def elbow(task: Task, q: Array) -> int:
     here = task.joint_origins(q)
     share = _along_arm(task, q)
     # at a singularity, all directions without motion of the frame
-    N = null_space(task.jacobian(q), rcond=_RANK)
+    _, s, V_T = np.linalg.svd(task.jacobian(q))
+    N = V_T[np.sum(s > _RANK * s.max()) :].T
     moved = [task.joint_origins(q + step * n) for n in N.T]
     speed = np.sum([np.linalg.norm(p - here, axis=1) ** 2 for p in moved], axis=0)
     middle = in_the_middle(task, q)

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.linalg.blas import ddot
 
 from ..base.arguments import (
     FLOAT,
@@ -502,9 +501,9 @@ class Task:
             type(q) is np.ndarray
             and q.dtype is FLOAT
             and q.shape == (self.n,)
-            and ddot(q, q) < np.inf
+            and q.dot(q) < np.inf
         ):
-            values = vector(q, self.n, f"q of {self!r}")  # ddot is faster than np.isfinite
+            values = vector(q, self.n, f"q of {self!r}")  # faster than np.isfinite
         return self.drive.joints(values)
 
     def _matrix(self, Q: ArrayLike) -> Array:

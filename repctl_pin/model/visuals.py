@@ -27,7 +27,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from ..base.arguments import Array, read_only
 from ..base.errors import InputError
@@ -336,6 +335,8 @@ def _widened_hull(robot: Mechanism, link: str) -> Array | None:
         points.append(own @ M.rotation.T + M.translation)
     if not points:
         return None
+    from scipy.spatial import ConvexHull, QhullError  # slow to import
+
     every = np.concatenate(points)
     try:
         planes = ConvexHull(every).equations.copy()
@@ -425,6 +426,8 @@ def _hull_points(points: Array) -> Array:
 
     All distinct points are returned if the hull is flat.
     """
+    from scipy.spatial import ConvexHull, QhullError  # slow to import
+
     with contextlib.suppress(QhullError, ValueError):  # flat
         points = points[ConvexHull(points).vertices]
     return np.unique(points, axis=0)

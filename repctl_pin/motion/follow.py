@@ -22,7 +22,6 @@ from typing import Any, Literal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.linalg.blas import ddot
 
 from ..base.arguments import Array, as_int, function, positive, require_choice, vector
 from ..base.defaults import CYCLES, PERIOD, STEPS
@@ -322,7 +321,7 @@ def _run(
                 ) from None
             # a jump makes the result meaningless
             moved = following - q
-            if not (ddot(moved, moved) < surely or (np.abs(moved) < most_step).all()):
+            if not (moved.dot(moved) < surely or (np.abs(moved) < most_step).all()):
                 raise SingularityError(
                     f"a joint moves by more than {_JUMP:g} rad (prismatic: one arm length) "
                     f"in one step in cycle {1 + step // n_steps} of {path.name}: the arm is near "

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation, RotationSpline
 
 from ..base.arguments import Array
 from ..base.errors import InputError
@@ -42,7 +41,7 @@ def rotation_matrix(value: Any, what: str = "rotation") -> Array:
         If the value is not a rotation: ``RᵀR = I``, ``det R = 1``.
     """
     try:
-        R = np.array(value.as_matrix() if isinstance(value, Rotation) else value, dtype=float)
+        R = np.array(value.as_matrix() if hasattr(value, "as_matrix") else value, dtype=float)
     except (TypeError, ValueError, OverflowError):
         R = np.empty(0)
     off = np.abs(R.T @ R - np.eye(3)).max() if R.shape == (3, 3) else np.inf
@@ -154,6 +153,8 @@ def _rates(s: Array, R: Array, held: NDArray[np.bool_]) -> Array:
     They are in rad per unit of s, in axes of the rotating frame. ``held`` (P − 1,) is True for
     intervals over which R does not change; at both ends of these, the velocities are set to 0.
     """
+    from scipy.spatial.transform import Rotation, RotationSpline  # slow to import
+
     count = len(s) - 1
     k = np.arange(-_WRAP, count + _WRAP + 1)
     spline = RotationSpline(s[k % count] + k // count, Rotation.from_matrix(R[k % count]))

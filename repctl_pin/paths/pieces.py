@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from scipy.spatial.transform import Rotation
 
 from ..base.arguments import Array, read_only
 from ..base.errors import InputError
+from ..model.rotations import matrix_quaternions, quaternion_matrices
 from .task_path import ArcBound, TaskPath, with_arc
 
 _DEGREES = (1, 2, 4, 8, 16, 32, 64)
@@ -104,7 +104,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **attributes: Any) -> Task
 
     turning: dict[str, Any] = {"rotation": rotation}
     if pieces[0].coefficients.shape[1] == 7:
-        turning = {"rotation": lambda s: Rotation.from_quat(at(s)[3:]).as_matrix(), "spin": spin}
+        turning = {"rotation": lambda s: quaternion_matrices(at(s)[None, 3:])[0], "spin": spin}
     path = TaskPath(
         point=lambda s: at(s)[:3], slope=lambda s: at(s, slope=True)[:3], **turning, **attributes
     )
@@ -209,7 +209,7 @@ def _placed(path: TaskPath, begin: float, end: float, turns: bool, u: Array) -> 
     if not turns:
         return points
     order = np.argsort(u)
-    quaternions = Rotation.from_matrix([placed[i].rotation for i in order]).as_quat()
+    quaternions = matrix_quaternions(np.array([placed[i].rotation for i in order]))
     for i in range(1, len(quaternions)):
         quaternions[i] *= -1 if quaternions[i] @ quaternions[i - 1] < 0 else 1
     return np.hstack([points, quaternions[np.argsort(order)]])

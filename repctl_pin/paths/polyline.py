@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from ..base.arguments import Array, as_numbers, list_of, positive, read_only
 from ..base.errors import InputError
@@ -222,7 +221,7 @@ def _placed(points: Any, rotation: Any) -> tuple[Array, list[Array]]:
             "the waypoints have no orientations; "
             "add rotation=, such as rotation=task.placement(q0).rotation"
         )
-    if isinstance(rotation, Rotation):
+    if hasattr(rotation, "as_matrix"):  # SciPy's, which is slow to import
         rotation = rotation.as_matrix()
     listed = isinstance(rotation, (list, tuple, np.ndarray))
     several = listed and ((matrix := _doubles(rotation)) is None or matrix.ndim > 2)

@@ -13,7 +13,6 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ..base.arguments import (
     MOST_STEPS,
@@ -188,7 +187,7 @@ class TaskPath:
 
     def _turned(self, s: float) -> Array:
         R = self.rotation(s) if callable(self.rotation) else self.rotation
-        R = R.as_matrix() if isinstance(R, Rotation) else R
+        R = R.as_matrix() if hasattr(R, "as_matrix") else R
         if np.shape(R) != (3, 3):
             rotation_matrix(R, f"{self.name}: rotation({s:.3g})")  # raises
         return np.asarray(R, float)

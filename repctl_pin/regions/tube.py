@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from ..base.arguments import (
     Array,
@@ -124,7 +124,9 @@ class Tube(Region):
         return which, distance
 
     @cached_property
-    def _tree(self) -> cKDTree:
+    def _tree(self) -> Any:
+        from scipy.spatial import cKDTree  # slow to import
+
         return cKDTree(self.samples / self.radius)
 
     def __str__(self) -> str:

@@ -8,7 +8,6 @@ to its cube.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import solveh_banded
 
 from ..base.arguments import Array
 
@@ -41,6 +40,8 @@ def solve_block_tridiagonal(diagonal: Array, upper: Array, rhs: Array, *, cyclic
     numpy.linalg.LinAlgError
         If the matrix is not positive definite.
     """
+    from scipy.linalg import solveh_banded  # slow to import
+
     K, r = rhs.shape
     k = place = np.arange(K)  # position of each block
     if cyclic:

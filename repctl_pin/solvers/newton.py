@@ -11,7 +11,6 @@ from sys import float_info
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import daxpy, idamax
 
 from ..base.arguments import Array
 
@@ -61,6 +60,8 @@ def newton(
         The solution; None if the method did not converge. With ``residual``, the last q is
         returned even then.
     """
+    from scipy.linalg.blas import daxpy, idamax  # slow to import
+
     q = start.copy()
     n = len(start)
     last = float_info.max if contraction is None else longest

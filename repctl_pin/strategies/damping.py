@@ -7,7 +7,6 @@ inverse keeps constant.
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg.lapack import dgetrf, dgetri
 
 from ..base.arguments import Array
 
@@ -34,6 +33,8 @@ def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
     damping : float
         The λ that was used; 0 where the solution is exact.
     """
+    from scipy.linalg.lapack import dgetrf, dgetri  # slow to import
+
     factors, pivots, info = dgetrf(J_V)
     if not info:
         inverse, _ = dgetri(factors, pivots)

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...base.arguments import Array
 from ...base.errors import InputError
 from ...model.chain_formulas import Placement, as_placements, require_rotation
+from ...model.rotations import quaternion_matrices
 from ...model.task import Task
 from .geometry.cell_arguments import stacked
 
@@ -78,7 +78,7 @@ def _of_quaternions(rows: Array) -> tuple[Array, Array]:
         )
     R = np.full((len(rows), 3, 3), np.nan)
     if finite.any():
-        R[finite] = Rotation.from_quat(rows[finite, 3:]).as_matrix()
+        R[finite] = quaternion_matrices(rows[finite, 3:])
     return rows[:, :3], R
 
 

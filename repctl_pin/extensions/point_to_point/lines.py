@@ -18,10 +18,10 @@ import numpy as np
 
 from ...base.arguments import Array, read_only
 from ...model.chain_formulas import rotation_vectors
+from ...model.rotations import exp3
 from ...paths.bend import Bend
 from ..cells.function import InverseFunction
 from ..cells.geometry.cell import Cell
-from ..cells.geometry.kinematics import exp3
 from ..cells.targets import homogeneous
 from ..cells.tool_function import ToolFunction
 

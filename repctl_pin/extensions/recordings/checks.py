@@ -16,12 +16,12 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...base.arguments import Array, percentage, row
 from ...base.errors import InputError
 from ...model.chain_formulas import rotation_vectors
 from ...model.length import arm_reach
+from ...model.rotations import matrix_quaternions, mean_rotation, quaternion_matrices
 from ...model.task import Task
 from ..cells.geometry.kinematics import placed
 
@@ -250,11 +250,6 @@ def _turned(R: Array) -> str:
     return f", turned by {angle:.2g} rad" if angle > _CALIBRATED_RAD else ""
 
 
-def mean_rotation(R: Array) -> Array:
-    """Return the rotation (3, 3) nearest to the mean of rotations (K, 3, 3)."""
-    return Rotation.from_matrix(R).mean().as_matrix()
-
-
 def _base_rotation(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int]
 ) -> Array:
@@ -295,8 +290,8 @@ def _first_is_w(R: Array) -> Array:
 
     ``R`` are those that follow from reading qw as the last number.
     """
-    x = Rotation.from_matrix(R).as_quat()
-    return Rotation.from_quat(x[:, [1, 2, 3, 0]]).as_matrix()
+    x = matrix_quaternions(R)
+    return quaternion_matrices(x[:, [1, 2, 3, 0]])
 
 
 def _distance(task: Task, Q: Array, p: Array, R: Array) -> tuple[float, float]:

@@ -14,20 +14,18 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import pinocchio as pin
-from scipy.spatial.transform import Rotation
 
 from ...base.arguments import Array
 from ...base.errors import InputError
 from ...base.fit_options import FitOptions
+from ...model.rotations import exp3, mean_rotation
 from ...model.task import Task
 from ...strategies import Pseudoinverse
 from ..cells.cell_design_result import CellDesign
 from ..cells.fit.nearest_function import nearest_inverse_function
 from ..cells.function import InverseFunction
 from ..cells.geometry.cell import Cell
-from ..cells.geometry.kinematics import exp3
 from ..cells.geometry.sector import ANGLE, HEIGHT, RADIUS, SPIN, Sector
-from .checks import mean_rotation
 from .recording import Recording, thinned
 
 _SHARES = (1.0, 0.98, 0.9)
@@ -187,7 +185,7 @@ def _sector(recording: Recording, share: float) -> Cell:
     away = np.hypot(p[:, 0], p[:, 1])
     mean = _mean_angle(np.arctan2(p[:, 1], p[:, 0]))
     angle = np.angle(np.exp(1j * (np.arctan2(p[:, 1], p[:, 0]) - mean)))
-    back = Rotation.from_rotvec(np.outer(-angle, [0.0, 0.0, 1.0])).as_matrix()
+    back = exp3(np.outer(-angle, [0.0, 0.0, 1.0]))
     turned = mean_rotation(back @ R)
     rho, z = float(np.median(away)), float(np.median(p[:, 2]))
     for _ in range(2):

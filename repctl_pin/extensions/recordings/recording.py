@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial.transform import Rotation
 
 from ...base.arguments import (
     Array,
@@ -30,6 +29,7 @@ from ...base.arguments import (
 )
 from ...base.errors import InputError
 from ...base.tables import Column, Table, read_table
+from ...model.rotations import quaternion_matrices
 from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
 from ..cells.geometry.kinematics import placed
@@ -335,7 +335,7 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
             remedy="give x, y, z in m, then qx, qy, qz, qw, of length 1",
             at=at,
         )
-    return X[:, :3].copy(), Rotation.from_quat(X[:, 3:]).as_matrix()
+    return X[:, :3].copy(), quaternion_matrices(X[:, 3:])
 
 
 def _rotations(R: Array) -> Array:

@@ -27,6 +27,7 @@ from ...base.arguments import Array, file_name, flag_or_function, read_only, req
 from ...base.errors import InputError
 from ...base.fit_options import FitOptions, fit_options
 from ...base.tables import write_table
+from ...base.threads import one_blas_thread
 from ..cells.cell_design_result import CellDesign
 from ..cells.function import InverseFunction
 from ..cells.targets import homogeneous
@@ -305,6 +306,7 @@ class Relabeled:
         )
 
 
+@one_blas_thread()
 def relabel(
     recording: Recording,
     *,

@@ -12,11 +12,17 @@ from matplotlib.figure import Figure
 from ...base.arguments import Array
 from ...model.task import Task
 from ...show.palette import BLUE, INK, VERMILLION
-from ...show.plots.motions import axis_label, quiet, titled
+from ...show.plots.motions import arrange, axis_label, quiet, titled
 from .relabel import Relabeled
 
 _POINTS = 1500
 _COLUMNS = 2
+
+_BORDERS = 40
+"""Number of borders between sessions from which on none is drawn."""
+
+_TOP, _BOTTOM, _GAP = 0.26, 0.57, 0.13
+"""Space above the panels, below them, and between two rows, inches."""
 
 
 def joints_figure(relabeled: Relabeled) -> Figure:
@@ -29,12 +35,13 @@ def joints_figure(relabeled: Relabeled) -> Figure:
     order = np.argsort(recording.session, kind="stable")
     order = order[np.linspace(0, len(order) - 1, min(_POINTS, len(order))).astype(int)]
     borders = np.flatnonzero(np.diff(recording.session[order])).astype(float) + 0.5
-    title = f"{task.robot.name}, {task.frame}: joints of the frames, session after session"
+    title = f"{task.robot.name}, {task.frame}: joints of the frames"
 
     panels = task.n + (relabeled.recorded_leaves is not None)
     rows = -(-panels // _COLUMNS)
-    figure = titled(10.0, 0.8 + 1.35 * rows, title)
-    axes = list(figure.subplots(rows, _COLUMNS, sharex=True, squeeze=False).ravel())
+    figure = titled(10.0, 0.8 + 1.35 * rows, title, layout=None)
+    grid = figure.subplots(rows, _COLUMNS, sharex=True, squeeze=False)
+    axes = list(grid.ravel())
     for ax in axes[panels:]:
         ax.set_visible(False)
     before = recording.joints
@@ -51,6 +58,7 @@ def joints_figure(relabeled: Relabeled) -> Figure:
         ax.set_xlabel("frames, by session", fontsize=9)
         ax.set_xticks([])
     lines = axes[0].get_legend_handles_labels()
+    arrange(figure, grid, top=_TOP, bottom=_BOTTOM, gap=_GAP)
     figure.legend(*lines, loc="outside lower center", ncols=2, markerscale=5, frameon=False)
     return figure
 
@@ -68,7 +76,8 @@ def _series(ax: Axes, old: Array | None, new: Array, borders: Array) -> None:
     if old is not None:
         ax.plot(frames, old, ".", color=VERMILLION, ms=2, label="recorded")
     ax.plot(frames, new, ".", color=BLUE, ms=2, label="relabelled")
-    for border in borders if len(borders) < 40 else []:
-        ax.axvline(border, color="#bbbbbb", lw=0.6, zorder=0)
+    if len(borders) < _BORDERS:  # one line with gaps is drawn sooner than many
+        x, y = np.repeat(borders, 3), np.tile([0.0, 1.0, np.nan], len(borders))
+        ax.plot(x, y, color="#bbbbbb", lw=0.6, zorder=0, transform=ax.get_xaxis_transform())
     ax.tick_params(labelsize=8)
     quiet(ax)

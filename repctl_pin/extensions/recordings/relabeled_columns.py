@@ -15,10 +15,10 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ...base.arguments import Array
 from ...base.tables import Column, NewCells, Table, replaced
+from ...model.rotations import matrix_quaternions
 from ..cells.targets import homogeneous
 from .data_sets.data_set import DataSet
 from .joint_log import words_of
@@ -134,7 +134,7 @@ def plain_columns(
     source = recording.source
     if source is None:
         p, R = _poses(recording, Q)
-        X = np.concatenate([p, Rotation.from_matrix(R).as_quat()], axis=1)
+        X = np.concatenate([p, matrix_quaternions(R)], axis=1)
         poses = dict(zip(POSITION + QUATERNION, X.T, strict=True))
         return _beside(recording) | poses | dict(zip(recording.task.joint_names, Q.T, strict=True))
     new, removed, _ = relabeled_columns(recording, Q, further)
@@ -221,7 +221,7 @@ def _pose_columns(recording: Recording, Q: Array, widths: Mapping[str, int]) -> 
     ``widths`` are the file's columns, with their numbers per row.
     """
     p, R = _poses(recording, Q)
-    X = np.concatenate([p, Rotation.from_matrix(R).as_quat()], axis=1)
+    X = np.concatenate([p, matrix_quaternions(R)], axis=1)
     poses = dict(zip(POSITION + QUATERNION, np.split(X, 7, axis=1), strict=True))
     arrays = {3: p, 7: X, 16: homogeneous(p, R).reshape(-1, 16)}
     return poses | {name: arrays[w] for name in POSES if (w := widths.get(name, 0)) in arrays}

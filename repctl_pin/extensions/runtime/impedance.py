@@ -19,7 +19,6 @@ from math import inf
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
-from scipy.linalg.blas import ddot
 
 from ...base.arguments import (
     FLOAT,
@@ -220,7 +219,7 @@ def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") 
         type(values) is np.ndarray
         and values.dtype is FLOAT
         and values.shape == (n,)
-        and ddot(values, values) < inf
+        and values.dot(values) < inf
     ):
         return values
     return vector(values, n, name, each)

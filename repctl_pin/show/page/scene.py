@@ -19,10 +19,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ...base.arguments import Array, read_only
 from ...base.errors import InputError
+from ...model.rotations import matrix_quaternions
 from ...model.shapes import Shape
 from ...model.surfaces import Surfaces
 from ...model.task import Task
@@ -480,7 +480,7 @@ def poses_of(placements: Array) -> Array:
     nearer to that of the previous sample is used, so that the page can interpolate.
     """
     R, p = placements[..., :3, :3], placements[..., :3, 3]
-    q = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_quat().reshape(*R.shape[:-2], 4)
+    q = matrix_quaternions(R.reshape(-1, 3, 3)).reshape(*R.shape[:-2], 4)
     flips = np.einsum("tsi,tsi->ts", q[1:], q[:-1]) < 0
     q[1:][np.logical_xor.accumulate(flips, axis=0)] *= -1
     return np.concatenate([p, q], -1)

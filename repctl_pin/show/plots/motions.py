@@ -298,7 +298,7 @@ def drift_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figu
     _linear(ax, curves)
     ax.set_ylabel("farthest part from its start (cm)")
     ax.set_title(plain(title), fontsize=10, loc="left", y=1.0)
-    _arrange(figure, np.array([[ax]]), top=0.24 if title else 0.1, bottom=0.47)
+    arrange(figure, np.array([[ax]]), top=0.24 if title else 0.1, bottom=0.47)
     corner = _free_corner(ax, curves)
     if corner is not None:
         inset = ax.inset_axes((*corner, *_INSET))
@@ -363,7 +363,7 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
         _joint_over_cycles(ax, motions, joint)
     for ax in axes[-1]:
         ax.set_xlabel("cycle")
-    _arrange(figure, axes, top=0.45 if heading else 0.25, bottom=0.78, gap=0.31)
+    arrange(figure, axes, top=0.45 if heading else 0.25, bottom=0.78, gap=0.31)
     return legend_below(figure, axes[0, 0])
 
 
@@ -436,7 +436,7 @@ _PAD = 0.045
 """Space between the contents of a figure and its edge, inches."""
 
 
-def _arrange(
+def arrange(
     figure: Figure, axes: NDArray[np.object_], *, top: float, bottom: float, gap: float = 0.0
 ) -> None:
     """Place a grid of axes in a figure, with space for tick labels on the left, texts on the right.

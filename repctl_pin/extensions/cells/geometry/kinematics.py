@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ....base.arguments import Array
 from ....model.chain_formulas import skew
@@ -178,14 +177,6 @@ def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
     if poor.any():
         _, N[poor], s[poor] = bases(J[poor], near[poor])
     return N, s
-
-
-def exp3(omega: Array) -> Array:
-    """Convert rotation vectors ω (K, 3), rad, to rotation matrices exp(ω̂) (K, 3, 3)."""
-    # coordinates of a symmetry are 0; and SciPy 1.15 refuses K = 0
-    if not omega.any():
-        return np.tile(np.eye(3), (len(omega), 1, 1))
-    return np.asarray(Rotation.from_rotvec(omega).as_matrix())
 
 
 def left_jacobian(omega: Array) -> Array:

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from ....base.arguments import Array, freeze, positive, read_only, vector
 from ....base.errors import InputError
 from ....model.chain_formulas import Placement, axis_turns
+from ....model.rotations import exp3
 from ....model.task import Task
 from .cell import EDGE, Cell
 from .cell_arguments import (
@@ -39,7 +40,7 @@ from .cell_arguments import (
     no_joint,
     no_spin,
 )
-from .kinematics import exp3, left_jacobian
+from .kinematics import left_jacobian
 from .sector_profile import MOST_DEGREE, NARROWEST, STRAIGHT, Profile, as_profile
 from .symmetry import NEAR, Symmetry, axis_symmetry, difference, difference_words, tool_symmetry
 
