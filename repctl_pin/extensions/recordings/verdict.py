@@ -16,8 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
+from scipy.special import ndtri, stdtrit
 
 from ...base.arguments import Array, read_only
 from ...motion.motion import CLOSED
@@ -127,7 +126,7 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
         Scale of each joint, 1 rad or the arm length, m. Differences below 1e-5 of it do not count.
     """
     (N, n), floor = q.shape, CLOSED * scale
-    z = norm.isf((1 - _SURE) / (N * (N - 1) * n))
+    z = -ndtri((1 - _SURE) / (N * (N - 1) * n))
     noise = z / np.sqrt(2) * deviation + floor
     r = noise + bias
     sharp = noise + _SHARP * bias
@@ -273,6 +272,6 @@ def trend(
         scatter = np.sqrt(np.sum(off**2, axis=0) / (len(t) - 2))
     else:
         scatter = np.median(np.abs(off), axis=0) / 0.6745
-    quantile = student.ppf((1 + confidence) / 2, len(t) - 2)
+    quantile = stdtrit(len(t) - 2, (1 + confidence) / 2)
     spread = np.sqrt(np.sum((t - t.mean()) ** 2))
     return Trend(rate, quantile * np.maximum(scatter, floor) / spread)
