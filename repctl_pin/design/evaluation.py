@@ -184,7 +184,7 @@ def _evaluated(
     terms = (
         np.sum((inverse.batch(Q, J) - G_d) ** 2, axis=(1, 2)),
         np.sum(G_d**2, axis=(1, 2)),
-        (task.limit_margin(Q) >= 0).all(axis=1),
+        (task.limit_margin(Q) >= 0).all(axis=1).astype(float),
     )
     by_set = zip(sets, margins, *(_split(values, sets) for values in terms), strict=True)
     return [_replicate(region.weights(nodes), nodes, *values) for nodes, *values in by_set]
@@ -201,11 +201,11 @@ def _replicate(
     """Average over one set of ``nodes`` (K, n) with ``weights`` (K,).
 
     The values at each node, arrays (K,), are the leaf margin ``sigma``, ‖G_r − G_d‖_F² and
-    ‖G_d‖_F², ``gaps`` and ``norms``, and whether it is ``inside`` the joint limits.
+    ‖G_d‖_F², ``gaps`` and ``norms``, and 1 where it is ``inside`` the joint limits, else 0.
     """
     lowest = np.argsort(sigma)[:_CANDIDATES]
-    means = (float(weights @ values) for values in (gaps, norms, inside))
-    return _Replicate(*means, nodes[lowest], sigma[lowest])
+    cost, norm, share = (float(weights @ values) for values in (gaps, norms, inside))
+    return _Replicate(cost, norm, share, nodes[lowest], sigma[lowest])
 
 
 def _singular(task: Task, at: Array) -> SingularRegionError:
