@@ -13,9 +13,9 @@ import time
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tests run side by side; one core each
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -98,6 +98,29 @@ def store_of_results(tmp_path_factory: pytest.TempPathFactory) -> None:
     store = shared_folder(tmp_path_factory) / "results"
     store.mkdir(exist_ok=True)
     folder[:] = [store]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def files_of_robots_are_read_once() -> Iterator[None]:
+    """A process reads each URDF once, as long as the file stays the same; most tests read one of a
+    few. What is read is frozen."""
+    robot = import_module("repctl_pin.model.robot")
+    read = robot.read_urdf
+
+    @cache
+    def known(path: Path, folders: tuple[str, ...], *_: int) -> Any:
+        return read(path, folders)
+
+    def read_once(path: str | Path, folders: Sequence[str] = (), data: bytes | None = None) -> Any:
+        file = Path(path)
+        if data is not None or file.suffix != ".urdf" or not os.path.isfile(file):
+            return read(path, folders, data)
+        found = file.stat()
+        return known(file, tuple(folders), found.st_ino, found.st_size, found.st_mtime_ns)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(robot, "read_urdf", read_once)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -207,6 +230,9 @@ def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
 
     package = "repctl_pin."
     for module, name, value in (
+        ("design.evaluation", "_CANDIDATES", 8),
+        ("design.fit", "SEARCHED", 256),
+        ("design.singularity_search", "SEARCHED", 256),
         ("design.singularity_search", "_STARTS", 4),
         ("design.singularity_search", "_CORNERS", 32),
         ("motion.fitting_circle", "followed", briefly),

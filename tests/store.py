@@ -3,6 +3,7 @@ them."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pickle
 from collections.abc import Callable
@@ -21,20 +22,21 @@ folder: list[Path] = []
 def shared(compute: Function) -> Function:
     """Compute once for each argument; every call returns a copy of its own.
 
-    The first worker that needs a result writes it, and the others read it."""
+    The first worker that needs a result computes and writes it; the others wait, and read it."""
 
     @cache
     def pickled(given: tuple[Any, ...]) -> bytes:
         name = "-".join(map(str, (compute.__module__, compute.__name__, *given))) + ".pickle"
         file = folder[0] / name if folder else None
-        if file is not None and file.exists():
-            return file.read_bytes()
-        text = pickle.dumps(compute(*given))
-        if file is not None:
-            draft = file.with_name(f"{os.getpid()}-{name}")
-            draft.write_bytes(text)
-            draft.replace(file)  # whole, whoever reads it
-        return text
+        if file is None:
+            return pickle.dumps(compute(*given))
+        with file.with_suffix(".lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # until it is closed, also by a death
+            if not file.exists():
+                draft = file.with_name(f"{os.getpid()}-{name}")
+                draft.write_bytes(pickle.dumps(compute(*given)))
+                draft.replace(file)  # whole, whoever reads it
+        return file.read_bytes()
 
     @wraps(compute)
     def found(*given: Any) -> Any:
