@@ -218,8 +218,34 @@ def quick_room(request: pytest.FixtureRequest) -> None:
         request.getfixturevalue("quick_module")
 
 
-def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+DESIGNED = ("integrability", "motion", "native", "potentials", "proof", "regions")
+"""Rooms whose tests use designs, and judge motions, bounds and choices made with them."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def designed_room(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Design quickly in those rooms; all other choices are those that users get."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.parent.name in DESIGNED:
+            design_quickly(patch)
+        yield
+
+
+def design_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fit and evaluate at fewer nodes, and begin searches for singularities at fewer."""
     use_few_nodes(monkeypatch)
+    for module, name, value in (
+        ("evaluation", "_CANDIDATES", 8),
+        ("fit", "SEARCHED", 256),
+        ("singularity_search", "SEARCHED", 256),
+        ("singularity_search", "_STARTS", 4),
+        ("singularity_search", "_CORNERS", 32),
+    ):
+        monkeypatch.setattr(import_module("repctl_pin.design." + module), name, value)
+
+
+def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    design_quickly(monkeypatch)
     evaluate_cells_quickly(monkeypatch)
 
     def briefly(*given: Any, steps: int, **options: Any) -> rp.Motion:
@@ -230,11 +256,6 @@ def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
 
     package = "repctl_pin."
     for module, name, value in (
-        ("design.evaluation", "_CANDIDATES", 8),
-        ("design.fit", "SEARCHED", 256),
-        ("design.singularity_search", "SEARCHED", 256),
-        ("design.singularity_search", "_STARTS", 4),
-        ("design.singularity_search", "_CORNERS", 32),
         ("motion.fitting_circle", "followed", briefly),
         ("motion.solve_ik", "_POINTS", 12),
         ("studies.choose_start", "followed", briefly),

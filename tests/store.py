@@ -19,6 +19,17 @@ folder: list[Path] = []
 """The folder of this run; empty in a run of one process, or before it has begun."""
 
 
+def made_once(file: Path, make: Callable[[], bytes]) -> Path:
+    """A file of this run, whose content the first worker that needs it makes; the others wait."""
+    with file.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # until it is closed, also by a death
+        if not file.exists():
+            draft = file.with_name(f"{os.getpid()}-{file.name}")
+            draft.write_bytes(make())
+            draft.replace(file)  # whole, whoever reads it
+    return file
+
+
 def shared(compute: Function) -> Function:
     """Compute once for each argument; every call returns a copy of its own.
 
@@ -30,13 +41,7 @@ def shared(compute: Function) -> Function:
         file = folder[0] / name if folder else None
         if file is None:
             return pickle.dumps(compute(*given))
-        with file.with_suffix(".lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)  # until it is closed, also by a death
-            if not file.exists():
-                draft = file.with_name(f"{os.getpid()}-{name}")
-                draft.write_bytes(pickle.dumps(compute(*given)))
-                draft.replace(file)  # whole, whoever reads it
-        return file.read_bytes()
+        return made_once(file, lambda: pickle.dumps(compute(*given))).read_bytes()
 
     @wraps(compute)
     def found(*given: Any) -> Any:
