@@ -13,9 +13,9 @@ import time
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # the tests run side by side; one core each
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -98,6 +98,29 @@ def store_of_results(tmp_path_factory: pytest.TempPathFactory) -> None:
     store = shared_folder(tmp_path_factory) / "results"
     store.mkdir(exist_ok=True)
     folder[:] = [store]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def files_of_robots_are_read_once() -> Iterator[None]:
+    """A process reads each URDF once, as long as the file stays the same; most tests read one of a
+    few. What is read is frozen."""
+    robot = import_module("repctl_pin.model.robot")
+    read = robot.read_urdf
+
+    @cache
+    def known(path: Path, folders: tuple[str, ...], *_: int) -> Any:
+        return read(path, folders)
+
+    def read_once(path: str | Path, folders: Sequence[str] = (), data: bytes | None = None) -> Any:
+        file = Path(path)
+        if data is not None or file.suffix != ".urdf" or not os.path.isfile(file):
+            return read(path, folders, data)
+        found = file.stat()
+        return known(file, tuple(folders), found.st_ino, found.st_size, found.st_mtime_ns)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(robot, "read_urdf", read_once)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -195,8 +218,34 @@ def quick_room(request: pytest.FixtureRequest) -> None:
         request.getfixturevalue("quick_module")
 
 
-def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+DESIGNED = ("integrability", "motion", "native", "potentials", "proof", "regions")
+"""Rooms whose tests use designs, and judge motions, bounds and choices made with them."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def designed_room(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Design quickly in those rooms; all other choices are those that users get."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.parent.name in DESIGNED:
+            design_quickly(patch)
+        yield
+
+
+def design_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fit and evaluate at fewer nodes, and begin searches for singularities at fewer."""
     use_few_nodes(monkeypatch)
+    for module, name, value in (
+        ("evaluation", "_CANDIDATES", 8),
+        ("fit", "SEARCHED", 256),
+        ("singularity_search", "SEARCHED", 256),
+        ("singularity_search", "_STARTS", 4),
+        ("singularity_search", "_CORNERS", 32),
+    ):
+        monkeypatch.setattr(import_module("repctl_pin.design." + module), name, value)
+
+
+def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
+    design_quickly(monkeypatch)
     evaluate_cells_quickly(monkeypatch)
 
     def briefly(*given: Any, steps: int, **options: Any) -> rp.Motion:
@@ -207,8 +256,6 @@ def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
 
     package = "repctl_pin."
     for module, name, value in (
-        ("design.singularity_search", "_STARTS", 4),
-        ("design.singularity_search", "_CORNERS", 32),
         ("motion.fitting_circle", "followed", briefly),
         ("motion.solve_ik", "_POINTS", 12),
         ("studies.choose_start", "followed", briefly),

@@ -3,6 +3,7 @@ them."""
 
 from __future__ import annotations
 
+import fcntl
 import os
 import pickle
 from collections.abc import Callable
@@ -18,23 +19,29 @@ folder: list[Path] = []
 """The folder of this run; empty in a run of one process, or before it has begun."""
 
 
+def made_once(file: Path, make: Callable[[], bytes]) -> Path:
+    """A file of this run, whose content the first worker that needs it makes; the others wait."""
+    with file.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # until it is closed, also by a death
+        if not file.exists():
+            draft = file.with_name(f"{os.getpid()}-{file.name}")
+            draft.write_bytes(make())
+            draft.replace(file)  # whole, whoever reads it
+    return file
+
+
 def shared(compute: Function) -> Function:
     """Compute once for each argument; every call returns a copy of its own.
 
-    The first worker that needs a result writes it, and the others read it."""
+    The first worker that needs a result computes and writes it; the others wait, and read it."""
 
     @cache
     def pickled(given: tuple[Any, ...]) -> bytes:
         name = "-".join(map(str, (compute.__module__, compute.__name__, *given))) + ".pickle"
         file = folder[0] / name if folder else None
-        if file is not None and file.exists():
-            return file.read_bytes()
-        text = pickle.dumps(compute(*given))
-        if file is not None:
-            draft = file.with_name(f"{os.getpid()}-{name}")
-            draft.write_bytes(text)
-            draft.replace(file)  # whole, whoever reads it
-        return text
+        if file is None:
+            return pickle.dumps(compute(*given))
+        return made_once(file, lambda: pickle.dumps(compute(*given))).read_bytes()
 
     @wraps(compute)
     def found(*given: Any) -> Any:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from controls import in_numpy
+from store import study_of
 
 import repctl_pin as rp
 
@@ -90,9 +91,7 @@ def results() -> dict[str, Any]:
         "surfaces": rp.stable_surface(control, box, samples=8),
         "step": design.inverse.damped_step(q0, path.placement(0.0), 0.01),
         "audit": rp.audit((motion.t, motion.q), task),
-        "study": rp.study(
-            rp.Problem(task.robot, kind="xy", start=q0, path=path), cycles=1, steps=24, degree=1
-        ),
+        "study": study_of("planar3r", 2, 100),
     }
 
 

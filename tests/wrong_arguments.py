@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from store import study_of
 
 import repctl_pin as rp
 
@@ -113,9 +114,7 @@ def right_calls(folder: Path) -> list[Call]:
     middle = task.placement(q0).translation[:2]
     workspace = rp.WorkspaceBox(task, middle, 0.2, within=box)
     motion = rp.follow(inverse, path, q0, cycles=2, steps=24, integrator=rp.LeafLock())
-    study = rp.study(
-        rp.Problem(robot, kind="xy", start=q0, path=path, region=0.2), cycles=1, steps=24, degree=1
-    )
+    study = study_of("planar3r", 2, 100)
     timed = rp.timed(motion, rp.Limits(acceleration=10.0), rate=100.0)
     started = rp.Governor(inverse, 0.01, rp.Limits(velocity=1.0, acceleration=5.0))
     started.start(q0)

@@ -15,6 +15,7 @@ refused.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -37,6 +38,9 @@ REPLICATES = 32
 _CANDIDATES = 64
 """Number of candidates per replicate for the search of the leaf margin; where an evaluation has
 fewer nodes, the search has nodes of its own."""
+
+_BATCH = 1024
+"""Number of nodes up to which several replicates are evaluated at once, which takes less time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,9 +103,11 @@ def evaluate_design(
         If an algorithmic singularity lies in Ω.
     """
     measure = LeafMargin(inverse.task, inverse.potentials, region.center)
+    count = -(-samples // REPLICATES)
     sets = [
-        _evaluated(inverse, desired, region, measure, -(-samples // REPLICATES), one_seed)
-        for one_seed in range(seed * REPLICATES, (seed + 1) * REPLICATES)
+        one
+        for seeds in _batches(count, seed)
+        for one in _evaluated(inverse, desired, region, measure, count, seeds)
     ]
 
     # the smallest leaf margin, from the nodes with the smallest ones
@@ -128,6 +134,13 @@ def evaluate_design(
     )
 
 
+def _batches(count: int, seed: int) -> list[range]:
+    """List the seeds of all replicates, of ``count`` nodes each, in batches evaluated at once."""
+    seeds = range(seed * REPLICATES, (seed + 1) * REPLICATES)
+    at_once = max(1, _BATCH // count)
+    return [seeds[first : first + at_once] for first in range(0, REPLICATES, at_once)]
+
+
 class _Replicate(NamedTuple):
     """Means over one set of nodes, and its nodes with the lowest leaf margins.
 
@@ -149,32 +162,50 @@ def _evaluated(
     region: Region,
     measure: LeafMargin,
     count: int,
-    seed: int,
-) -> _Replicate:
-    """Evaluate G_r at one set of ``count`` nodes of the region, drawn with the random ``seed``.
+    seeds: Sequence[int],
+) -> list[_Replicate]:
+    """Evaluate G_r at sets of ``count`` nodes of the region, each drawn with one of the ``seeds``.
 
     ``measure`` is the leaf margin of the inverse. A SingularRegionError is raised if it is 0 or
     below, its sign beyond an algorithmic singularity, at some node.
     """
     task = inverse.task
-    Q = region.random(count, seed)
-    weights = region.weights(Q)
+    sets = [region.random(count, seed) for seed in seeds]
+    Q = np.concatenate(sets)
     J = task.jacobians(Q)
     N, J_plus = null_space_and_inverse(J, task, Q)
     V = inverse.potentials.gradients(Q)
     side = np.sign(np.linalg.det(np.swapaxes(N, -1, -2) @ V)) * measure.side
-    sigma = leaf_margin(N, V) * side
-    if not (sigma > 0).all():
-        raise _singular(task, Q[int(np.argmin(sigma))])
+    margins = _split(leaf_margin(N, V) * side, sets)
+    for nodes, sigma in zip(sets, margins, strict=True):
+        if not (sigma > 0).all():
+            raise _singular(task, nodes[int(np.argmin(sigma))])
     G_d = J_plus if type(desired) is Pseudoinverse else desired.batch(Q, J)
-    lowest = np.argsort(sigma)[:_CANDIDATES]
-    return _Replicate(
-        float(weights @ np.sum((inverse.batch(Q, J) - G_d) ** 2, axis=(1, 2))),
-        float(weights @ np.sum(G_d**2, axis=(1, 2))),
-        float(weights @ (task.limit_margin(Q) >= 0).all(axis=1)),
-        Q[lowest],
-        sigma[lowest],
+    terms = (
+        np.sum((inverse.batch(Q, J) - G_d) ** 2, axis=(1, 2)),
+        np.sum(G_d**2, axis=(1, 2)),
+        (task.limit_margin(Q) >= 0).all(axis=1).astype(float),
     )
+    by_set = zip(sets, margins, *(_split(values, sets) for values in terms), strict=True)
+    return [_replicate(region.weights(nodes), nodes, *values) for nodes, *values in by_set]
+
+
+def _split(values: Array, sets: list[Array]) -> list[Array]:
+    """Split ``values`` at the nodes of all sets, one after the other, into those of each set."""
+    return np.split(values, np.cumsum([len(nodes) for nodes in sets])[:-1])
+
+
+def _replicate(
+    weights: Array, nodes: Array, sigma: Array, gaps: Array, norms: Array, inside: Array
+) -> _Replicate:
+    """Average over one set of ``nodes`` (K, n) with ``weights`` (K,).
+
+    The values at each node, arrays (K,), are the leaf margin ``sigma``, ‖G_r − G_d‖_F² and
+    ‖G_d‖_F², ``gaps`` and ``norms``, and 1 where it is ``inside`` the joint limits, else 0.
+    """
+    lowest = np.argsort(sigma)[:_CANDIDATES]
+    cost, norm, share = (float(weights @ values) for values in (gaps, norms, inside))
+    return _Replicate(cost, norm, share, nodes[lowest], sigma[lowest])
 
 
 def _singular(task: Task, at: Array) -> SingularRegionError:

@@ -37,7 +37,7 @@ from .criterion import Builder, evaluate, oriented_nullspace
 from .design_result import Design
 from .evaluation import evaluate_design
 from .independence import Independent, independent
-from .singularity_search import Dexterity, SingularRegionError, refuse_singular, search
+from .singularity_search import SEARCHED, Dexterity, SingularRegionError, refuse_singular, search
 
 _LEAST_NODES = 4096
 _NODES_PER_UNKNOWN = 32
@@ -98,7 +98,7 @@ def _refuse_arm_singularities(problem: FitProblem) -> None:
     problem.report("searching Ω for singularities of the arm", 0.0)
     task, region = problem.desired.task, problem.region
     measure = Dexterity(task)
-    lowest = search(measure, region, region.random(2048, problem.options.seed))
+    lowest = search(measure, region, region.random(SEARCHED, problem.options.seed))
     if lowest.value <= 0:
         raise refuse_singular(
             "the Jacobian loses rank in Ω", task, measure, region, lowest.at[None]

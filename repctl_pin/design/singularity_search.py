@@ -48,6 +48,9 @@ _NEWTON = 12
 _RANK = 1e-5
 _BISECTIONS = 12
 
+SEARCHED = 2048
+"""Number of random configurations of a region at which a search of it begins."""
+
 SHRUNK_MARGIN = 0.1
 """Minimum leaf margin in a region that is shrunk; close to a singularity, a design is not
 usable."""
@@ -315,7 +318,7 @@ def largest_free(measure: _Measure, region: Region, bad: Array) -> Region | None
         if factor < 0.01:
             return None
         smaller = region.shrunk(factor)
-        if search(measure, smaller, smaller.random(2048, step)).value > 0:
+        if search(measure, smaller, smaller.random(SEARCHED, step)).value > 0:
             low, best = factor, smaller
         else:
             high = factor

@@ -7,6 +7,7 @@ import re
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -34,7 +35,8 @@ class Pose(ctypes.Structure):
 
 def in_c(folder: Path) -> ctypes.CDLL:
     """Compile an exported folder as a library."""
-    run(["cc", "-std=c99", "-O0", "-fPIC", "-shared", "arm.c", "-o", "arm.so", "-lm"], folder)
+    run(["cc", "-std=c99", "-O0", "-fPIC", "-c", "arm.c"], folder)
+    run(["cc", "-shared", "arm.o", "-o", "arm.so", "-lm"], folder)
     return ctypes.CDLL(str(folder / "arm.so"))
 
 
@@ -268,18 +270,38 @@ URDF_LIMITS = {
 }
 
 
+class Exported(NamedTuple):
+    """An exported control of planar3r in a region, and its library."""
+
+    folder: Path
+    inverse: rp.RepeatableInverse
+    library: ctypes.CDLL
+
+
+def exported(name: str, folder: Path) -> Exported:
+    """Export and compile it, with some of the limits of URDF 1.2."""
+    text = rp.Robot.load("planar3r").description.path.read_text()
+    (folder / "arm.urdf").write_text(text.replace("<limit ", f"<limit {URDF_LIMITS[name][0]} "))
+    task = rp.Robot.load(folder / "arm.urdf").task("tool", "xy")
+    inverse = control(task, Q_PLANAR, rp.Polynomial(Q_PLANAR, 2, 0.5))
+    rp.export_c(inverse, folder, "arm", region=rp.Box(Q_PLANAR, 0.3))
+    return Exported(folder, inverse, in_c(folder))
+
+
+@pytest.fixture(scope="module")
+def limited(tmp_path_factory: pytest.TempPathFactory) -> Exported:
+    return exported("both", tmp_path_factory.mktemp("limited"))
+
+
 @NEEDS_C
 @pytest.mark.parametrize("name", some(URDF_LIMITS, "both"))
-def test_the_limits_of_the_urdf_are_those_of_exported_code(name: str, tmp_path: Path) -> None:
+def test_the_limits_of_the_urdf_are_those_of_exported_code(
+    name: str, limited: Exported, tmp_path: Path
+) -> None:
     """Item 26.13: accelerations and jerks of URDF 1.2 were left out of ``arm_governor_limits``."""
-    more, expected = URDF_LIMITS[name]
-    text = rp.Robot.load("planar3r").description.path.read_text()
-    (tmp_path / "arm.urdf").write_text(text.replace("<limit ", f"<limit {more} "))
-    task = rp.Robot.load(tmp_path / "arm.urdf").task("tool", "xy")
-    inverse = control(task, Q_PLANAR, rp.Polynomial(Q_PLANAR, 2, 0.5))
-    rp.export_c(inverse, tmp_path, "arm")
+    _, expected = URDF_LIMITS[name]
+    _, inverse, library = limited if name == "both" else exported(name, tmp_path)
     limits = (DOUBLE * 10)()
-    library = in_c(tmp_path)
     library.arm_governor_limits(limits)
     assert (limits[3], limits[6]) == expected
     state, start = ctypes.create_string_buffer(1 << 20), (DOUBLE * 3)(*Q_PLANAR)
@@ -290,10 +312,8 @@ def test_the_limits_of_the_urdf_are_those_of_exported_code(name: str, tmp_path: 
 
 
 @NEEDS_C
-def test_wrong_limits_are_refused(tmp_path: Path) -> None:
-    inverse, q0, _, _ = planar()
-    rp.export_c(inverse, tmp_path, "arm", region=rp.Box(q0, 0.3))
-    library, n = in_c(tmp_path), 3
+def test_wrong_limits_are_refused(limited: Exported) -> None:
+    library, q0, n = limited.library, Q_PLANAR, 3
     state = ctypes.create_string_buffer(1 << 20)
 
     def started(q: np.ndarray = q0, dt: float = DT, **changed: float) -> int:
@@ -311,12 +331,11 @@ def test_wrong_limits_are_refused(tmp_path: Path) -> None:
 
 
 @NEEDS_C
-def test_after_a_refused_start_it_holds(tmp_path: Path) -> None:
+def test_after_a_refused_start_it_holds(limited: Exported) -> None:
     """Issue 37, item 9: it wrote q_next = 0, whatever the limits. Neither does it begin in memory
     that is 0, without a start."""
-    inverse, q0, _, _ = planar()
-    rp.export_c(inverse, tmp_path, "arm", region=rp.Box(q0, 0.3))
-    library, OK, BAD_NUMBER, OUTSIDE = in_c(tmp_path), 0, 2, 3
+    (_, inverse, library), q0 = limited, Q_PLANAR
+    OK, BAD_NUMBER, OUTSIDE = 0, 2, 3
     limits = (DOUBLE * 10)(*[2.0] * 3, *[5.0] * 3, *[np.inf] * 3, 0.0)
     place = inverse.task.placement(q0)
     target = (DOUBLE * 12)(*place.translation, *place.rotation.ravel())
@@ -372,14 +391,12 @@ def test_random_ticks_keep_all_limits_and_the_sanitizers_are_silent(tmp_path: Pa
 
 
 @NEEDS_C
-def test_it_allocates_nothing(tmp_path: Path) -> None:
-    needed("gcc", "nm")
-    rp.export_c(planar()[0], tmp_path, "arm")
-    run(["gcc", "-std=c99", "-O0", "-c", "arm.c"], tmp_path)
-    undefined = set(re.findall(r"U (\w+)", run(["nm", "-u", "arm.o"], tmp_path)))
+def test_it_allocates_nothing(limited: Exported) -> None:
+    needed("nm")
+    undefined = set(re.findall(r"U (\w+)", run(["nm", "-u", "arm.o"], limited.folder)))
     known = {"sin", "cos", "sqrt", "cbrt", "atan2", "ceil", "ldexp", "fabs", "memcpy", "memset"}
     assert undefined <= known | {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail", "sincos"}
-    code = (tmp_path / "arm.c").read_text()
+    code = (limited.folder / "arm.c").read_text()
     assert not re.search(r"^static (?!const|.*\()", code, re.MULTILINE)  # no state of its own
 
 

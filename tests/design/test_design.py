@@ -862,7 +862,22 @@ def test_a_region_is_shrunk_in_steps_if_errors_name_one_that_is_hardly_smaller(m
         assert 5 < sum(fits) < 20
 
 
-@pytest.mark.parametrize("half_width", some([0.65, 0.9], 0.9))
+def test_a_design_close_to_a_singularity_is_shrunk_to_a_leaf_margin_of_a_tenth() -> None:
+    """A regular design, with which joint speeds would grow; unasked, its region stays."""
+    task = rp.Robot.load("planar3r").task(None, "xy")
+    box, few = rp.Box([0.0, 1.3, 0.3], 1.0), rp.FitOptions(samples=256, held_out=64)
+    close, design = (
+        rp.nearest_repeatable(
+            rp.Pseudoinverse(task), None, box, degree=2, options=few, shrink=shrink
+        )
+        for shrink in (False, True)
+    )
+    assert 0 < close.leaf_margin < 0.1 and close.shrunk == 1
+    assert design.leaf_margin >= 0.1 and 0.5 < design.shrunk < 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("half_width", [0.65, 0.9])
 def test_a_region_is_shrunk_to_a_leaf_margin_of_a_tenth(half_width: float, tmp_path) -> None:
     """Not to the edge of a singularity, found by the first fit or only nearly so."""
     task = spatial_task(4, tmp_path, seed=5)

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from controls import NEEDS_C, c_compiler, control, some
+from store import folder, made_once
 
 import repctl_pin as rp
 from repctl_pin.strategies.native_arm import native_arm
@@ -58,16 +59,21 @@ def array(values: object) -> ctypes.Array:
 @pytest.fixture(scope="module")
 def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     """The library with all functions that its files share visible."""
-    path = tmp_path_factory.mktemp("parts") / "parts.so"
+    path = made_once(folder[0] / "parts.so", lambda: compiled(tmp_path_factory.mktemp("parts")))
+    found = ctypes.CDLL(str(path))
+    found.longest_landing.restype = found.regularity.restype = DOUBLE
+    return found
+
+
+def compiled(into: Path) -> bytes:
+    """Compile the files as one library, and return it."""
     names = ["arm", "chart", "law", "straight_lines", "joint_plan", "target_joints", "governor"]
     files = [str(FOLDER / f"{name}.c") for name in names]
     flags = ["-std=c99", "-O0", "-w", "-fPIC", "-shared"]
     compiler = c_compiler()
     assert compiler is not None
-    subprocess.run([*compiler, *flags, *files, "-o", str(path), "-lm"], check=True)
-    found = ctypes.CDLL(str(path))
-    found.longest_landing.restype = found.regularity.restype = DOUBLE
-    return found
+    subprocess.run([*compiler, *flags, *files, "-o", str(into / "parts.so"), "-lm"], check=True)
+    return (into / "parts.so").read_bytes()
 
 
 @cache

@@ -10,26 +10,36 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 import pytest
 from mutants import NATIVE, source
+from store import folder, made_once
 
 LEVELLED = ("cell_bounds", "arm_gradients")
 
 
 @cache
 def kernels(name: str = "", piece: str = "", instead: str = "") -> ctypes.CDLL:
-    """Compile the kernels, a piece of one file replaced; skip without a compiler."""
-    compiler = shutil.which("cc")
-    if compiler is None:
+    """Compile the kernels, a piece of one file replaced; skip without a compiler.
+
+    The workers of a run share what was compiled."""
+    if shutil.which("cc") is None:
         pytest.skip("there is no C compiler")
-    folder = Path(tempfile.mkdtemp(prefix="kernels"))
-    shutil.copytree(str(files(NATIVE)), folder, dirs_exist_ok=True)
-    shutil.copy(Path(__file__).with_name("probe.c"), folder)
+    key = crc32(repr((name, piece, instead)).encode())
+    file = folder[0] / f"kernels-{key:08x}.so"
+    return ctypes.CDLL(str(made_once(file, lambda: compiled(name, piece, instead))))
+
+
+def compiled(name: str, piece: str, instead: str) -> bytes:
+    """Compile the kernels, a piece of one file replaced, and return the library."""
+    sources = Path(tempfile.mkdtemp(prefix="kernels"))
+    shutil.copytree(str(files(NATIVE)), sources, dirs_exist_ok=True)
+    shutil.copy(Path(__file__).with_name("probe.c"), sources)
     if name:
         text = source(name, piece, instead, NATIVE)
-        (folder / name).write_text(text, encoding="utf-8")
+        (sources / name).write_text(text, encoding="utf-8")
     flags = [
         "-std=c99",
         "-O1" if name == "cell_bounds.c" else "-O0",
@@ -44,10 +54,10 @@ def kernels(name: str = "", piece: str = "", instead: str = "") -> ctypes.CDLL:
         wanted.append("probe.c")
     if name in ("", "arm_angle.c", "taylor.h"):
         wanted.append("arm_angle.c")
-    line = [compiler, *flags, *wanted, "-o", "wrong.so", "-lm"]
-    subprocess.run(line, cwd=folder, check=True)
-    library = ctypes.CDLL(str(folder / "wrong.so"))
-    shutil.rmtree(folder)
+    line = ["cc", *flags, *wanted, "-o", "wrong.so", "-lm"]
+    subprocess.run(line, cwd=sources, check=True)
+    library = (sources / "wrong.so").read_bytes()
+    shutil.rmtree(sources)
     return library
 
 

@@ -5,24 +5,37 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 import pytest
 import sectors
 from arms import spatial_task
+from controls import evaluate_cells_quickly
 from inside import cell_bounds, margins
 
 import repctl_pin as rp
 
 
 def function_over(
-    task: rp.Task, placement: pin.SE3, half_width: object, rotation: object
+    task: rp.Task,
+    placement: pin.SE3,
+    half_width: object,
+    rotation: object,
+    count: int = 256,
+    degree: int = 3,
 ) -> rp.CellDesign:
     cell = rp.Cell(task, placement, half_width, rotation)
-    return rp.nearest_inverse_function(
-        rp.Pseudoinverse(task), cell, degree=3, options=rp.FitOptions(samples=256, held_out=256)
-    )
+    options = rp.FitOptions(samples=count, held_out=count)
+    return rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=degree, options=options)
+
+
+def quick_function_over(*given: Any) -> rp.CellDesign:
+    """A function of lower degree, fitted to fewer poses, whose worst ones were searched briefly."""
+    with pytest.MonkeyPatch.context() as patch:
+        evaluate_cells_quickly(patch)
+        return function_over(*given, count=64, degree=2)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +51,12 @@ def places(panda_pose: rp.Task, middle: pin.SE3) -> rp.CellDesign:
 
 @pytest.fixture(scope="module")
 def turned(panda_pose: rp.Task, middle: pin.SE3) -> rp.CellDesign:
-    return function_over(panda_pose, middle, 0.03, 0.1)
+    return quick_function_over(panda_pose, middle, 0.03, 0.1)
+
+
+@pytest.fixture(scope="module")
+def small(panda_pose: rp.Task, middle: pin.SE3) -> rp.CellDesign:
+    return quick_function_over(panda_pose, middle, (0.05, 0.1, 0.05), 0.0)
 
 
 def check_enclosures(found: rp.CellDesign, width: float, count: int = 16) -> float:
@@ -93,18 +111,18 @@ def test_a_cell_is_proved_near_to_what_was_found(places: rp.CellDesign, tmp_path
     assert repr(loaded.proof) == repr(proof)
 
 
-def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(places: rp.CellDesign) -> None:
-    asked = places.limit_margin_worst + 0.02
-    proof = rp.prove(places, limit_margin=asked)
+def test_what_is_false_of_a_cell_is_not_proved_and_the_pose_is_shown(small: rp.CellDesign) -> None:
+    asked = small.limit_margin_worst + 0.02
+    proof = rp.prove(small, limit_margin=asked)
     assert not proof and proof.reason.startswith("the limit margin there is")
-    q = places.function.batch(proof.worst[None])[0]
-    assert places.task.limit_margin(q).min() < asked
+    q = small.function.batch(proof.worst[None])[0]
+    assert small.task.limit_margin(q).min() < asked
 
 
-def test_a_cell_that_is_not_covered_is_not_proved(places: rp.CellDesign) -> None:
-    chart = places.function.chart
-    beyond = rp.InverseFunction(replace(chart, cell=places.cell.scaled(6.0)), keep_limits=False)
-    proof = rp.prove(replace(places, function=beyond), margin=0, limit_margin=-9.0, seconds=20)
+def test_a_cell_that_is_not_covered_is_not_proved(small: rp.CellDesign) -> None:
+    chart = small.function.chart
+    beyond = rp.InverseFunction(replace(chart, cell=small.cell.scaled(6.0)), keep_limits=False)
+    proof = rp.prove(replace(small, function=beyond), margin=0, limit_margin=-9.0, seconds=20)
     assert (
         not proof
         and proof.leaf_margin == 0

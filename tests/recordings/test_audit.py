@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from cell_functions import function_of
 from commands import main, refused, told
+from controls import some
 from page_file import Drawn
 from terminals import fit_terminals
 
@@ -124,7 +125,10 @@ def test_the_drift_of_a_log_is_that_of_the_motion(
     assert np.abs(found.joints.rate - joints).max() < 0.05 * np.abs(joints).max()
 
 
-def test_a_repeatable_controllers_log_has_no_drift(problems: dict[str, rp.Problem]) -> None:
+@pytest.mark.parametrize("logs", some([2, 8], 2))
+def test_a_repeatable_controllers_log_has_no_drift(
+    logs: int, problems: dict[str, rp.Problem]
+) -> None:
     problem = problems["planar3r"]
     task = problem.task
     design = rp.nearest_repeatable(
@@ -134,7 +138,7 @@ def test_a_repeatable_controllers_log_has_no_drift(problems: dict[str, rp.Proble
         options=rp.FitOptions(samples=256, held_out=256),
     )
     motion = rp.follow(design.inverse, problem.path, problem.start, cycles=9, steps=100, period=4.0)
-    for seed in range(4):  # chance would find a drift in one log of 20
+    for seed in range(logs):  # chance would find a drift in one log of 20
         log = Log(motion, seed=seed, noise=0.0 if seed == 0 else 1e-3)
         found = rp.audit((log.t, log.q), task)
         assert found, found.summary()

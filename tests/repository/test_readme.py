@@ -11,6 +11,7 @@ import shlex
 import shutil
 from collections.abc import Iterable
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -276,10 +277,12 @@ def stamps(folder: Path) -> dict[str, int]:
 def test_the_main_jobs_table_is_what_the_command_prints(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One study, reported twice; its figures and its page hold nothing."""
+    """One study of one problem, written once and printed twice; its figures hold nothing."""
     monkeypatch.chdir(tmp_path)
     without_pictures(monkeypatch)
-    monkeypatch.setattr(rp, "study", computed_once(rp.study))
+    files = import_module("repctl_pin.show.study_files")
+    for module, name in ((rp, "Problem"), (rp, "study"), (files, "write_study")):
+        monkeypatch.setattr(module, name, computed_once(getattr(module, name)))
     assert main(["study", "panda"]) == 0
     (shown,) = blocks("text")
     answer = capsys.readouterr().out

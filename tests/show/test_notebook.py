@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import changed, errors, picture, schemes, wait_until_drawn
-from commands import printed
+from commands import printed, without_pictures
 from matplotlib.figure import Figure
 from page_file import Drawn
+from store import study_of
 
 import repctl_pin as rp
 from repctl_pin.show.notebook import inline
@@ -161,9 +162,11 @@ def test_a_study_shows_itself(study: rp.Study) -> None:
     assert study._repr_html_() == inline(study).html == rp.animation(study)._repr_html_()
 
 
-def test_pictures_have_words(study: rp.Study, cell: tuple[Any, list[Figure]]) -> None:
+def test_pictures_have_words(quick_choices: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """For who cannot see them: how far each is off, and the drift of every joint under J⁺."""
-    found = re.findall('alt="([^"]*)"', cell[0]._repr_html_())
+    study = study_of("ppr")
+    without_pictures(monkeypatch)
+    found = re.findall('alt="([^"]*)"', inline(study, height=500)._repr_html_())
     drift, joints = (html.unescape(words) for words in found)
     said, _, inset = drift.partition(". Inset: ")
     assert inset == "the joint drift, rad and m, on a log scale."

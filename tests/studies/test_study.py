@@ -15,6 +15,7 @@ from controls import some
 from matplotlib.colors import to_hex
 from page_file import read
 from said import reads
+from store import study_of
 
 import repctl_pin as rp
 
@@ -221,17 +222,18 @@ def test_a_csv_path_elsewhere_moves_the_start(tmp_path, small: rp.Study) -> None
     assert any("moved" in note for note in study.notes)
 
 
-def test_table_and_dict_say_what_the_motions_did(small: rp.Study, full: str) -> None:
-    data, text = json.loads(json.dumps(small.as_dict())), full
+def test_table_and_dict_say_what_the_motions_did(tmp_path: Path) -> None:
+    small = study_of("planar4r")
+    data, text = json.loads(json.dumps(small.as_dict())), printed(small, tmp_path, "--full")[0]
     for row in small.rows:
         assert all(word in text for word in row.label.split())
         assert data["strategies"][row.key]["drift"] == row.motion.drift.tolist()
         assert data["strategies"][row.key]["rms_speed"] == row.motion.rms_speed
-    (drifts,) = re.findall(r"^drift after 2 cycles, rad +(.*)", text, re.MULTILINE)
+    (drifts,) = re.findall(r"^drift after 3 cycles, rad +(.*)", text, re.MULTILINE)
     for row, said in zip(small.rows, drifts.split(), strict=True):
         drift = row.motion.drift[-1]
         assert reads(said, drift, 3 if drift >= 1e-3 else 1)
-    assert text.startswith("After 2 cycles the hand is back")
+    assert text.startswith("After 3 cycles the hand is back")
     assert data["start"] == small.q0.tolist() and small.path.name in text
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from controls import some
 
 import repctl_pin as rp
 
 PI = np.pi
 SIDES = [0.4 * i for i in (1, 4, 7, 10)]
+ENDS = [SIDES[0], SIDES[-1]]
 STEPS = 800
 
 
@@ -47,14 +49,19 @@ def square(strategy, side: float, steps: int = STEPS) -> rp.Motion:
     return rp.follow(strategy, path, np.zeros(3), cycles=1, steps=steps, period=4 * side / 0.04)
 
 
-@pytest.fixture(scope="module")
-def by_pseudoinverse(task: rp.Task) -> dict[float, rp.Motion]:
-    return {side: square(rp.Pseudoinverse(task), side) for side in [*SIDES, 1.0]}
+@pytest.fixture(scope="module", params=some([ENDS, SIDES], ENDS), ids=len)
+def sides(request: pytest.FixtureRequest) -> list[float]:
+    return request.param
 
 
 @pytest.fixture(scope="module")
-def by_k0(task: rp.Task) -> dict[float, rp.Motion]:
-    return {side: square(inverse_60(task, 0.0), side) for side in SIDES}
+def by_pseudoinverse(task: rp.Task, sides: list[float]) -> dict[float, rp.Motion]:
+    return {side: square(rp.Pseudoinverse(task), side) for side in [*sides, 1.0]}
+
+
+@pytest.fixture(scope="module")
+def by_k0(task: rp.Task, sides: list[float]) -> dict[float, rp.Motion]:
+    return {side: square(inverse_60(task, 0.0), side) for side in sides}
 
 
 @pytest.mark.parametrize(
@@ -68,9 +75,9 @@ def test_pseudoinverse_ends_where_theory_says(
 
 
 def test_every_square_drifts_along_the_fiber_under_the_pseudoinverse(
-    by_pseudoinverse: dict[float, rp.Motion],
+    by_pseudoinverse: dict[float, rp.Motion], sides: list[float]
 ) -> None:
-    for side in SIDES:
+    for side in sides:
         d1, d2, t = by_pseudoinverse[side].q[-1]
         # the tool is back on (1, 0)
         assert abs(d1 - (1 - np.cos(t))) < 1e-9 and abs(d2 + np.sin(t)) < 1e-9
@@ -86,8 +93,10 @@ def test_k0_closes_every_square_and_stays_on_one_surface(by_k0: dict[float, rp.M
         assert motion.tracking_error.max() < 1e-9
 
 
-def test_pseudoinverse_and_k0_coincide_up_to_C_and_part_after(by_pseudoinverse, by_k0) -> None:
-    for side in SIDES:
+def test_pseudoinverse_and_k0_coincide_up_to_C_and_part_after(
+    by_pseudoinverse, by_k0, sides: list[float]
+) -> None:
+    for side in sides:
         gap = np.abs(by_pseudoinverse[side].q - by_k0[side].q).max(axis=1)
         at_C = STEPS // 2
         assert gap[: at_C + 1].max() < 1e-9
