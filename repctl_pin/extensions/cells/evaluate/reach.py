@@ -197,6 +197,8 @@ class Grown(NamedTuple):
     ends : (K, C, n) array
         Configurations at the C corners, edge middles and face centres of the grown box, in the
         order of :meth:`Cell.rim`.
+    distance : (K,) array
+        Smallest body distance at ``ends``, m; infinite where it was not computed.
     """
 
     p: NDArray[Any]
@@ -204,6 +206,7 @@ class Grown(NamedTuple):
     steps: NDArray[Any]
     margin: NDArray[Any]
     ends: NDArray[Any]
+    distance: NDArray[Any]
 
 
 def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -256,7 +259,7 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
         dQ = np.einsum("Knm,Km->Kn", G[rows], error[rows])
         jumps = np.abs(dQ).max(axis=1) > _LONGEST
         now = now + dQ
-    return Grown(p, Q, steps, margin, ends)
+    return Grown(p, Q, steps, margin, ends, np.full(len(p), np.inf))
 
 
 def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ....base.arguments import Array, as_matrices, finite, read_only, vector
 from ....base.errors import InputError
@@ -51,15 +51,15 @@ from ..geometry.cell_arguments import of_positions
 from ..geometry.kinematics import joined, placed, rows_of
 from ..place.posture_search import Candidate, judged, searched
 from .approach import Approach, approach_axis, with_approach
+from .middles import APART, ENOUGH, apart, beside, ordered
 from .whole_table import WholeTable, middles_in_floods, whole_table
 
 _DRAWN = 2048
 """Number of random configurations that are turned to the orientation."""
 
-_PARENTS, _CHILDREN = 16, 6
-_WIDTHS = (0.5, 0.25, 0.12)
-"""Number of best middles beside which others are tried, of these per middle, and how far away, in
-half-widths, one round after the other."""
+_PARENTS, _WIDTHS = 16, (0.5, 0.25, 0.12)
+"""Number of best middles beside which others are tried, and how far away, in half-widths, one round
+after the other."""
 
 _LOOKED, _DEPTH = 128, 8
 """Number of best middles without collisions that are kept, and how many times as many are looked at
@@ -69,9 +69,8 @@ _TRIED, _ALIKE = 12, 0.3
 """Number of middles with different joints, and at different places, around which boxes are judged;
 and difference of the joints, rad or m, below which two middles are alike."""
 
-_ENOUGH, _APART, _MARGIN = 0.3, 0.02, 0.05
-"""Limit margin, rad or m, and body distance, m, above which larger ones are no longer an advantage;
-and the limit margin that designs keep where possible."""
+_MARGIN = 0.05
+"""Limit margin, rad or m, that designs keep where possible."""
 
 _JUDGED, _BATCHES, _CONFIRMED, _HELD_OUT = 3, 3, 2, 2048
 """Numbers of places at which designs of one size are compared, of such comparisons per size, and of
@@ -261,7 +260,7 @@ def _of_size(
         report("looking for places", 0.0)
         found = _candidates(box, near_to, rng, report)
         report("searching for postures", 0.8)
-        best = _fitted(box, found, seed)
+        best = _fitted(box, found, near_to, rng, seed)
     if best is None:
         why = _obstruction(_box_at(box, found.p[0]), found.Q[0])
         raise InputError(
@@ -393,7 +392,7 @@ def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: R
     elif box.task.m > 4:
         more = middles_in_floods(box, rng)
         p, Q = (np.concatenate(both) for both in zip((p, Q), more, strict=True))
-    found = _ordered(box, grown(box, p, Q), at)
+    found = ordered(box, grown(box, p, Q), at)
     if not len(found.p):
         raise InputError(
             f"the orientation is reached at none of {_DRAWN} positions within the joint limits; "
@@ -401,30 +400,12 @@ def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: R
         )
     wide = rows_of(found, unlike_rows(found.p, box.half_width.max(), _TRIED))
     found = joined([_free(box, found, _LOOKED), _free(box, wide, _TRIED)])
-    found = _ordered(box, found, at)
+    found = ordered(box, found, at)
     for k, width in enumerate(_WIDTHS):
         report("trying places beside the best", 0.4 + 0.4 * k / len(_WIDTHS))
         parents = _free(box, found, _PARENTS)
-        best = rows_of(parents, np.arange(len(parents.p)).repeat(_CHILDREN))
-        U = width * rng.uniform(-1, 1, (len(best.p), box.k))
-        beside = best.p + box.placements(U)[0] - box.placement.translation
-        found = _ordered(box, joined([found, grown(box, beside, best.Q)]), at)
+        found = ordered(box, joined([found, beside(box, parents, width, rng)]), at)
     return found
-
-
-def _ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
-    """Sort the middles of a box, the best first, by the criteria of :func:`best_cell`.
-
-    The criteria are: size of the box that fits there; distance from ``at`` (3,), m, if ``at`` is
-    given; whole box above z = 0 of the base; limit margin, up to 0.3 rad or m; largest joint motion
-    to a corner, the smallest first.
-    """
-    z = box.placements(box.corners())[0][:, 2] - box.placement.translation[2]
-    below = found.p[:, 2] + z.min() * found.steps / STEPS < 0
-    far = np.zeros(len(found.p)) if at is None else np.linalg.norm(found.p - at, axis=1)
-    margin = np.minimum(found.margin, _ENOUGH)
-    swing = np.abs(found.ends - found.Q[:, None]).max(axis=(1, 2), initial=0.0)
-    return rows_of(found, np.lexsort((swing, -margin, below, far, -found.steps)))
 
 
 def _free(box: Cell, found: Grown, count: int) -> Grown:
@@ -461,50 +442,75 @@ class _Fitting(NamedTuple):
     reason: str
 
 
-def _fitted(box: Cell, found: Grown, seed: int) -> _Fitting | None:
+def _fitted(
+    box: Cell, found: Grown, at: Array | None, rng: np.random.Generator, seed: int
+) -> _Fitting | None:
     """Find the largest box around one of the middles ``found`` that one function covers.
 
-    ``box`` has the requested size. When all middles have failed, boxes that are smaller by a tenth
-    of it are tried. Return None if no function covers a box of any size. ``seed`` is for the fits.
+    ``box`` has the requested size. When all middles have failed, further ones are searched for at
+    which the bodies are apart. Then boxes that are smaller by a tenth of the size are tried. Return
+    None if no function covers a box of any size. ``at`` (3,), m, is the position near which the
+    middle should be, or None; ``seed`` is for the fits.
     """
-    desired = Pseudoinverse(box.task)
+    fit = CellFit(
+        Pseudoinverse(box.task), limit_margin=_MARGIN, held_out=_HELD_OUT, seed=seed, keep=False
+    )
     free = _free(box, found, len(found.p))
-    unlike = unlike_rows(free.Q, _ALIKE, _TRIED)
-    rows = [*unlike, *unlike_rows(free.p, box.half_width.max(), _TRIED)]
-    rows = list(dict.fromkeys(rows))
-    largest = [_largest_steps(desired, box, free, k) for k in rows]
-    fit = CellFit(desired, limit_margin=_MARGIN, held_out=_HELD_OUT, seed=seed, keep=False)
+    tried = _tried(fit, box, free)
     stop: FailureReason | None = None
     searched_regular = False
-    for size in range(max(largest), 0, -1):
-        places = [k for k, most in zip(rows, largest, strict=True) if most >= size]
-        best, why = _best_place(fit, box, free, places, size)
-        others = np.setdiff1d(np.flatnonzero(free.steps >= size), places)
+    for size in range(STEPS, 0, -1):
+        best, why = _best_place(fit, box, tried, size)
         singular = best is None and why is not None and why.cause in _SINGULAR_CAUSES
+        others = _others(free, tried, size)
         # once, because the search is slow
-        if singular and len(others) and not searched_regular:
+        if singular and len(others.p) and not searched_regular:
             searched_regular = True
-            best, _ = _best_place(fit, box, free, _regular(box, free, size, others), size)
-        stop = stop or why
+            best, _ = _best_place(fit, box, _regular(box, others, size), size)
+        if best is None and size == STEPS:
+            further = apart(box, free, at, rng, drawn=_DRAWN // 2, parents=_PARENTS)
+            further = _tried(fit, box, further)
+            best, later = _best_place(fit, box, further, size)
+            tried, why = joined([tried, further]), why or later
         if best is not None:
-            what = stop.what if stop is not None else ""
-            return _Fitting(*best, what if size < max(largest) else "")
+            return _Fitting(*best, stop.what if stop is not None else "")
+        stop = stop or why
     return None
 
 
-def _best_place(
-    fit: CellFit, box: Cell, free: Grown, places: list[int], size: int
-) -> tuple[tuple[Cell, Candidate] | None, FailureReason | None]:
-    """Choose the best of some places for a box of ``size`` tenths, three places at a time.
+def _tried(fit: CellFit, box: Cell, found: Grown) -> Grown:
+    """Select middles with unlike joints, or at different places, and test their boxes by J⁺.
 
-    ``places`` are numbers of rows of ``free``. Each three are compared by quick designs, and the
-    best one is confirmed by a full design; the search ends when one of them fits. Return the box at
-    the best place with the configuration in its middle, or None, and the first reason for failure,
-    or None.
+    The steps of the result are those of :func:`_largest_steps`.
+    """
+    rows = [*unlike_rows(found.Q, _ALIKE, _TRIED)]
+    rows += unlike_rows(found.p, box.half_width.max(), _TRIED)
+    rows = list(dict.fromkeys(rows))
+    steps = [_largest_steps(fit.desired, box, found, k) for k in rows]
+    return rows_of(found, rows)._replace(steps=np.array(steps, int))
+
+
+def _others(free: Grown, tried: Grown, size: int) -> Grown:
+    """Select the middles around which a box grew to ``size`` tenths, without those tried so far."""
+    places = tried.Q[tried.steps >= size]
+    known = (free.Q[:, None] == places).all(axis=2).any(axis=1)
+    return rows_of(free, np.flatnonzero((free.steps >= size) & ~known))
+
+
+def _best_place(
+    fit: CellFit, box: Cell, found: Grown, size: int
+) -> tuple[tuple[Cell, Candidate] | None, FailureReason | None]:
+    """Choose the best middle for a box of ``size`` tenths, of three middles at a time.
+
+    The first nine of ``found`` around which a box of that size fits are compared. Each three are
+    compared by quick designs, and the best one is confirmed by a full design; the search ends when
+    one of them fits. Return the box at the best place with the configuration in its middle, or
+    None, and the first reason for failure, or None.
     """
     stop: FailureReason | None = None
-    for first in range(0, min(len(places), _BATCHES * _JUDGED), _JUDGED):
-        some = rows_of(free, places[first : first + _JUDGED])
+    places = np.flatnonzero(found.steps >= size)[: _BATCHES * _JUDGED]
+    for first in range(0, len(places), _JUDGED):
+        some = rows_of(found, places[first : first + _JUDGED])
         best, why = _best_of(fit, box, some, size, search=first == 0)
         stop = stop or why
         if best is not None:
@@ -512,19 +518,22 @@ def _best_place(
     return None, stop
 
 
-def _regular(box: Cell, free: Grown, size: int, rows: NDArray[np.intp]) -> list[int]:
-    """List places at which no singularity is found in the box, the farthest from one first.
+def _regular(box: Cell, found: Grown, size: int) -> Grown:
+    """Select middles at which no singularity is found in the box, the farthest from one first.
 
-    A place is the number of a row of ``free``; ``rows`` (K,) are those to test, for a box of
-    ``size`` tenths. Singularities can meet a box between the points of its rim, at which alone it
-    was tested before. Among places beside each other, one is tested, because they meet the same
-    singularity.
+    The box has ``size`` tenths of its edges. Singularities can meet a box between the points of its
+    rim, at which alone it was tested before. Among places beside each other, one is tested, because
+    they meet the same singularity.
     """
-    rows = rows[unlike_rows(free.p[rows], _BESIDE * box.half_width.max(), _REGULAR)]
-    ratios = [
-        _least_ratio(_box_at(box, free.p[k], size / STEPS), free.Q[k]) for k in map(int, rows)
-    ]
-    return [int(rows[i]) for i in np.argsort(-np.array(ratios)) if ratios[i] > SINGULAR]
+    found = rows_of(found, unlike_rows(found.p, _BESIDE * box.half_width.max(), _REGULAR))
+    ratios = np.array(
+        [
+            _least_ratio(_box_at(box, p, size / STEPS), q)
+            for p, q in zip(found.p, found.Q, strict=True)
+        ]
+    )
+    order = np.argsort(-ratios)
+    return rows_of(found, order[ratios[order] > SINGULAR])
 
 
 def _least_ratio(cell: Cell, q: Array) -> float:
@@ -590,8 +599,8 @@ def _repeats(task: Task, one: Candidate, others: list[Candidate]) -> bool:
     away = one.q - np.array([other.q for other in others])
     away -= 2 * np.pi * np.round(away / (2 * np.pi)) * task.revolute
     alike = np.abs(away).max(axis=1) < _ALIKE
-    inside = np.array([min(other.margin, _ENOUGH) for other in others])
-    return bool((alike & (inside >= min(one.margin, _ENOUGH) - _APART)).any())
+    inside = np.array([min(other.margin, ENOUGH) for other in others])
+    return bool((alike & (inside >= min(one.margin, ENOUGH) - APART)).any())
 
 
 def _largest_steps(desired: Inverse, box: Cell, found: Grown, k: int) -> int:
@@ -620,8 +629,8 @@ def _worth(design: object) -> float:
     """
     if not isinstance(design, CellDesign) or not design.evaluation.everywhere:
         return 0.0
-    clear = min(design.body_distance / _APART, 1.0)
-    inside = min(design.limit_margin_worst / _ENOUGH, 1.0)
+    clear = min(design.body_distance / APART, 1.0)
+    inside = min(design.limit_margin_worst / ENOUGH, 1.0)
     return max(clear, 0.0) * (0.1 + inside) / (1 + 10 * design.extra_speed)
 
 

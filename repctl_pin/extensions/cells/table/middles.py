@@ -1,0 +1,110 @@
+"""Middles for a box of poses: their order, others beside them, and those with the bodies apart.
+
+A box of poses is grown around positions in steps, tenths of its size, each with a configuration of
+the arm. J⁺, the pseudoinverse of the task Jacobian, moves the arm from there to the points of the
+box's rim: corners, edge middles and face centres. The box is reached as far as it grows, but bodies
+of the arm may collide at its rim.
+
+``Grown`` has many middles, with a configuration at each and the size to which a box grew there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ....base.arguments import Array
+from ....model.bodies import bodies_of
+from ....motion.solve_ik import random_configurations
+from ..evaluate.reach import STEPS, Grown, grown, unlike_rows
+from ..geometry.cell import Cell
+from ..geometry.kinematics import bases, joined, placed, rows_of
+
+ENOUGH, APART = 0.3, 0.02
+"""Limit margin, rad or m, and body distance, m, above which larger ones are no longer an
+advantage."""
+
+_CHILDREN = 6
+"""Number of middles that are tried beside each one."""
+
+_PLACES, _APART_AT, _KEPT = 16, 0.25, 256
+"""Number of places at which further configurations are drawn, and their smallest difference, in
+largest half-widths; and number of boxes with which the search for bodies apart begins."""
+
+_WIDTHS = (0.25, 0.12, 0.12, 0.06, 0.06, 0.03, 0.03)
+"""How far from the best middles that search looks, in half-widths, one round after the other."""
+
+_SWAY, _UNLIKE = 2.0, 0.3
+"""Self-motion, rad or m, relative to such a width; and difference of the joints, rad or m, below
+which others are not searched for beside a middle, because they are for a better one."""
+
+
+def ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
+    """Sort the middles of a box, the best first, by the criteria of :func:`best_cell`.
+
+    The criteria are: size of the box that fits there; bodies apart at its rim, if that was tested;
+    distance from ``at`` (3,), m, if ``at`` is given; whole box above z = 0 of the base; body
+    distance up to 2 cm, if tested; limit margin, up to 0.3 rad or m; largest joint motion to a
+    corner, the smallest first.
+    """
+    z = box.placements(box.corners())[0][:, 2] - box.placement.translation[2]
+    below = found.p[:, 2] + z.min() * found.steps / STEPS < 0
+    far = np.zeros(len(found.p)) if at is None else np.linalg.norm(found.p - at, axis=1)
+    margin = np.minimum(found.margin, ENOUGH)
+    deep, clear = np.minimum(found.distance, 0.0), np.minimum(found.distance, APART)
+    swing = np.abs(found.ends - found.Q[:, None]).max(axis=(1, 2), initial=0.0)
+    keys = (swing, -margin, -clear, below, far, -deep, -found.steps)
+    return rows_of(found, np.lexsort(keys))
+
+
+def beside(
+    box: Cell, parents: Grown, width: float, rng: np.random.Generator, *, sway: float = 0.0
+) -> Grown:
+    """Grow a box around six random positions beside each of the middles ``parents``.
+
+    ``width`` is how far away they are, in half-widths of the box. With ``sway``, the configurations
+    at which the inverse kinematics starts also differ by up to this self-motion, rad or m, per
+    direction of the null space of J.
+    """
+    best = rows_of(parents, np.arange(len(parents.p)).repeat(_CHILDREN))
+    U, Q = width * rng.uniform(-1, 1, (len(best.p), box.k)), best.Q
+    if sway:
+        N = bases(placed(box.task, Q)[2])[1]
+        Q = Q + np.einsum("Knr,Kr->Kn", N, sway * rng.uniform(-1, 1, (len(Q), N.shape[2])))
+    return grown(box, best.p + box.placements(U)[0] - box.placement.translation, Q)
+
+
+def apart(
+    box: Cell, found: Grown, at: Array | None, rng: np.random.Generator, *, drawn: int, parents: int
+) -> Grown:
+    """Search for middles at which the bodies are apart at the rim of the largest box, best first.
+
+    Reach and limits alone order the middles ``found``, so that bodies may collide at the rims of
+    all the best, or these may have few branches of inverse kinematics. So ``drawn`` random
+    configurations are tried at their places. Then boxes grow beside the best ``parents`` middles,
+    and after self-motions there, in rounds; the body distance at the rim comes before the limit
+    margin. The result is empty if bodies collide at the rims of all boxes. ``at`` is that of
+    :func:`ordered`.
+    """
+    places = unlike_rows(found.p, _APART_AT * box.half_width.max(), _PLACES)
+    p = found.p[np.resize(places, drawn)]
+    found = joined([found, grown(box, p, random_configurations(box.task, drawn, rng))])
+    found = _tested(box, rows_of(found, np.argsort(-found.steps, kind="stable")[:_KEPT]), 0)
+    found = ordered(box, found, at)
+    for width in _WIDTHS:
+        best = rows_of(found, unlike_rows(found.Q, _UNLIKE, parents))
+        further = beside(box, best, width, rng, sway=_SWAY * width)
+        found = ordered(box, joined([found, _tested(box, further, found.steps[0])]), at)
+    largest = (found.steps == found.steps[0]) & (found.distance >= 0)
+    return rows_of(found, np.flatnonzero(largest))
+
+
+def _tested(box: Cell, found: Grown, steps: int) -> Grown:
+    """Compute the body distances at the rims of boxes that grew by ``steps`` or more.
+
+    Smaller boxes are left out.
+    """
+    found = rows_of(found, np.flatnonzero(found.steps >= steps))
+    n = box.task.n
+    distances = bodies_of(box.task).distances(found.ends.reshape(-1, n))
+    least = distances.reshape(len(found.p), -1).min(axis=1, initial=np.inf)
+    return found._replace(distance=least)
