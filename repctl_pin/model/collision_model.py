@@ -12,6 +12,7 @@ close. The model has N joints, mimic joints included.
 
 from __future__ import annotations
 
+import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from pathlib import Path
@@ -157,12 +158,14 @@ class _CollisionModel:
         for start, block, bounds in self._bounded(Q) if len(self.pairs) else ():
             bounds = self._telling(bounds)
             below = bounds < distance if among is None else (bounds < distance) & among
-            for k in np.flatnonzero(below.any(axis=1)).tolist():
-                doubtful = np.flatnonzero(below[k])
-                nearest_first = doubtful[np.argsort(bounds[k, doubtful])].tolist()
-                with self._lock:
+            nearest_first = np.argsort(np.where(below, bounds, np.inf), axis=1)
+            counts = below.sum(axis=1)
+            with self._lock:
+                self._ask(distance)
+                for k in np.flatnonzero(counts).tolist():
                     self._move(block[k])
-                    found[start + k] = any(self._is_nearer(i, distance) for i in nearest_first)
+                    doubtful = nearest_first[k, : counts[k]].tolist()
+                    found[start + k] = any(self._is_nearer(i, distance) for i in doubtful)
         return found
 
     def lowest(self, Q: Array) -> Array:
@@ -320,9 +323,23 @@ class _CollisionModel:
         return np.inf if distance >= 0 and self._only_contact[k] else distance
 
     def _is_nearer(self, k: int, distance: float) -> bool:
-        """Test whether pair k, at the current placements, is nearer than ``distance``, m."""
-        hulls_tell = distance > 0 and not self._only_contact[k]
-        return (self._apart(k) if hulls_tell else self._exact(k)) < distance
+        """Test whether pair k, at the current placements, is nearer than ``distance``, m.
+
+        :meth:`_ask` was called with the same distance. The test of two hulls ends as soon as they
+        are known to be farther apart, and takes half the time of their distance.
+        """
+        if distance > 0 and not self._only_contact[k]:
+            if k < self._own_pairs:
+                return bool(pin.computeCollision(self._shapes, self._placed, k))
+            return self._apart(k) < distance
+        return self._exact(k) < distance
+
+    def _ask(self, distance: float) -> None:
+        """Set the distance, m, below which :meth:`_is_nearer` finds two hulls too near."""
+        if distance != self._asked:
+            self._asked = distance
+            for request in self._placed.collisionRequests:
+                request.security_margin = distance
 
     def _of_hulls(self, k: int) -> float:
         """Compute the signed distance of the hulls of pair k, m, or that of a collision-only pair.
@@ -598,6 +615,9 @@ class _CollisionModel:
         for a, b in self._both[: self._own_pairs]:
             self._shapes.addCollisionPair(pin.CollisionPair(a, b))
         self._placed = pin.GeometryData(self._shapes)
+        self._asked = 0.0
+        for request in (*self._placed.distanceRequests, *self._placed.collisionRequests):
+            _without_memory(request)
         measured = [body.measured for body in self._bodies]
         self._bounds = BodyBounds(self._model, self._joint, self._place, measured, pairs)
         self._strokes = strokes(self._model, self._joints)
@@ -638,6 +658,18 @@ class _CollisionModel:
             if i == 0:
                 at_reference = count > 0
         return at_reference, count / len(Q), overlaps
+
+
+def _without_memory(request: Any) -> None:
+    """Let a request of coal begin each test anew, so that results do not depend on earlier ones.
+
+    By default, Pinocchio's requests begin where the last test of the pair ended. This saves no
+    time, and changes distances by up to 1e-6 m.
+    """
+    with warnings.catch_warnings():
+        # its successor, gjk_initial_guess, has no effect while this one is True
+        warnings.simplefilter("ignore", DeprecationWarning)
+        request.enable_cached_gjk_guess = False
 
 
 def _sample_configurations(task: Task) -> Array:

@@ -64,6 +64,24 @@ class _Goals(NamedTuple):
     R: Array
 
 
+class Rates(NamedTuple):
+    """Derivatives at K poses that do not depend on the configurations there.
+
+    Attributes
+    ----------
+    E : (K, m, k + l) array or None
+        ∂x/∂u; None in an axis task, in which it depends on the rotation of the frame.
+    C : (K, k + l, k + l) array
+        (EᵀE)^(−1/2).
+    slopes : (K, n, k) and (K, n, r, k) arrays
+        ∂q_ref/∂u and ∂n_ref/∂u.
+    """
+
+    E: Array | None
+    C: Array
+    slopes: tuple[Array, Array]
+
+
 @dataclass(frozen=True, eq=False)
 @read_only
 class Chart:
@@ -161,6 +179,10 @@ class Chart:
     def goals(self, U: Array) -> _Goals:
         """Evaluate q_ref, n_ref and the poses (p, R) of the chart at coordinates U (K, k)."""
         return _Goals(*self.reference(U), *self.cell.placements(U))
+
+    def goals_of(self, at: Points) -> _Goals:
+        """Return what :meth:`goals` evaluates at the poses of points ``at``, which know most."""
+        return _Goals(at.q_ref, at.n_ref, *self.cell.placements(at.U))
 
     def solve(
         self,
@@ -276,8 +298,18 @@ class Chart:
         run("call_points", arm, K, *goal, *chart, *rules, *found)
         return found
 
+    def rates(self, U: Array) -> Rates:
+        """Evaluate what does not depend on configurations in derivatives at the poses U (K, k)."""
+        cell = self.cell
+        E = None if cell.task.kind == "axis" else cell.twists(U, cell.placements(U)[1])
+        return Rates(E, cell.speeds(U), self.slopes(U))
+
     def derivative(
-        self, at: Points, ds: Array | None = None, E: Array | None = None
+        self,
+        at: Points,
+        ds: Array | None = None,
+        E: Array | None = None,
+        slopes: tuple[Array, Array] | None = None,
     ) -> tuple[Array, Array]:
         r"""Evaluate the derivatives of a function q = F(u, s(u)) at configurations on it.
 
@@ -297,6 +329,8 @@ class Chart:
             ∂s/∂u; by default 0.
         E : (K, m, k + l) array, optional
             ∂x/∂u at the configurations, if it is known.
+        slopes
+            ∂q_ref/∂u and ∂n_ref/∂u, if they are known.
 
         Returns
         -------
@@ -307,7 +341,7 @@ class Chart:
             ∂F/∂s at constant u.
         """
         m = self.cell.task.m
-        dq, dn = self.slopes(at.U)
+        dq, dn = self.slopes(at.U) if slopes is None else slopes
         below = np.einsum("Knr,Knk->Krk", at.n_ref, dq)
         below -= np.einsum("Knrk,Kn->Krk", dn, at.Q - at.q_ref)
         if ds is not None:
@@ -322,7 +356,7 @@ class Chart:
         return both[:, :, : E.shape[2]], both[:, :, E.shape[2] :]
 
     def joint_speeds(
-        self, desired: Inverse, at: Points, ds: Array | None = None, C: Array | None = None
+        self, desired: Inverse, at: Points, ds: Array | None = None, rates: Rates | None = None
     ) -> tuple[Array, Array, Array]:
         """Evaluate the joint velocities of a function F and of G_d, per unit of task speed.
 
@@ -335,8 +369,8 @@ class Chart:
             G_d.
         at, ds
             Configurations of F; and ∂s/∂u (K, r, k), by default 0.
-        C : (K, k + l, k + l) array, optional
-            (EᵀE)^(−1/2) at the poses, if it is known.
+        rates
+            :meth:`rates` at the poses, if they are known.
 
         Returns
         -------
@@ -345,10 +379,11 @@ class Chart:
         B : (K, n, r) array
             ∂F/∂s.
         """
-        E = self.cell.twists(at.U, at.R)
-        if C is None:  # E depends on the rotation in axis tasks only
+        E, C, slopes = (None, None, None) if rates is None else rates
+        E = self.cell.twists(at.U, at.R) if E is None else E
+        if C is None:
             C = self.cell.speeds(at.U) if self.cell.task.kind == "axis" else unit_speeds(E)
-        dF, B = self.derivative(at, ds, E)
+        dF, B = self.derivative(at, ds, E, slopes)
         return dF @ C, desired.batch(at.Q, at.J) @ E @ C, B
 
 

@@ -321,7 +321,7 @@ def evaluate_cell(
     ``desired`` is the inverse G_d with which F is compared; in ``chart``, F is s = 0. The poses are
     ``count`` held-out poses, drawn with ``seed``, corners of the cell, and poses found by searches
     for the smallest margins, the largest joint speeds and collisions. With ``quick``, only the
-    limit margin and σ_min(J) are searched for. A body distance below ``required``, m, is a failure
+    limit margin and σ_min(J) are searched for, and attainable margins are NaN. A body distance below ``required``, m, is a failure
     with the cause ``collision``. The ``turns`` of the result, the ranges of F along symmetric
     coordinates, are empty: the fit adds them.
     """
@@ -341,7 +341,7 @@ def evaluate_cell(
     tested = rows_of(tested, tested.covered)
     return Evaluation(
         **_speed_figures(inside, tested),
-        **_limit_figures(candidate, held_out, low),
+        **_limit_figures(candidate, held_out, low, quick),
         smallest_singular_value=float(tested.smallest.min()),
         body_distance=distance,
         nearest_bodies=links,
@@ -385,21 +385,25 @@ def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
     }
 
 
-def _limit_figures(candidate: CandidateFunction, held_out: Sample, low: Sample) -> dict[str, Any]:
+def _limit_figures(
+    candidate: CandidateFunction, held_out: Sample, low: Sample, quick: bool
+) -> dict[str, Any]:
     """Evaluate the smallest limit margin at held-out poses, and at the poses ``low``.
 
     The limit margin is the distance of the nearest joint from its limit, rad (m for prismatic
     joints). ``low`` are the poses at which a search ended that looks for the smallest one. At the
-    poses of both minima, evaluate also the largest limit margin on any leaf. The keys are
-    attributes of :class:`Evaluation`: ``limit_margin`` and ``attainable_margin`` at the held-out
-    pose, and ``limit_margin_worst`` and ``attainable_margin_worst`` at the worst pose found.
+    poses of both minima, evaluate also the largest limit margin on any leaf, NaN if ``quick``. The
+    keys are attributes of :class:`Evaluation`: ``limit_margin`` and ``attainable_margin`` at the
+    held-out pose, ``limit_margin_worst`` and ``attainable_margin_worst`` at the worst pose found.
     """
     chart = candidate.chart
     worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))
     lowest = int(np.argmin(np.where(held_out.sheet, held_out.limit_margin, np.inf)))
     least = float(held_out.limit_margin[lowest])
-    ends = candidate.at(np.stack([held_out.U[lowest], low.U[worst]]))
-    most = limits_of(chart.cell).attainable(chart, ends, far=True)
+    most = np.full(2, np.nan)
+    if not quick:
+        ends = candidate.at(np.stack([held_out.U[lowest], low.U[worst]]))
+        most = limits_of(chart.cell).attainable(chart, ends, far=True)
     return {
         "limit_margin": least,
         "attainable_margin": float(most[0]),

@@ -189,35 +189,90 @@ class Margin(Quantity):
         it varies them by up to 2.4 rad, which for r = 1 covers the self-motion inside the limits.
         The search at a pose ends when its margin is at least ``enough``.
         """
-        r, most, best = at.n_ref.shape[2], self.least(at), at.Q.copy()
-        here = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
-        s, goals = here.copy(), chart.goals(at.U)
-
-        def look(label: Array, Q: Array) -> None:
-            """Evaluate the margin at one label (K, r) per pose, and store the largest so far.
-
-            A larger margin is stored in ``most``, its label in ``s``, its configuration in
-            ``best``. Newton's method starts from the configurations Q (K, n), which the solutions
-            overwrite.
-            """
-            on = np.flatnonzero(most < enough)
-            there = rows_of(goals, on)
-            points = chart.solve(at.U[on], label[on], Q[on], goals=there, iterations=4)
-            least = np.where(points.found, self.least(points), -np.inf)
-            better, Q[on] = least > most[on], points.Q
-            rows = on[better]
-            most[rows], best[rows] = least[better], points.Q[better]
-            s[rows] = label[rows]
-
-        ways = np.concatenate([np.eye(r), -np.eye(r)])
-        for way in ways:
-            Q = at.Q.copy()
-            for i in range(1, (_FAR if far else _NEARBY) + 1):
-                look(here + i * _APART * way, Q)
+        search = _LeafSearch(self, chart, at, enough)
+        search.along(_FAR if far else _NEARBY)
         for i in range(1, _HALVINGS + 1):
-            for way in ways:
-                look(s + 0.5**i * _APART * way, best.copy())
-        return most
+            search.refine(0.5**i * _APART)
+        return search.most
+
+
+class _LeafSearch:
+    """Search for the largest margin that self-motion attains at the poses of K points ``at``.
+
+    Parameters
+    ----------
+    margin
+        The kind of margin.
+    chart
+        Chart in which labels s select configurations along the self-motion.
+    at
+        Points, at whose labels the search begins.
+    enough
+        Margin at which the search at a pose ends.
+
+    Attributes
+    ----------
+    most : (K,) array
+        Largest margin found so far.
+    """
+
+    def __init__(self, margin: Margin, chart: Chart, at: Points, enough: float) -> None:
+        self._margin, self._chart, self._at, self._enough = margin, chart, at, enough
+        self._goals = chart.goals_of(at)
+        r = at.n_ref.shape[2]
+        self._ways = np.concatenate([np.eye(r), -np.eye(r)])
+        self.most, self._best = margin.least(at), at.Q.copy()
+        self._s = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
+
+    def along(self, count: int) -> None:
+        """Try ``count`` labels in each of 2 r directions, 0.06 rad apart, from the present label.
+
+        Newton's method starts from the solution before. All directions are followed at once; if
+        equal margins are found, the first direction has precedence.
+        """
+        ways, here, (K, n) = self._ways, self._s.copy(), self._best.shape
+        Q = np.tile(self._best, (len(ways), 1, 1))
+        most, s, best = np.full((len(ways), K), -np.inf), np.tile(here, (len(ways), 1, 1)), Q.copy()
+        for i in range(1, count + 1):
+            left = np.maximum(self.most, most.max(axis=0)) < self._enough
+            way, on = np.nonzero(np.broadcast_to(left, most.shape))
+            if not len(on):
+                break
+            label = here[on] + i * _APART * ways[way]
+            least, Q[way, on] = self._solved(on, label, Q[way, on])
+            better = least > most[way, on]
+            rows = way[better], on[better]
+            most[rows], s[rows], best[rows] = least[better], label[better], Q[rows]
+        for found in zip(most, s, best, strict=True):
+            self._keep(np.arange(K), *found)
+
+    def refine(self, length: float) -> None:
+        """Try labels at a distance from the best ones, rad, in each of 2 r directions in turn."""
+        for way in self._ways:
+            on = np.flatnonzero(self.most < self._enough)
+            if not len(on):
+                return
+            label = self._s[on] + length * way
+            least, Q = self._solved(on, label, self._best[on])
+            self._keep(on, least, label, Q)
+
+    def _solved(self, on: NDArray[np.intp], label: Array, Q: Array) -> tuple[Array, Array]:
+        """Solve for labels (L, r) at the poses ``on`` (L,) by Newton's method from Q (L, n).
+
+        Return the margins (L,), −inf where there is no solution, and the configurations (L, n).
+        """
+        goals = rows_of(self._goals, on)
+        points = self._chart.solve(self._at.U[on], label, Q, goals=goals, iterations=4)
+        return np.where(points.found, self._margin.least(points), -np.inf), points.Q
+
+    def _keep(self, on: NDArray[np.intp], least: Array, label: Array, Q: Array) -> None:
+        """Keep margins (L,) at the poses ``on`` (L,), where they are larger than those so far.
+
+        Their labels (L, r) and configurations Q (L, n) are kept, too.
+        """
+        better = least > self.most[on]
+        rows = on[better]
+        self.most[rows], self._s[rows], self._best[rows] = least[better], label[better], Q[better]
 
 
 def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:

@@ -155,7 +155,7 @@ class Cost:
         ]
         self.T = terms.values(self.U)  # (K, N)
         self.dT = terms.slopes(self.T)  # (K, N, k)
-        self.C = chart.cell.speeds(U)  # (inner, k + l, k + l)
+        self.rates = chart.rates(U)
         self.goals = chart.goals(self.U)
         self.r = chart.cell.task.r
         self._last: Array | None = None
@@ -191,7 +191,7 @@ class Cost:
         s only.
         """
         r = self.r
-        k = self.C.shape[2]  # the coordinates removed by a symmetry count, too
+        k = self.rates.C.shape[2]  # the coordinates removed by a symmetry count, too
         p = r * (1 + k)
         gram = np.zeros((len(self.U), p, p))
         slope = np.zeros((len(self.U), p))
@@ -214,9 +214,9 @@ class Cost:
 
         Their products with a are s and, at the nodes, ∂s/∂u C; slopes at penalised poses are 0.
         """
-        features = np.zeros((len(self.U), 1 + self.C.shape[2], self.T.shape[1]))
+        features = np.zeros((len(self.U), 1 + self.rates.C.shape[2], self.T.shape[1]))
         features[:, 0] = self.T
-        onto = self.C[:, : self.chart.cell.k]
+        onto = self.rates.C[:, : self.chart.cell.k]
         features[self.inner, 1:] = np.swapaxes(self.dT[self.inner] @ onto, 1, 2)
         return features
 
@@ -275,7 +275,7 @@ class Cost:
         The first two are the joint velocities of the function and of the desired inverse per unit
         of task speed. ``ds`` is ∂s/∂u at the nodes.
         """
-        return self.chart.joint_speeds(self.desired, points, ds, self.C)
+        return self.chart.joint_speeds(self.desired, points, ds, self.rates)
 
     def _residual(self, points: Points, ds: Array) -> Array:
         """Evaluate the residual ``(∂F − G_d E) C`` at K nodes: (K, n, k + l).

@@ -24,12 +24,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ....base.arguments import Array
 from ....strategies.strategy import Inverse
-from ..chart.chart import Chart
+from ..chart.chart import Chart, Points
 from ..chart.monomials import Monomials
 from ..evaluate.margins import CandidateFunction, Margin, searched
+from ..geometry.kinematics import rows_of
 from .cost import Cost, Descent, Penalty, descend
 
 _WEIGHTS = (1e2, 1e5)
@@ -93,13 +95,10 @@ class ActiveConstraint:
         near = np.concatenate([near, margin.least(candidate.at(new))])
         worst = np.argsort(near)[: 4 * margin.violators]
         worst = worst[near[worst] < margin.required]
-        enough = margin.required / (1 - _NEARLY)
         at = candidate.at(self.U[worst])
-        most = margin.attainable(candidate.chart, at, enough=enough)
-        asked = np.minimum(margin.required, most - _NEARLY * np.abs(most))
-        short = asked - near[worst]
-        edge = self.U[worst]
-        if not (short > np.maximum(margin.slack * asked, _NEARLY * margin.required)).any():
+        asked, short = self._shortage(candidate.chart, at, near[worst])
+        edge = self.U[worst[: len(short)]]
+        if not self._too_short(short, asked).any():
             return False
         chosen = np.argsort(-short)[: margin.violators]
         chosen = chosen[short[chosen] > 0]
@@ -108,6 +107,39 @@ class ActiveConstraint:
         )
         self.asked = np.concatenate([self.asked, asked[chosen]])[first]
         return True
+
+    def _shortage(self, chart: Chart, at: Points, near: Array) -> tuple[Array, Array]:
+        """Evaluate what the penalty asks for at points ``at``, and by how much they fall short.
+
+        ``near`` (K,) are the margins there, the smallest first. The results (L,) are those of the
+        first L points. The others can neither be too short, if none of these is, nor be among the
+        worst ``violators``. They are left out, because the search for what is attainable is slow.
+        """
+        margin, count = self.margin, self.margin.violators
+        most = margin.required - near  # no more than the required margin is asked for
+
+        def extended(asked: Array, last: int) -> tuple[Array, Array]:
+            more = self._asked(chart, rows_of(at, slice(len(asked), last)))
+            asked = np.concatenate([asked, more])
+            return asked, asked - near[: len(asked)]
+
+        asked, short = extended(np.zeros(0), count)
+        if not self._too_short(short, asked).any():
+            asked, short = extended(asked, int((most > _NEARLY * margin.required).sum()))
+        if self._too_short(short, asked).any():
+            asked, short = extended(asked, int((most > np.sort(short)[-count:].min()).sum()))
+        return asked, short
+
+    def _asked(self, chart: Chart, at: Points) -> Array:
+        """Evaluate the margin that the penalty asks for at points ``at``: (K,)."""
+        margin = self.margin
+        most = margin.attainable(chart, at, enough=margin.required / (1 - _NEARLY))
+        return np.minimum(margin.required, most - _NEARLY * np.abs(most))
+
+    def _too_short(self, short: Array, asked: Array) -> NDArray[np.bool_]:
+        """Test where the shortage (K,) is too large beside the margin ``asked`` (K,): (K,)."""
+        margin = self.margin
+        return short > np.maximum(margin.slack * asked, _NEARLY * margin.required)
 
     def penalty(self, candidate: CandidateFunction) -> Penalty:
         """Make the penalty for the cost, at the poses of ``edge`` where the candidate exists."""

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import product
 from typing import Any, TypeVar
 
@@ -503,8 +504,13 @@ class Cell:
 
     def _changed(self: C, **changes: Any) -> C:
         """Return a copy of the cell with other values of the given attributes, not checked."""
-        other = object.__new__(type(self))
-        freeze(other, **vars(self) | changes)
+        other, own = object.__new__(type(self)), type(self)
+        kept = {
+            name: value
+            for name, value in vars(self).items()
+            if not isinstance(getattr(own, name, None), cached_property)
+        }
+        freeze(other, **kept | changes)
         return other
 
     # ---- velocities
@@ -679,12 +685,12 @@ class Cell:
     # ---- inside
     # ------------------------------------------------------------------------------------
 
-    @property
+    @cached_property
     def moved(self) -> NDArray[np.intp]:
         """Indices (k,), among the m task coordinates, of those that belong to u, in order."""
         return np.flatnonzero(self._active)
 
-    @property
+    @cached_property
     def _active(self) -> NDArray[np.bool_]:
         """True for the task coordinates that belong to u: (m,)."""
         active = np.array(self.widths > 0, bool)
@@ -702,7 +708,7 @@ class Cell:
             most[i] = np.pi / self.widths[i]
         return most[self._active]
 
-    @property
+    @cached_property
     def _active_widths(self) -> Array:
         """Half-widths (k,), m or rad, of the task coordinates that belong to u."""
         return self.widths[self._active]

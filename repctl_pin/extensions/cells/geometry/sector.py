@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,9 @@ from .symmetry import NEAR, Symmetry, axis_symmetry, difference, difference_word
 
 RADIUS, ANGLE, HEIGHT, SPIN = 0, 1, 2, 5
 """Indices of radius, angle, height and spin among the m task coordinates; 3 and 4 are the tilts."""
+
+_ANGLES = [ANGLE, 3, 4, SPIN]
+"""Coordinates that turn the frame."""
 
 _Z = np.array([0.0, 0.0, 1.0])
 
@@ -234,7 +238,7 @@ class Sector(Cell):
     # ---- between placements and coordinates
     # -------------------------------------------------------
 
-    @property
+    @cached_property
     def middle(self) -> tuple[float, float]:
         """Radius and height of the middle, m: its distances from the axis, and along it from o."""
         away = self.placement.translation - self.axis[0]
@@ -252,7 +256,7 @@ class Sector(Cell):
         """True if the tool tilts in the sector, about its own x or y axis."""
         return bool(self.widths[3:5].any())
 
-    @property
+    @cached_property
     def directions(self) -> Array:
         """Unit vectors at the middle, as rows (3, 3): outward, tangential, and along the axis."""
         a = self.axis[1]
@@ -266,11 +270,14 @@ class Sector(Cell):
         rho, z = self.middle
         y = _all_six(Y)
         outward, _, a = self.directions
-        round_about = exp3(y[:, ANGLE, None] * a)
         bend, stretch, *_ = self._profiled(y[:, HEIGHT])
         radius = (rho + bend + stretch * y[:, RADIUS])[:, None]
         height = z + y[:, HEIGHT, None]
-        p = np.einsum("Kab,Kb->Ka", round_about, radius * outward + height * a)
+        p = radius * outward + height * a
+        if not y[:, _ANGLES].any():
+            return self.axis[0] + p, np.tile(self.placement.rotation, (len(y), 1, 1))
+        round_about = exp3(y[:, ANGLE, None] * a)
+        p = np.einsum("Kab,Kb->Ka", round_about, p)
         R = round_about @ self.placement.rotation
         if self.task.kind.turns:
             R = R @ exp3(_tilt_vectors(y)) @ exp3(y[:, SPIN, None] * _Z)
@@ -305,16 +312,21 @@ class Sector(Cell):
         """
         y = _all_six(Y)
         T = np.zeros((len(y), 6, 6))
-        outward, around, a = self.directions
-        round_about = exp3(y[:, ANGLE, None] * a)
+        radial, around, a = self.directions
+        R, turning = self.placement.rotation, y[:, _ANGLES].any()
+        if turning:
+            round_about = exp3(y[:, ANGLE, None] * a)
+            R, radial, around = (round_about @ each for each in (R, radial, around))
         bend, stretch, *slopes = (each[:, None] for each in self._profiled(y[:, HEIGHT]))
-        radial, y_rho = round_about @ outward, y[:, RADIUS, None]
+        y_rho = y[:, RADIUS, None]
         T[:, :3, RADIUS] = stretch * radial
-        T[:, :3, ANGLE] = (self.middle[0] + bend + stretch * y_rho) * (round_about @ around)
+        T[:, :3, ANGLE] = (self.middle[0] + bend + stretch * y_rho) * around
         T[:, :3, HEIGHT] = a + (slopes[0] + slopes[1] * y_rho) * radial
         T[:, 3:, ANGLE] = a
-        if self.task.kind.turns:
-            R, t = round_about @ self.placement.rotation, _tilt_vectors(y)
+        if self.task.kind.turns and not turning:
+            T[:, 3:, 3:] = R
+        elif self.task.kind.turns:
+            t = _tilt_vectors(y)
             T[:, 3:, 3:5] = R @ left_jacobian(t)[:, :, :2]
             T[:, 3:, SPIN] = (R @ exp3(t))[:, :, 2]
         return T[:, :, : self.task.m]
