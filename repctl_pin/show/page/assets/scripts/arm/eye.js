@@ -20,8 +20,8 @@ export class Eye {
     viewer.controls.addEventListener("start", () => this.touch());
   }
 
-  // From now on the view is the visitor's: it is kept, and a narrower pane shows as much of it, by a
-  // share of its zoom.
+  // From now on the view is the visitor's: it is kept, and a narrower pane shows as much of it, at
+  // a share of its zoom.
   touch() {
     if (!this.touched) Object.assign(this, { touched: true, chosen: this.ratio, share: 1 });
   }
