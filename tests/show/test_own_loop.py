@@ -849,6 +849,36 @@ def test_rings_stay_in_their_panes_when_notes_open(driver: Any, two_hands: Path,
     assert errors(driver) == []
 
 
+_ZOOM = """
+const { eye, viewer } = repctl.own.panes;
+return [eye.where()[6], viewer.camera.zoom, document.querySelector(".pane").clientWidth];
+"""
+
+
+@pytest.mark.slow
+def test_a_link_leaves_out_what_a_narrow_pane_did(driver: Any, two_hands: Path) -> None:
+    """The zoom of a pane beside notes went into the address, also after another turn of the view,
+    and stayed when the notes were closed."""
+    schemes(driver, width=390, height=844)
+    open_page(driver, two_hands)
+    driver.execute_script("repctl.turn(0.02, 0)")
+    link, zoom, wide = driver.execute_script(_ZOOM)
+    assert link == zoom
+
+    def notes() -> None:
+        driver.execute_script("document.getElementById('noted').click()")
+        driver.execute_async_script("setTimeout(() => arguments[0](true), 500)")
+
+    notes()
+    narrowed = driver.execute_script(_ZOOM)
+    assert narrowed[0] == pytest.approx(link) and narrowed[1] < 0.8 * zoom
+    assert narrowed[2] < 0.6 * wide
+    driver.execute_script("repctl.turn(0.02, 0)")
+    notes()
+    assert driver.execute_script(_ZOOM) == pytest.approx([link, zoom, wide])
+    assert errors(driver) == []
+
+
 _LEAD = """
 const { own } = repctl;
 own.mirrored = arguments[0];
@@ -1422,6 +1452,40 @@ def test_lines_have_some_ninety_characters(driver: Any, page: Path, width: int) 
         "return Math.max(...Object.values(rows)); })"
     )
     assert max(most) <= 98, most
+
+
+_OVER_THE_VIEWS = """
+const panes = document.getElementById("panes").getBoundingClientRect();
+const box = (node) => [node.id, node.getBoundingClientRect()];
+const over = [...document.querySelectorAll("#verdict, #notes, #noted, #own, #elbow-box")].map(box)
+  .filter(([, { left, right, top, bottom, width }]) => width > 0 && left < panes.right - 1
+    && right > panes.left + 1 && top < panes.bottom - 1 && bottom > panes.top + 1);
+return [over.map(([id]) => id), panes.height, document.getElementById("verdict").offsetHeight > 0,
+  document.getElementById("notes").offsetHeight > 0];
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(1231, 610), (366, 717)])
+def test_inside_a_page_no_words_cover_the_views(
+    driver: Any, page: Path, tmp_path: Path, size: tuple[int, int]
+) -> None:
+    """In the frame of a report or a cell's page, whose loop had its sentence over the arms."""
+    framed = tmp_path / "framed.html"
+    framed.write_text(page.read_text("utf-8").replace("<body>", '<body class="inside">', 1))
+    schemes(driver, width=size[0], height=size[1])
+    open_page(driver, framed)
+    below = {"own", "elbow-box"} if size[0] > 640 else set()  # in the corner of wide views
+    over, _, sentence, notes = driver.execute_script(_OVER_THE_VIEWS)
+    assert set(over) <= below and sentence and not notes
+    drag(driver, [(30, 0), (30, 20), (0, 20)], "mouse")
+    wait_until_computed(driver)
+    over, height, sentence, notes = driver.execute_script(_OVER_THE_VIEWS)
+    assert set(over) <= below and sentence and not notes
+    driver.find_element("id", "noted").click()
+    over, left, sentence, notes = driver.execute_script(_OVER_THE_VIEWS)
+    assert set(over) <= below and sentence and notes and left > 0.6 * height
+    assert errors(driver) == []
 
 
 @pytest.mark.slow

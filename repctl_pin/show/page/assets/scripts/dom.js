@@ -17,6 +17,15 @@ export function element(tag, attributes = {}, ...children) {
   return node;
 }
 
+// Text and attributes that stay are not written again: a page lays out, and styles, what was
+// written.
+export function setText(node, words) {
+  if (node.textContent !== words) node.textContent = words;
+}
+export function setAttribute(node, name, value) {
+  if (node.getAttribute(name) !== String(value)) node.setAttribute(name, value);
+}
+
 // Take out what stands in the page as base64 of gzip.
 export async function unpack(id) {
   const text = atob(byId(id).textContent.trim());

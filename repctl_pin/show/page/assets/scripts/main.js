@@ -7,7 +7,7 @@ import { Chart } from "./chrome/chart.js";
 import { Clock } from "./chrome/clock.js";
 import { openConsole } from "./chrome/console.js";
 import { connect, rule } from "./chrome/controls.js";
-import { byId, finished, forgetTones } from "./dom.js";
+import { byId, finished, forgetTones, setText } from "./dom.js";
 import { follow } from "./live/live.js";
 import { formatLength } from "./numbers.js";
 import { Own } from "./own/own.js";
@@ -134,7 +134,7 @@ async function main() {
     const part = clock.time - cycle;
     // the grey arm stands at the start at the end of a cycle, and while the slider moves the arms
     const atEnd = leading ? scene.leading === "slides" : part === 0 || part >= 1;
-    byId("drift-to").textContent = `${formatLength(full)}${scene.live ? " and more" : ""}`;
+    setText(byId("drift-to"), `${formatLength(full)}${scene.live ? " and more" : ""}`);
     const done = scene.cycles[cycle] - (part >= 1 ? 0 : 1);
     for (const arm of arms) {
       if (!leading && !scene.live) arm.measureEnds();
@@ -150,7 +150,7 @@ async function main() {
       const { broken } = arm.data;
       const past = Boolean(arm.past) && scene.cycles[cycle] - 1 + part >= broken.at;
       // without callouts, the label says what else stands at the red ball
-      arm.notice.textContent = past && !box("callouts").checked ? broken.words : "";
+      setText(arm.notice, past && !box("callouts").checked ? broken.words : "");
       if (!arm.past) continue;
       // the place where a motion ends is marked from the beginning
       arm.past.node.visible = past || arm.data.lost < Infinity;
@@ -168,7 +168,7 @@ async function main() {
     const times = chart.show(done, cycle, part);
     callouts.say(atEnd, times, [cycle, Number(part >= 1)]);
     tell(done, part);
-    keep(clock, eye, own ? own.addressParts() : []);
+    keep(clock, eye, own);
     viewer.set_dirty();
   }
   // there the arm is seen, not all of its robot
@@ -300,7 +300,7 @@ async function main() {
       callouts.place(spots);
       if (own) own.place(callouts.rooms, spots);
     };
-  viewer.controls.addEventListener("end", () => keep(clock, eye, own ? own.addressParts() : []));
+  viewer.controls.addEventListener("end", () => keep(clock, eye, own));
   savable(viewer, clock, scene, arms);
   const paper = () => still(viewer, clock, arms, panes, resize);
   printable(paper);

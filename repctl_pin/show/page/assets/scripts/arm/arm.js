@@ -24,6 +24,7 @@ export class ArmView {
       meshes: [],
       part: [],
       gain: 1,
+      difference: new Float64Array(16), // of two matrices
       reference: null,
       rims: [],
       rim: outlined({
@@ -430,7 +431,8 @@ export class ArmView {
     const here = this.moving[k];
     const there = this.shades[k];
     for (const place of [here, there]) place.updateMatrix();
-    const D = here.matrix.elements.map((v, i) => v - there.matrix.elements[i]);
+    const { difference: D } = this;
+    for (let i = 0; i < 16; i++) D[i] = here.matrix.elements[i] - there.matrix.elements[i];
     let most = 0;
     for (const { x, y, z } of this.corners[k]) {
       const a = D[0] * x + D[4] * y + D[8] * z + D[12];
@@ -678,10 +680,12 @@ function blended(m, start, stride, count, near) {
   return out;
 }
 
-function setPose(node, m, start, stride = 0, near = [[0, 1]]) {
-  const [x, y, z, ...q] = blended(m, start, stride, 7, near);
-  node.position.set(x, y, z);
-  node.quaternion.set(...q).normalize();
+const AT_FRAME = [[0, 1]];
+
+function setPose(node, m, start, stride = 0, near = AT_FRAME) {
+  const v = blended(m, start, stride, 7, near);
+  node.position.set(v[0], v[1], v[2]);
+  node.quaternion.set(v[3], v[4], v[5], v[6]).normalize();
 }
 
 function paint([r, g, b, a]) {

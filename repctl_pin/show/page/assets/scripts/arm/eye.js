@@ -20,9 +20,10 @@ export class Eye {
     viewer.controls.addEventListener("start", () => this.touch());
   }
 
-  // From now on the view is the visitor's: it is kept, and a narrower pane shows as much of it.
+  // From now on the view is the visitor's: it is kept, and a narrower pane shows as much of it, at
+  // a share of its zoom.
   touch() {
-    Object.assign(this, { touched: true, chosen: this.ratio, share: 1 });
+    if (!this.touched) Object.assign(this, { touched: true, chosen: this.ratio, share: 1 });
   }
 
   span(points, axis) {
@@ -118,10 +119,12 @@ export class Eye {
     camera.updateProjectionMatrix();
   }
 
-  // Where the camera is, what it looks at, and how near it is: seven numbers, to set again.
+  // Where the camera is, what it looks at, and how near it is, without what a narrower pane needs:
+  // seven numbers, to set again.
   where() {
     const { camera, controls } = this.viewer;
-    return [...camera.position.toArray(), ...controls.target.toArray(), camera.zoom];
+    const zoom = camera.zoom / (this.touched ? this.share : 1);
+    return [...camera.position.toArray(), ...controls.target.toArray(), zoom];
   }
   stand(numbers) {
     const { camera, controls } = this.viewer;
@@ -130,6 +133,7 @@ export class Eye {
     camera.zoom = numbers[6];
     camera.updateProjectionMatrix();
     controls.update();
+    this.touched = false;
     this.touch();
     this.viewer.set_dirty();
   }

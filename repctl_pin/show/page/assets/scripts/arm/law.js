@@ -48,9 +48,14 @@ export class Law {
   // Solve A x = b at q, with b's task part as given and `gap` times c − h below it; false where A
   // is singular.
   solve(q, xdot, gap = 0) {
+    this.place(q);
+    return this.solveHere(xdot, gap);
+  }
+
+  // The same where A was last written.
+  solveHere(xdot, gap) {
     const { r, b } = this;
     const { m } = this.chain;
-    this.place(q);
     b.set(xdot);
     for (let i = 0; i < r; i++) b[m + i] = gap * (this.leaf[i] - this.h[i]);
     return this.least();
@@ -299,8 +304,8 @@ function rungeKutta(law, q, xdot, h, motion, step) {
 export function stepped(law, q, targets, e = new Float64Array(law.chain.m)) {
   const next = Float64Array.from(q);
   for (let round = 0; round < 2; round++) {
-    law.chain.place(next);
-    if (!law.solve(next, law.chain.error(targets, e), 1)) return null;
+    law.place(next);
+    if (!law.solveHere(law.chain.error(targets, e), 1)) return null;
     for (let i = 0; i < next.length; i++) next[i] += law.x[i];
   }
   return next;

@@ -228,12 +228,18 @@ export class Trail {
   }
 
   add(point) {
+    const { position } = this.geometry.attributes;
+    const { updateRange: news } = position;
+    // what is new since the last picture goes to the graphics card, which then sets −1
+    if (news.count < 0) Object.assign(news, { offset: 3 * this.count, count: 0 });
     if (this.count === LONGEST) {
       this.points.copyWithin(0, (3 * LONGEST) / 2);
       this.count = LONGEST / 2;
+      Object.assign(news, { offset: 0, count: 3 * this.count });
     }
     point.toArray(this.points, 3 * this.count++);
-    this.geometry.attributes.position.needsUpdate = true;
+    news.count += 3;
+    position.needsUpdate = true;
     this.geometry.setDrawRange(0, this.count);
   }
 }

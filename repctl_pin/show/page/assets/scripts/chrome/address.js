@@ -43,14 +43,15 @@ function ownOf(points) {
   };
 }
 
-// Write them down, once they have been at rest for a moment; `own`: what Own.wish() gives.
+// Write them down, once they have been at rest for a moment, and what `own`, of a visitor's loop,
+// says of itself.
 let waiting = 0;
 export function keep(clock, eye, own) {
   clearTimeout(waiting);
   waiting = setTimeout(() => {
     if (clock.playing) return;
     const view = eye.where().map((v) => Number(v.toFixed(4)));
-    const parts = [...own, `t=${Number(clock.time.toFixed(4))}`];
+    const parts = [...(own ? own.addressParts() : []), `t=${Number(clock.time.toFixed(4))}`];
     if (eye.touched) parts.push(`view=${view.join(",")}`);
     try {
       history.replaceState(null, "", `#${parts.join("&")}`);

@@ -1,7 +1,7 @@
 // What is off, said at the arm: the part that is farthest off, and the hand.
 
 import { tint } from "./chart.js";
-import { byId, element } from "../dom.js";
+import { byId, element, setAttribute, setText } from "../dom.js";
 import { formatLength } from "../numbers.js";
 import { Room } from "./room.js";
 
@@ -43,14 +43,14 @@ export class Callouts {
       setText(part.note, when);
       setText(part.value, this.words(off));
       part.value.className = tint(off);
-      part.box.title = `${off.toPrecision(3)} m`;
+      setAttribute(part.box, "title", `${off.toPrecision(3)} m`);
       hands.forEach((hand, f) => {
         const name = short ? names[f].split(",")[0] : names[f];
         const away = arm.handOff(f);
         // within a cycle, a hand is on its way
         hand.box.style.visibility = lost || !atEnd ? "hidden" : "";
         setText(hand.value, `${name} ${formatLength(away)} from its start`);
-        hand.box.title = `${away.toPrecision(3)} m`;
+        setAttribute(hand.box, "title", `${away.toPrecision(3)} m`);
       });
     });
   }
@@ -158,11 +158,6 @@ function sayWhatBreaks(mark, arm, leading, short) {
   const ends = lost < Infinity;
   setText(mark.value, ends ? (short ? "fails here" : `${title} fails here`) : broken.words);
   setText(mark.note, ends ? `close to a singularity, ${when}` : when);
-}
-
-// Text that stays is not written again: a page lays out what was written.
-function setText(node, words) {
-  if (node.textContent !== words) node.textContent = words;
 }
 
 // Where the part's callout may stand, and its line begin, the best first: the line slants, so that

@@ -1,6 +1,6 @@
 // The time line over the slider: how far each arm is off at the end of each cycle, or the joints.
 
-import { byId, element, sharp, sizeOf, tone } from "../dom.js";
+import { byId, element, setAttribute, setText, sharp, sizeOf, tone } from "../dom.js";
 import { formatLength, formatNumber, stepAbove } from "../numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
@@ -76,8 +76,9 @@ export class Chart {
   // is; gives the words of say()
   show(done, cycle, part) {
     const times = this.say(done, cycle, part);
-    this.canvas.setAttribute("aria-valuenow", done);
-    this.canvas.setAttribute(
+    setAttribute(this.canvas, "aria-valuenow", done);
+    setAttribute(
+      this.canvas,
       "aria-valuetext",
       this.arms
         .map((arm, k) => `${arm.data.title}: ${this.values[k].textContent} ${times}`)
@@ -91,20 +92,23 @@ export class Chart {
   say(done, cycle, part) {
     const count = done === 1 ? "1 cycle" : `${done} cycles`;
     const times = done ? `after ${count}, from its start` : "at the start";
-    byId("done").textContent = `${times[0].toUpperCase()}${times.slice(1)}`;
+    setText(byId("done"), `${times[0].toUpperCase()}${times.slice(1)}`);
     this.values.forEach((value, k) => {
       const arm = this.arms[k];
       const { data } = arm;
       const off = this.after(arm, cycle, part);
-      value.textContent = off === null ? "not known" : formatLength(off);
-      value.className = off === null ? "" : tint(off);
-      if (off === null) {
-        value.title = "Close to a singularity the drift cannot be computed reliably";
-        return;
-      }
+      const known = off !== null;
+      setText(value, known ? formatLength(off) : "not known");
+      setAttribute(value, "class", known ? tint(off) : "");
       const drift = done ? data.drift[done - 1] : 0;
       const joints = `${drift < 1e-6 ? 0 : formatNumber(drift)} ${data.unit}`;
-      value.title = `${off.toPrecision(3)} m; joints ${joints}, root of the sum of squares`;
+      setAttribute(
+        value,
+        "title",
+        known
+          ? `${off.toPrecision(3)} m; joints ${joints}, root of the sum of squares`
+          : "Close to a singularity the drift cannot be computed reliably",
+      );
     });
     return times;
   }

@@ -1,6 +1,6 @@
 // Hands: buttons, the slider, and keys, which work wherever the focus is.
 
-import { byId, element } from "../dom.js";
+import { byId, element, setAttribute, setText } from "../dom.js";
 
 // Gives a function that makes them say where time is: `done` cycles finished, and the part of the
 // next.
@@ -92,11 +92,12 @@ export function connect(clock, view) {
         ? `after ${done} of ${last}`
         : "start";
     document.body.classList.toggle("playing", clock.playing);
-    byId("play").setAttribute("aria-label", clock.playing ? "Pause" : "Play");
+    setAttribute(byId("play"), "aria-label", clock.playing ? "Pause" : "Play");
     byId("stepping").checked = clock.stepping;
-    byId("clock").textContent = words;
+    setText(byId("clock"), words);
     byId("scrub").value = clock.time;
-    byId("scrub").setAttribute(
+    setAttribute(
+      byId("scrub"),
       "aria-valuetext",
       inside ? `${words}, ${Math.round(100 * part)} %` : done ? `${words} cycles` : words,
     );

@@ -396,6 +396,7 @@ export class Own {
       hand: home.slice(),
       hands: chain.homes,
       trail: [home.slice()],
+      seen: 0, // points of it that were looked at
       qs: this.laws.map((law) => law.start.slice()),
       worst: this.laws.map(() => ({})),
       refusal: "",
@@ -684,7 +685,9 @@ export class Own {
       geometry.setDrawRange(0, count);
       position.needsUpdate = true;
     }
-    const beyond = this.beyond(lead.trail);
+    // what has been beyond stays so
+    const beyond = lead.beyond || this.beyond(lead.trail.slice(lead.seen));
+    lead.seen = lead.trail.length;
     if (lead.refusal !== lead.shownRefusal || beyond !== lead.beyond) {
       Object.assign(lead, { shownRefusal: lead.refusal, beyond });
       const sentence = lead.refusal
