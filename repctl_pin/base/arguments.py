@@ -398,6 +398,8 @@ def _number(value: Any) -> float:
 
     A text such as ``"1"`` does not count as a number, and neither does an array.
     """
+    if type(value) is float:  # the usual case
+        return value
     try:
         return (
             math.nan

@@ -13,7 +13,7 @@ is an integration method: the functions that take its steps. ``Strategy`` is a c
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from ..base.arguments import Array, as_int, function, positive, require_choice, vector
 from ..base.defaults import CYCLES, PERIOD, STEPS
 from ..base.errors import InputError, SingularityError
+from ..model.chain_formulas import Placement
 from ..model.length import joint_scale
 from ..model.task import Task, require_task
 from ..paths.task_path import ClosedPath, TaskPath, closed_path
@@ -202,11 +203,11 @@ def followed(
             "rp.solve_ik(task, q0, path.placement(0.0)), or give a gain feedback= above 0"
         )
     grid = path_grid(path, steps)
+    targets = placements_along(path, steps)
     if isinstance(integrator, LeafLock):
-        method = _locked(strategy, path, grid, q0, period, integrator, feedback)
+        method = _locked(strategy, targets, grid, q0, period, integrator, feedback)
     else:
         method = _integrated(strategy, path, steps, period, integrator, feedback)
-    targets = _kept(_placements, path)(path, steps)
     size = _size([target.translation for target in targets])
     Q, Qdot, used = _run(method, task, path, (cycles, len(grid) - 1), size, q0)
 
@@ -216,7 +217,7 @@ def followed(
 
 def _locked(
     strategy: Strategy,
-    path: TaskPath,
+    targets: Sequence[Placement],
     grid: Array,
     q0: Array,
     period: float,
@@ -225,8 +226,9 @@ def _locked(
 ) -> _Method:
     """Create the method of :func:`follow` with a leaf lock, ``lock``, for a motion from q0 (n,).
 
-    ``grid`` are the values of s at which steps begin and end, and ``period`` is in s. InputError is
-    raised if the strategy is not repeatable, or ``feedback`` is not 0.
+    ``targets`` and ``grid`` are the placements and values of s at which steps begin and end, and
+    ``period`` is in s. InputError is raised if the strategy is not repeatable, or ``feedback`` is
+    not 0.
     """
     if feedback:
         raise InputError(
@@ -238,7 +240,7 @@ def _locked(
         raise InputError(
             "integrator=LeafLock() requires a repeatable inverse, such as design.inverse"
         )
-    return _Method(locked_steps(strategy, path, grid, q0, period, lock))
+    return _Method(locked_steps(strategy, targets, grid, q0, period, lock))
 
 
 def unresolved(strategy: Strategy, motion: Motion) -> str:
@@ -432,6 +434,12 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
     for twist in (twist for row in found if not path.spec for twist in row):
         vector(twist, None, "the twist (v, ω)", "m/s and rad/s")
     return np.array(found)
+
+
+def placements_along(path: TaskPath, steps: int) -> tuple[Placement, ...]:
+    """Evaluate a path's placements at the ends of the steps of a cycle: one more than steps."""
+    placements: tuple[Placement, ...] = _kept(_placements, path)(path, steps)
+    return placements
 
 
 @lru_cache(maxsize=4)

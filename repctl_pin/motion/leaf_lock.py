@@ -6,14 +6,14 @@ stays on its leaf up to integration errors; the leaf lock removes these errors i
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.arguments import Array, as_int, freeze, per_joint, positive, read_only, vector
-from ..paths.task_path import TaskPath
+from ..model.chain_formulas import Placement
 from ..strategies import RepeatableInverse
 
 _MOST_CORRECTIONS = 1000
@@ -71,7 +71,7 @@ class LeafLock:
 
 def locked_steps(
     strategy: RepeatableInverse,
-    path: TaskPath,
+    targets: Sequence[Placement],
     grid: Array,
     q: Array,
     period: float,
@@ -84,6 +84,8 @@ def locked_steps(
 
     Parameters
     ----------
+    targets
+        Placements on the path at the ends of the steps of a cycle, one more than steps.
     grid : (steps + 1,) array
         Values of s at which the steps of a cycle begin and end.
     q : (n,) array
@@ -93,7 +95,7 @@ def locked_steps(
     """
     task = strategy.task
     damping = lock.damping
-    targets = [path.placement(float(s)) for s in grid[1:]]
+    ends = targets[1:]
     times = (np.diff(grid) * period).tolist()
     if lock.leaf is None:
         c = strategy.leaf(q)
@@ -105,7 +107,7 @@ def locked_steps(
         most = limit / lock.corrections  # the corrections share it
 
     def advance(k: int, q: Array) -> tuple[Array, Array, float]:
-        start, target, h = q, targets[k], times[k]
+        start, target, h = q, ends[k], times[k]
         used = 0.0
         for _ in range(lock.corrections):
             if damping:

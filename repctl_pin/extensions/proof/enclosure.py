@@ -26,6 +26,7 @@ a task, as arrays.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -37,7 +38,7 @@ from ...base.arguments import Array, read_only
 from ...base.errors import InputError, SingularityError
 from ...model.joint_chain import JointChain, joint_chain
 from ...motion import LeafLock, follow
-from ...motion.follow import path_grid
+from ...motion.follow import path_grid, placements_along
 from ...paths.several_paths import paths_of
 from ...paths.task_path import TaskPath
 from ...strategies import RepeatableInverse
@@ -124,7 +125,7 @@ def enclosed(
             return Enclosure(q[None], np.zeros((1, task.n)), False, why)
         Q = np.concatenate([motion.q[:-1], motion.q[:1]])
         if bounded:
-            half = _boxes(inverse, problem, path, path_grid(path, steps), Q)
+            half = _boxes(inverse, problem, path, steps, Q)
             if half is not None:
                 return Enclosure(Q, half, True, "")
         found = found or Enclosure(Q, _bent(Q), False, "")
@@ -144,15 +145,15 @@ def _bent(Q: Array) -> Array:
 
 @np.errstate(all="ignore")
 def _boxes(
-    inverse: RepeatableInverse, problem: LeafMarginProblem, path: TaskPath, s: Array, Q: Array
+    inverse: RepeatableInverse, problem: LeafMarginProblem, path: TaskPath, steps: int, Q: Array
 ) -> Array | None:
     """Bound how far the lift moves from sample Q_i between s_i and s_(i+1): (K + 1, n).
 
-    ``s`` (K + 1,) are path parameters, ``Q`` (K + 1, n) the joints there. The last row of the
+    s_i are the ends of the path's ``steps``, ``Q`` (K + 1, n) the joints there. The last row of the
     result repeats the first. Return None if the bounds are not proved.
     """
-    K = len(s) - 1
-    samples = _Samples.of(inverse, problem, path, s, Q[:-1])
+    K = len(Q) - 1
+    samples = _Samples.of(inverse, problem, path, steps, Q[:-1])
     if not np.isfinite(samples.arcs).all():
         return None
     found = []
@@ -191,18 +192,19 @@ class _Samples(NamedTuple):
         inverse: RepeatableInverse,
         problem: LeafMarginProblem,
         path: TaskPath,
-        s: Array,
+        steps: int,
         Q: Array,
     ) -> _Samples:
         """Bound the arcs of the frames from s_i to s_(i+1), and the errors of the samples Q_i.
 
-        ``s`` (K + 1,) are path parameters. The samples Q (K, n) should have the poses of the path
-        at s_i, and the levels of the first sample.
+        s_i are the ends of the path's ``steps``. The samples Q (K, n) should have the poses of the
+        path at s_i, and the levels of the first sample.
         """
+        s = path_grid(path, steps)
         arcs = np.array(
             [[one.arc(a, b) for one in paths_of(path) if one.arc] for a, b in pairwise(s.tolist())]
         )
-        places = [path.placement(float(x)) for x in s[:-1]]
+        places = placements_along(path, steps)[:-1]
         off = errors_of(inverse, problem, Q, places, inverse.leaf(Q[0]))
         return cls(Q, arcs * (1 + ROUND), *off)
 
@@ -212,7 +214,11 @@ class _Samples(NamedTuple):
 
 
 def errors_of(
-    inverse: RepeatableInverse, problem: LeafMarginProblem, Q: Array, places: list[Any], c: Array
+    inverse: RepeatableInverse,
+    problem: LeafMarginProblem,
+    Q: Array,
+    places: Sequence[Any],
+    c: Array,
 ) -> tuple[Array, Array]:
     """Bound the errors of pose (K,) and levels (K, r) at samples Q (K, n), rounding included.
 

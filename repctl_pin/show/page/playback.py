@@ -468,7 +468,7 @@ def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
 
     ``rows`` (T, nq) are configurations of the whole robot.
     """
-    part = np.array([chain.task.from_robot(q) for q in rows])
+    part = np.ascontiguousarray(chain.task.from_robot(rows))
     return chain.task.positions(part), np.array(
         [chain.task.joint_origins(q)[chain.elbow] for q in part]
     )

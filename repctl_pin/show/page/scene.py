@@ -207,7 +207,7 @@ class JointRows:
         count = min(_JOINT_ROWS, frames.per_cycle)
         within = np.rint(np.linspace(0, frames.per_cycle - 1, count)).astype(int)
         index = (np.arange(len(frames.cycles))[:, None] * frames.per_cycle + within).ravel()
-        rows = tuple(np.array([task.from_robot(q) for q in Q[index]]) for Q in shown)
+        rows = tuple(np.ascontiguousarray(task.from_robot(Q[index])) for Q in shown)
         at = frames.index[within] / frames.index[frames.per_cycle - 1]
         return JointRows(task, rows, at)
 
