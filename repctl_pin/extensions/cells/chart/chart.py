@@ -277,7 +277,7 @@ class Chart:
         return found
 
     def derivative(
-        self, at: Points, ds: Array | None = None, E: Array | None = None
+        self, at: Points, ds: Array | None = None, rates: Rates | None = None
     ) -> tuple[Array, Array]:
         r"""Evaluate the derivatives of a function q = F(u, s(u)) at configurations on it.
 
@@ -295,8 +295,8 @@ class Chart:
             Configurations that solve the chart's equations.
         ds : (K, r, k) array, optional
             ∂s/∂u; by default 0.
-        E : (K, m, k + l) array, optional
-            ∂x/∂u at the configurations, if it is known.
+        rates
+            :meth:`rates` at the configurations, if they are known.
 
         Returns
         -------
@@ -307,7 +307,7 @@ class Chart:
             ∂F/∂s at constant u.
         """
         m = self.cell.task.m
-        dq, dn = self.slopes(at.U)
+        E, dq, dn = self.rates(at.U, at.R) if rates is None else rates
         below = np.einsum("Knr,Knk->Krk", at.n_ref, dq)
         below -= np.einsum("Knrk,Kn->Krk", dn, at.Q - at.q_ref)
         if ds is not None:
@@ -315,14 +315,26 @@ class Chart:
         n_T, r = np.swapaxes(at.n_ref, 1, 2), below.shape[1]
         below = np.concatenate([below, n_T @ self.cell.along], axis=2)
         J_V = np.concatenate([at.J, n_T], axis=1)
-        E = self.cell.twists(at.U, at.R) if E is None else E
         onto = np.zeros((len(J_V), m + r, r))
         onto[:, m:] = np.eye(r)
         both = solved(J_V, np.concatenate([np.concatenate([E, below], axis=1), onto], axis=2))
         return both[:, :, : E.shape[2]], both[:, :, E.shape[2] :]
 
+    def rates(self, U: Array, R: Array) -> Rates:
+        """Evaluate ∂x/∂u, ∂q_ref/∂u and ∂n_ref/∂u at the coordinates U (K, k).
+
+        R (K, 3, 3) are the rotations of the frame there. The result depends on them in axis tasks
+        only.
+        """
+        return Rates(self.cell.twists(U, R), *self.slopes(U))
+
     def joint_speeds(
-        self, desired: Inverse, at: Points, ds: Array | None = None, C: Array | None = None
+        self,
+        desired: Inverse,
+        at: Points,
+        ds: Array | None = None,
+        C: Array | None = None,
+        rates: Rates | None = None,
     ) -> tuple[Array, Array, Array]:
         """Evaluate the joint velocities of a function F and of G_d, per unit of task speed.
 
@@ -337,6 +349,8 @@ class Chart:
             Configurations of F; and ∂s/∂u (K, r, k), by default 0.
         C : (K, k + l, k + l) array, optional
             (EᵀE)^(−1/2) at the poses, if it is known.
+        rates
+            :meth:`rates` at the configurations, if they are known.
 
         Returns
         -------
@@ -345,11 +359,28 @@ class Chart:
         B : (K, n, r) array
             ∂F/∂s.
         """
-        E = self.cell.twists(at.U, at.R)
+        rates = self.rates(at.U, at.R) if rates is None else rates
+        E = rates.E
         if C is None:  # E depends on the rotation in axis tasks only
             C = self.cell.speeds(at.U) if self.cell.task.kind == "axis" else unit_speeds(E)
-        dF, B = self.derivative(at, ds, E)
+        dF, B = self.derivative(at, ds, rates)
         return dF @ C, desired.batch(at.Q, at.J) @ E @ C, B
+
+
+class Rates(NamedTuple):
+    """Derivatives with respect to the coordinates u at K poses of a cell.
+
+    Attributes
+    ----------
+    E : (K, m, k + l) array
+        ∂x/∂u, the task velocity per unit of each coordinate.
+    dq, dn : (K, n, k) and (K, n, r, k) arrays
+        ∂q_ref/∂u and ∂n_ref/∂u.
+    """
+
+    E: Array
+    dq: Array
+    dn: Array
 
 
 class Points(NamedTuple):

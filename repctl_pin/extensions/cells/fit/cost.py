@@ -36,7 +36,7 @@ import numpy as np
 from ....base.arguments import Array, read_only
 from ....solvers import Damping, Point, Step, levenberg_marquardt
 from ....strategies.strategy import Inverse
-from ..chart.chart import Chart, Points
+from ..chart.chart import Chart, Points, Rates
 from ..chart.monomials import Monomials
 from ..evaluate.margins import Margin
 from ..geometry.kinematics import rows_of
@@ -220,6 +220,11 @@ class Cost:
         features[self.inner, 1:] = np.swapaxes(self.dT[self.inner] @ onto, 1, 2)
         return features
 
+    @cached_property
+    def _rates(self) -> Rates:
+        """Derivatives with respect to u at the nodes, which do not depend on a."""
+        return self.chart.rates(self.U[self.inner], rows_of(self.goals, self.inner).R)
+
     def _nearness_terms(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate MᵀM (K, p, p) and Mᵀ residual (K, p) at the K nodes, each divided by K.
 
@@ -275,7 +280,10 @@ class Cost:
         The first two are the joint velocities of the function and of the desired inverse per unit
         of task speed. ``ds`` is ∂s/∂u at the nodes.
         """
-        return self.chart.joint_speeds(self.desired, points, ds, self.C)
+        rates, cell = self._rates, self.chart.cell
+        if cell.task.kind == "axis":  # E depends on the rotation
+            rates = rates._replace(E=cell.twists(points.U, points.R))
+        return self.chart.joint_speeds(self.desired, points, ds, self.C, rates)
 
     def _residual(self, points: Points, ds: Array) -> Array:
         """Evaluate the residual ``(∂F − G_d E) C`` at K nodes: (K, n, k + l).
