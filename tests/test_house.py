@@ -169,6 +169,23 @@ def test_the_core_imports_no_extension() -> None:
     assert len(core) > 100 and not any(found.values()), found
 
 
+def test_modules_of_the_core_load_no_part_of_scipy() -> None:
+    """Issue 56, item 7: its parts take longer to import than a control loop takes to begin.
+
+    The modules are those of the core up to designs, cells, and the relabelling of recordings.
+    """
+    code = (
+        "import sys, repctl_pin as rp\n"
+        "rp.relabel, rp.nearest_repeatable, rp.solve_ik, rp.follow, rp.polygon\n"
+        "from repctl_pin.extensions.recordings import relabel_command\n"
+        "from repctl_pin.show.page import scene\n"
+        "loaded = [x for x in sys.modules if x.startswith('scipy.') and x.count('.') == 1]\n"
+        "sys.exit(f'imported: {loaded}' if {'scipy.linalg', 'scipy.spatial'} & {*loaded} else 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_import_and_help_load_no_large_package() -> None:
     """`import repctl_pin` and `repctl --help` stay quick; this test measures no time."""
     code = (

@@ -10,6 +10,9 @@ import numpy as np
 
 from ..base.arguments import Array
 
+_SIGNS = np.array([[1.0, -1.0, -1.0, 1.0], [-1.0, 1.0, -1.0, 1.0], [-1.0, -1.0, 1.0, 1.0]])
+"""Signs of the squares of qx, qy, qz and qw in the diagonal of a rotation matrix."""
+
 _SMALL = 1e-3
 """Angle, rad, up to which ``sin(θ/2) / θ`` is computed from its series."""
 
@@ -19,12 +22,17 @@ def rotation_quaternions(omega: Array) -> Array:
 
     With ``θ = ‖ω‖``, a quaternion is ``(ω sin(θ/2) / θ, cos(θ/2))``.
     """
-    square = omega[:, 0] ** 2 + omega[:, 1] ** 2 + omega[:, 2] ** 2
+    square = (omega * omega).sum(axis=1)
     theta = np.sqrt(square)
+    half = theta / 2
     small = theta <= _SMALL
-    series = 0.5 - square / 48 + square**2 / 3840
-    factor = np.where(small, series, np.sin(theta / 2) / np.where(small, 1.0, theta))
-    return np.concatenate([factor[:, None] * omega, np.cos(theta / 2)[:, None]], axis=1)
+    factor = np.divide(np.sin(half), theta, out=np.empty_like(theta), where=~small)
+    if small.any():
+        factor[small] = 0.5 - square[small] / 48 + square[small] ** 2 / 3840
+    found = np.empty((len(omega), 4))
+    np.multiply(factor[:, None], omega, out=found[:, :3])
+    np.cos(half, out=found[:, 3])
+    return found
 
 
 def quaternion_matrices(quaternions: Array) -> Array:
@@ -86,12 +94,11 @@ def _unit(quaternions: Array) -> Array:
 
 def _matrices(quaternions: Array) -> Array:
     """Convert unit quaternions (K, 4) to rotation matrices (K, 3, 3)."""
-    x, y, z, w = quaternions.T
-    xx, yy, zz, ww = x * x, y * y, z * z, w * w
-    xy, xz, yz, xw, yw, zw = x * y, x * z, y * z, x * w, y * w, z * w
-    R = np.empty((len(quaternions), 3, 3))
-    R[:, 0, 0], R[:, 1, 1], R[:, 2, 2] = xx - yy - zz + ww, -xx + yy - zz + ww, -xx - yy + zz + ww
-    R[:, 0, 1], R[:, 1, 0] = 2 * (xy - zw), 2 * (xy + zw)
-    R[:, 0, 2], R[:, 2, 0] = 2 * (xz + yw), 2 * (xz - yw)
-    R[:, 1, 2], R[:, 2, 1] = 2 * (yz - xw), 2 * (yz + xw)
-    return R
+    q = np.ascontiguousarray(quaternions.T)
+    squares = _SIGNS[:, :, None] * (q * q)
+    products, with_w = q[[0, 0, 1]] * q[[1, 2, 2]], q[[2, 1, 0]] * q[3]  # xy, xz, yz; zw, yw, xw
+    R = np.empty((3, 3, len(quaternions)))
+    R[[0, 1, 2], [0, 1, 2]] = squares[:, 0] + squares[:, 1] + squares[:, 2] + squares[:, 3]
+    R[[0, 2, 1], [1, 0, 2]] = 2 * (products - with_w)
+    R[[1, 0, 2], [0, 2, 1]] = 2 * (products + with_w)
+    return np.ascontiguousarray(np.moveaxis(R, -1, 0))

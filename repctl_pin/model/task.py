@@ -501,7 +501,7 @@ class Task:
             type(q) is np.ndarray
             and q.dtype is FLOAT
             and q.shape == (self.n,)
-            and q.dot(q) < np.inf
+            and abs(sum(q.tolist())) < np.inf
         ):
             values = vector(q, self.n, f"q of {self!r}")  # faster than np.isfinite
         return self.drive.joints(values)

@@ -323,7 +323,8 @@ def _run(
                 ) from None
             # a jump makes the result meaningless
             moved = following - q
-            if not (moved.dot(moved) < surely or (np.abs(moved) < most_step).all()):
+            square = sum(x * x for x in moved.tolist())  # an overflow gives inf, without a warning
+            if not (square < surely or (np.abs(moved) < most_step).all()):
                 raise SingularityError(
                     f"a joint moves by more than {_JUMP:g} rad (prismatic: one arm length) "
                     f"in one step in cycle {1 + step // n_steps} of {path.name}: the arm is near "

@@ -19,6 +19,7 @@ from math import inf
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
+from scipy.linalg.blas import ddot
 
 from ...base.arguments import (
     FLOAT,
@@ -219,7 +220,7 @@ def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") 
         type(values) is np.ndarray
         and values.dtype is FLOAT
         and values.shape == (n,)
-        and values.dot(values) < inf
+        and ddot(values, values) < inf
     ):
         return values
     return vector(values, n, name, each)

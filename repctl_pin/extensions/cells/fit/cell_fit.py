@@ -347,6 +347,7 @@ class CellFit:
         highest = min(2, self._highest(cell)) if quick else self._highest(cell)
         best: list[Descent] = []
         tried: list[tuple[int, float]] = []
+        most, richest = Monomials(cell.k, highest), None
         for d in [highest] if self.degree != "auto" or quick else range(1, highest + 1):
             self.report(f"degree {d}", 0.2 + 0.3 * d / highest)
             terms = Monomials(cell.k, d)
@@ -357,8 +358,7 @@ class CellFit:
             if best[-1].value.nearness < _NOTHING * best[-1].value.desired_square:
                 break
             if d < highest and self.degree == "auto" and not quick:
-                most = Monomials(cell.k, highest)
-                richest = Cost(self.desired, chart, most, _nodes(U, most))
+                richest = richest or Cost(self.desired, chart, most, _nodes(U, most))
                 if predicted_gain(richest, padded(best[-1].a, most)) < _WORTHWHILE:
                     break
         penalties = PenaltyMethod(
