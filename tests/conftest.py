@@ -259,6 +259,7 @@ def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
         ("motion.fitting_circle", "followed", briefly),
         ("motion.solve_ik", "_POINTS", 12),
         ("studies.choose_start", "followed", briefly),
+        ("studies.choose_start", "_DRAWN", 128),
         ("studies.around_motion", "FitOptions", few),
         ("extensions.proof.closing_radius", "_MOST", {"start": 1000, "path": 200}),
     ):

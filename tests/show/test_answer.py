@@ -84,9 +84,7 @@ def test_it_says_what_the_motions_did(study: rp.Study, answer: str) -> None:
 @pytest.fixture(scope="module")
 def beyond() -> rp.Study:
     """A motion that leaves its limits: theta1 ends at 2π, where this circle takes it."""
-    problem = rp.Problem(
-        "planar3r", start=[6.2, 1.0, -1.4], path="circle:0.4:0", plane="xy", region=0.3
-    )
+    problem = rp.Problem("planar3r", start=[6.2, 1.0, -1.4], path="circle:0.4:0", plane="xy")
     return rp.study(problem, cycles=2, steps=60, degree=1)
 
 

@@ -73,7 +73,7 @@ def with_meshes(folder: Path) -> rp.Robot:
 def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path, name: str) -> None:
     """The main job's own page: both arms, moving; after a cycle the repeatable one is back, J⁺'s is
     not. Of a small arm by default: a panda's meshes take ten times as long to draw."""
-    wanted = rp.Problem(with_meshes(tmp_path), path="circle:0.8", start=[0.3, 0.8, 0.8], region=0.5)
+    wanted = rp.Problem(with_meshes(tmp_path), path="circle:0.8", start=[0.3, 0.8, 0.8])
     study, page = (
         rp.study("panda" if name == "panda" else wanted, cycles=3, steps=60, degree=1),
         tmp_path / "animation.html",
