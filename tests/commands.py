@@ -85,11 +85,8 @@ def without_pictures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
             file.write(PIXEL)
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", save)
-    for layout in (
-        "matplotlib.layout_engine.ConstrainedLayoutEngine.execute",
-        "repctl_pin.show.plots.motions._arrange",
-    ):
-        monkeypatch.setattr(layout, lambda *_, **__: None)
+    for measured in ("layout_engine.ConstrainedLayoutEngine.execute", "axis.Axis.get_tightbbox"):
+        monkeypatch.setattr(f"matplotlib.{measured}", lambda *_, **__: None)
     return figures
 
 

@@ -104,7 +104,7 @@ def store_of_results(tmp_path_factory: pytest.TempPathFactory) -> None:
 def files_of_robots_are_read_once() -> Iterator[None]:
     """A process reads each URDF once, as long as the file stays the same; most tests read one of a
     few. What is read is frozen."""
-    robot = import_module("repctl_pin.model.robot")
+    robot = import_module(rp.Robot.__module__)
     read = robot.read_urdf
 
     @cache
