@@ -74,7 +74,7 @@ def computed_once(compute: Callable[..., Any]) -> Callable[..., Any]:
 
 def without_pictures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     """Leave out what a test does not look at, and what takes half of a command's time: figures are
-    written as one pixel. Gives the figures, as they come."""
+    written as one pixel, and nothing in them is measured. Gives the figures, as they come."""
     figures: list[Figure] = []
 
     def save(figure: Figure, file: BinaryIO | str | Path, **_: Any) -> None:
@@ -85,8 +85,8 @@ def without_pictures(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
             file.write(PIXEL)
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", save)
-    layout = "matplotlib.layout_engine.ConstrainedLayoutEngine.execute"
-    monkeypatch.setattr(layout, lambda *_: None)
+    for measured in ("layout_engine.ConstrainedLayoutEngine.execute", "axis.Axis.get_tightbbox"):
+        monkeypatch.setattr(f"matplotlib.{measured}", lambda *_, **__: None)
     return figures
 
 

@@ -104,7 +104,7 @@ def store_of_results(tmp_path_factory: pytest.TempPathFactory) -> None:
 def files_of_robots_are_read_once() -> Iterator[None]:
     """A process reads each URDF once, as long as the file stays the same; most tests read one of a
     few. What is read is frozen."""
-    robot = import_module("repctl_pin.model.robot")
+    robot = import_module(rp.Robot.__module__)
     read = robot.read_urdf
 
     @cache
@@ -259,6 +259,7 @@ def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
         ("motion.fitting_circle", "followed", briefly),
         ("motion.solve_ik", "_POINTS", 12),
         ("studies.choose_start", "followed", briefly),
+        ("studies.choose_start", "_DRAWN", 128),
         ("studies.around_motion", "FitOptions", few),
         ("extensions.proof.closing_radius", "_MOST", {"start": 1000, "path": 200}),
     ):

@@ -75,9 +75,10 @@ def fitting_circle(
                     motion = followed(strategy, path, q0, cycles=1, steps=96)
                 except SingularityError:
                     continue
-                clear = min(dexterity_at(task, q) for q in motion.q[::2]) > needed
-                inside = region is None or not (region.ratio(motion.q) > _INSIDE).any()
-                if not (clear and inside and motion.limit_margin.min() > _LEAST_MARGIN):
+                inside = motion.limit_margin.min() > _LEAST_MARGIN and (
+                    region is None or not (region.ratio(motion.q) > _INSIDE).any()
+                )
+                if not (inside and min(dexterity_at(task, q) for q in motion.q[::2]) > needed):
                     continue
                 if motion._clearance_from(_LOOKS).distance > 0:
                     return path

@@ -54,6 +54,9 @@ _SEARCHED = ("a dexterous pose near mid-range", "another dexterous pose")
 _LEAST_DEXTERITY = {6: 0.05, 5: 0.05, 2: 0.1}
 _LEAST_DEXTERITY_OF_POSITION = 0.2
 _LEAST_MARGIN = 0.15
+_DRAWN = 512
+"""Number of configurations from which starts are selected."""
+
 _MOST_STARTS, _APART = 8, 0.5
 
 
@@ -147,14 +150,14 @@ def default_starts(task: Task) -> Iterator[tuple[Array, str]]:
 def _dexterous(task: Task) -> Iterator[Array]:
     """Generate up to 8 configurations (n,) far from singularities, the nearest to mid-range first.
 
-    They are selected from 512 quasi-random points within 2 rad or m of mid-range. Each has at least
+    They are selected from quasi-random points within 2 rad or m of mid-range. Each has at least
     half of the best dexterity found, and any two differ by more than 0.5 rad or m in some joint.
     """
     middle = task.from_robot(task.robot.poses["middle"])
     low, high = _inner_limits(task)
     low = np.maximum(middle - 2.0, low)
     high = np.minimum(middle + 2.0, high)
-    points = low + (high - low) * sobol(task.n, 512, 0)
+    points = low + (high - low) * sobol(task.n, _DRAWN, 0)
     scores = np.array([dexterity_at(task, q) for q in points])
     good = points[scores >= 0.5 * scores.max()]
     good = good[np.argsort(np.linalg.norm(good - middle, axis=1))]

@@ -18,6 +18,7 @@ from controls import some
 import repctl_pin as rp
 
 PANDA_START = "0,-0.785,0,-2.356,0,1.571,0.785"
+BENT = ("study", "planar3r", "--start", "0.3,0.8,0.8")
 
 
 def repctl(*arguments: str, cwd: Path) -> subprocess.CompletedProcess:
@@ -68,6 +69,8 @@ def test_json_and_quiet(tmp_path, monkeypatch) -> None:
         "60",
         "--degree",
         "1",
+        "--region",
+        "0.3",
         "--start",
         "-0.1,1,1",
         "--path",
@@ -132,8 +135,8 @@ BAD_ARGUMENTS = {
     "start singular": (["study", "planar3r", "--start", "0.1,0,0"], ["singularity"]),
     "unknown path": (["study", "panda", "--path", "spiral:1"], ["circle:RADIUS"]),
     "negative circle": (["study", "panda", "--path", "circle:-1"], ["above 0"]),
-    "circle too large": (["study", "planar3r", "--path", "circle:5"], ["no circle"]),
-    "square too large": (["study", "planar3r", "--path", "square:5"], ["cannot reach"]),
+    "circle too large": ([*BENT, "--path", "circle:5"], ["no circle"]),
+    "square too large": ([*BENT, "--path", "square:5"], ["cannot reach"]),
     "unknown plane": (["study", "panda", "--plane", "ab"], ["no plane 'ab'"]),
     "no such csv": (["study", "panda", "--path", "none.csv"], ["none.csv"]),
     "cycles zero": (["study", "panda", "--cycles", "0"], ["whole number"]),

@@ -69,6 +69,12 @@ def in_c(inverse: rp.RepeatableInverse, folder: Path) -> Callable[..., Any]:
     return torque
 
 
+@pytest.fixture(scope="module")
+def torque(panda_design: rp.Design, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Any]:
+    """The exported function of the quadratic design of the theory."""
+    return in_c(panda_design.inverse, tmp_path_factory.mktemp("panda"))
+
+
 def law(
     inverse: rp.RepeatableInverse, gains: Gains, q, qdot, M, b, target, twist, leaf, observer
 ) -> tuple[np.ndarray, np.ndarray | None]:
@@ -161,7 +167,7 @@ def test_c_computes_10000_torques_of_the_law(name: str, tmp_path: Path) -> None:
 
 @NEEDS_C
 def test_the_robots_own_inertia_gives_the_torque_of_python(
-    panda_design: rp.Design, q_panda: np.ndarray, tmp_path: Path
+    panda_design: rp.Design, q_panda: np.ndarray, torque: Callable[..., Any]
 ) -> None:
     """M and b of the URDF, with default gains: arm_torque_defaults() has those of Python."""
     inverse, task = panda_design.inverse, panda_design.task
@@ -170,7 +176,6 @@ def test_the_robots_own_inertia_gives_the_torque_of_python(
     target, leaf, twist = (task.placement(q_panda), inverse.leaf(q_panda), 0.1 * np.ones(6))
     control = rp.LeafImpedance(inverse)
     python = control.torque(q, qdot, target, twist, leaf=leaf)
-    torque = in_c(inverse, tmp_path)
     for gains in (control.gains, None):
         status, tau = torque(q, qdot, M, b, target, twist, leaf, gains, None)
         assert status == 0 and np.abs(tau - python).max() < AGREE * np.abs(python).max()
@@ -206,10 +211,10 @@ def test_python_computes_the_torques_of_the_law(
 
 @NEEDS_C
 def test_what_c_refuses_changes_nothing(
-    panda_design: rp.Design, q_panda: np.ndarray, tmp_path: Path
+    panda_design: rp.Design, q_panda: np.ndarray, torque: Callable[..., Any]
 ) -> None:
     inverse, task = panda_design.inverse, panda_design.task
-    torque, gains = in_c(inverse, tmp_path), rp.LeafImpedance(inverse).gains
+    gains = rp.LeafImpedance(inverse).gains
     upper = np.eye(7) + np.triu(0.1 * np.ones((7, 7)), 1)
     good = {
         "q": q_panda, "qdot": np.zeros(7), "M": np.eye(7), "b": np.zeros(7),

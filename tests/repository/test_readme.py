@@ -280,7 +280,7 @@ def test_the_main_jobs_table_is_what_the_command_prints(
     """One study of one problem, written once and printed twice; its figures hold nothing."""
     monkeypatch.chdir(tmp_path)
     without_pictures(monkeypatch)
-    files = import_module("repctl_pin.show.study_files")
+    files = import_module(".study_files", "repctl_pin.show")
     for module, name in ((rp, "Problem"), (rp, "study"), (files, "write_study")):
         monkeypatch.setattr(module, name, computed_once(getattr(module, name)))
     assert main(["study", "panda"]) == 0

@@ -186,7 +186,8 @@ def test_pictures_have_words(quick_choices: None, monkeypatch: pytest.MonkeyPatc
         assert part == f"{name} {value:+.3g}"
 
 
-def test_a_figure_and_a_page_are_shown_too(study: rp.Study) -> None:
+def test_a_figure_and_a_page_are_shown_too(quick_choices: None) -> None:
+    study = study_of("ppr")
     (image,) = pictures(inline(mine(study))._repr_html_())
     np.testing.assert_array_equal(image, drawing(mine(study)))
     page = inline('<p title="x">&amp;</p>')
@@ -195,7 +196,8 @@ def test_a_figure_and_a_page_are_shown_too(study: rp.Study) -> None:
     assert repr(page) == "<page of 0.0 MB>"
 
 
-def test_what_cannot_be_shown_is_said(study: rp.Study) -> None:
+def test_what_cannot_be_shown_is_said(quick_choices: None) -> None:
+    study = study_of("ppr")
     with pytest.raises(
         rp.InputError, match="a study, a matplotlib figure or the HTML of a page; got Design"
     ):

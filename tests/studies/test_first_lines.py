@@ -14,6 +14,7 @@ import pytest
 from arms import planar_urdf
 from commands import main
 from matplotlib.figure import Figure
+from store import study_of
 
 import repctl_pin as rp
 from repctl_pin.studies.study import edge_warning
@@ -24,7 +25,7 @@ QUICK = {"cycles": 2, "steps": 60, "degree": 1}
 
 @pytest.fixture(scope="module")
 def planar() -> rp.Study:
-    return rp.study("planar4r", **QUICK)
+    return study_of("planar4r")
 
 
 @pytest.mark.slow
@@ -50,7 +51,7 @@ def test_a_lost_motion_does_not_stretch_the_period(tmp_path: Path) -> None:
 
 def test_a_start_beside_which_the_motion_goes_elsewhere_is_named(planar: rp.Study) -> None:
     row, task = planar.rows[0], planar.task
-    options = {"cycles": 2, "steps": 60, "period": planar.period}
+    options = {"cycles": 3, "steps": 60, "period": planar.period}
     plain = rp.Pseudoinverse(task)
     assert edge_warning(row, plain, planar.path, planar.q0, options) == []
     elsewhere = replace(
@@ -236,7 +237,7 @@ def test_results_are_short_at_the_prompt(planar: rp.Study) -> None:
     for thing in (planar.path, planar.region, planar):
         assert len(repr(thing)) < 200 and "0x" not in repr(thing) and "array" not in repr(thing)
     lines = planar.summary().splitlines()
-    assert len(lines) == 1 + len(planar.rows) and "2 cycles" in lines[0]
+    assert len(lines) == 1 + len(planar.rows) and "3 cycles" in lines[0]
     for row, line in zip(planar.rows, lines[1:], strict=True):
         assert row.label in line and f"{row.motion.drift[-1]:.2g} after 2" in line
 

@@ -390,7 +390,8 @@ def test_where_an_arm_creeps_is_said_when_it_does_not_here() -> None:
     assert not [note for note in upright.notes if "hardly" in note]
 
 
-def test_a_study_is_short_at_the_prompt(small: rp.Study) -> None:
+def test_a_study_is_short_at_the_prompt() -> None:
+    small = study_of("planar4r")
     said = repr(small)
     assert len(said) < 250 and "\n" not in said
     for row in small.rows:

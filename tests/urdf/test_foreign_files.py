@@ -151,7 +151,19 @@ def test_notes_on_the_file_are_warnings_of_the_robot(tmp_path: Path, capsys) -> 
     assert any("quat_xyzw" in note for note in notes)
     assert robot.warnings[: len(notes)] == notes
     path = str(tmp_path / "made.urdf")
-    few = ["--task", "position", "--cycles", "1", "--steps", "40", "--degree", "1", "--full"]
+    few = [
+        "--task",
+        "position",
+        "--region",
+        "0.2",
+        "--cycles",
+        "1",
+        "--steps",
+        "40",
+        "--degree",
+        "1",
+        "--full",
+    ]
     assert main(["study", path, *few, "--out", str(tmp_path)]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert all(" ".join(note.split()) in out for note in notes)
