@@ -173,11 +173,13 @@ def best_cell(
     the pseudoinverse of the task Jacobian, must lead from a configuration in the middle along
     straight lines to all corners and edges. Then the design of a function confirms the box. The
     middles that are tried are the positions of random configurations, turned to the orientation,
-    and further positions beside the best of these. The largest box is used; boxes shrink by tenths
-    of the size. Among boxes of equal size, the order is: nearest to ``at``, if given; above z = 0
-    of the base; limit margin, up to 0.3 rad or m; smallest joint motion. Among the first of these,
-    the box whose function has the best margins, body distance and joint speed is returned. Design
-    its function by :func:`nearest_inverse_function`.
+    and further positions beside the best of these. If no box of the requested size fits, a search
+    for boxes at whose rims the bodies are apart follows, over positions, branches and self-motions.
+    The largest box is used; boxes shrink by tenths of the size. Among boxes of equal size, the
+    order is: nearest to ``at``, if given; above z = 0 of the base; limit margin, up to 0.3 rad or
+    m; smallest joint motion. Among the first of these, the box whose function has the best margins,
+    body distance and joint speed is returned. Design its function by
+    :func:`nearest_inverse_function`.
 
     Parameters
     ----------
