@@ -3,15 +3,17 @@
 Run ``python tests/benchmarks/boxes.py [--boxes N] [--first K] [ARM …]``. Each line is one box of
 edges 0.2 to 0.5 m at a random yaw: the share of it that ``rp.best_cell`` places, for two seeds, and
 whether floods cover it. A flood covers a box if, at some middle, each node of a grid of 3 cm in the
-box has a node of the flood, turned about the arm's axis, inside the limits of all joints, and the
-bodies are apart there. A line ends in ``!`` where a seed changes the verdict, or a flood covers a
-box that does not fit. Floods and boxes are seeded apart from the search.
+box has a node of the flood, turned about the arm's axis, inside the limits of all joints, with the
+bodies apart, and if no joint moves by 1 rad or m between neighbouring nodes. A line ends in ``!``
+where a seed changes the verdict, or a flood covers a box that does not fit. Floods and boxes are
+seeded apart from the search.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +22,10 @@ import repctl_pin as rp
 from repctl_pin.extensions.cells.table import flood_sets, whole_table
 
 ARMS = {"panda": "pose", "xarm7": "pose", "baxter": "pose", "ur5": "axis", "kinova": "axis"}
-SEEDS, ANGLES, LOOKED, AT_ONCE = (0, 1), 16, 24, 32
-"""Seeds of the search; angles of the middles around the arm; middles whose bodies are tested; and
-configurations that are tested together."""
+SEEDS, ANGLES, LOOKED, AT_ONCE, JUMP = (0, 1), 16, 24, 32, 1.0
+"""Seeds of the search; angles of the middles around the arm; middles whose bodies are tested;
+configurations that are tested together; and joint step between neighbouring nodes, rad or m, from
+which on it is a jump."""
 
 
 def floods_of(
@@ -37,9 +40,14 @@ def floods_of(
     return table, symmetries, flood_sets.free_floods(table, nodes, Q, locked).Q
 
 
+def counts_of(size: NDArray[np.float64]) -> list[int]:
+    """Return the numbers of nodes, at most 3 cm apart, along the edges of a box, m."""
+    return [int(np.ceil(e / whole_table.SPACING)) + 1 for e in size]
+
+
 def grid_of(size: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the nodes (K, 3) of a grid of at most 3 cm that fills a box, from its middle, m."""
-    ways = [np.linspace(-e / 2, e / 2, int(np.ceil(e / whole_table.SPACING)) + 1) for e in size]
+    ways = [np.linspace(-e / 2, e / 2, n) for e, n in zip(size, counts_of(size), strict=True)]
     return np.stack(np.meshgrid(*ways, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
@@ -85,13 +93,23 @@ def middles(table: flood_sets.Table, symmetries: tuple, flood: NDArray, size: ND
     return np.concatenate(good)
 
 
+def smooth(Q: NDArray, counts: list[int]) -> bool:
+    """Test whether configurations (K, n) at the nodes of a grid have no jump between neighbours."""
+    nodes = Q.reshape(*counts, -1)
+    return max(np.abs(np.diff(nodes, axis=axis)).max() for axis in range(3)) < JUMP
+
+
 def covered(task: rp.Task, parts: tuple, size: NDArray) -> str:
-    """Find a middle at which one flood covers a box without a collision; empty if none does."""
+    """Find a middle at which one flood covers a box: no jump, no collision; empty if none does."""
     table, symmetries, floods = parts
     grid, rng, bodies = grid_of(size), np.random.default_rng(5), rp.Bodies(task)
     for flood in floods[np.argsort(-np.isfinite(floods[..., 0]).sum(axis=(1, 2)))]:
-        for c in rng.permutation(middles(table, symmetries, flood, size))[:LOOKED]:
-            (Q,) = configurations(table, symmetries, flood, (c + grid)[None])
+        found = rng.permutation(middles(table, symmetries, flood, size))
+        reached = (
+            (c, configurations(table, symmetries, flood, (c + grid)[None])[0]) for c in found
+        )
+        without_jump = ((c, Q) for c, Q in reached if smooth(Q, counts_of(size)))
+        for c, Q in islice(without_jump, LOOKED):
             # a few at a time, because most floods have a collision somewhere
             parts = np.array_split(rng.permutation(Q), len(Q) // AT_ONCE + 1)
             if all(bodies.distances(part).min() > 0 for part in parts):

@@ -173,11 +173,13 @@ def best_cell(
     the pseudoinverse of the task Jacobian, must lead from a configuration in the middle along
     straight lines to all corners and edges. Then the design of a function confirms the box. The
     middles that are tried are the positions of random configurations, turned to the orientation,
-    and further positions beside the best of these. The largest box is used; boxes shrink by tenths
-    of the size. Among boxes of equal size, the order is: nearest to ``at``, if given; above z = 0
-    of the base; limit margin, up to 0.3 rad or m; smallest joint motion. Among the first of these,
-    the box whose function has the best margins, body distance and joint speed is returned. Design
-    its function by :func:`nearest_inverse_function`.
+    and further positions beside the best of these. If no box of the requested size fits, a search
+    for boxes at whose rims the bodies are apart follows, over positions, branches and self-motions.
+    The largest box is used; boxes shrink by tenths of the size. Among boxes of equal size, the
+    order is: nearest to ``at``, if given; above z = 0 of the base; limit margin, up to 0.3 rad or
+    m; smallest joint motion. Among the first of these, the box whose function has the best margins,
+    body distance and joint speed is returned. Design its function by
+    :func:`nearest_inverse_function`.
 
     Parameters
     ----------
@@ -468,8 +470,8 @@ def _fitted(
             searched_regular = True
             best, _ = _best_place(fit, box, _regular(box, others, size), size)
         if best is None and size == STEPS:
-            further = apart(box, free, at, rng, drawn=_DRAWN // 2, parents=_PARENTS)
-            further = _tried(fit, box, further)
+            further = apart(box, free, at, rng, drawn=_DRAWN, parents=_PARENTS)
+            further = _strict(fit, box, further)
             best, later = _best_place(fit, box, further, size)
             tried, why = joined([tried, further]), why or later
         if best is not None:
@@ -488,6 +490,22 @@ def _tried(fit: CellFit, box: Cell, found: Grown) -> Grown:
     rows = list(dict.fromkeys(rows))
     steps = [_largest_steps(fit.desired, box, found, k) for k in rows]
     return rows_of(found, rows)._replace(steps=np.array(steps, int))
+
+
+def _strict(fit: CellFit, box: Cell, found: Grown) -> Grown:
+    """Select unlike middles, the first of each with like joints whose whole box J⁺ reaches.
+
+    The whole box is that to which it grew, inside the limits and without collisions.
+    """
+    kept: list[int] = []
+    for k in range(min(len(found.p), _LOOKED)):
+        cell, q = _box_at(box, found.p[k], found.steps[k] / STEPS), found.Q[k]
+        if len(kept) == _TRIED:
+            break
+        unlike = (np.abs(found.Q[kept] - q).max(axis=1) > _ALIKE).all()
+        if unlike and _fits(judged(fit.desired, cell, q[None])[0]):
+            kept.append(k)
+    return rows_of(found, kept)
 
 
 def _others(free: Grown, tried: Grown, size: int) -> Grown:

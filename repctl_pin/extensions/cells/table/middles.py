@@ -15,7 +15,7 @@ import numpy as np
 from ....base.arguments import Array
 from ....model.bodies import bodies_of
 from ....motion.solve_ik import random_configurations
-from ..evaluate.reach import STEPS, Grown, grown, unlike_rows
+from ..evaluate.reach import EXACT, STEPS, Grown, grown, reached, unlike_rows
 from ..geometry.cell import Cell
 from ..geometry.kinematics import bases, joined, placed, rows_of
 
@@ -30,8 +30,11 @@ _PLACES, _APART_AT, _KEPT = 16, 0.25, 256
 """Number of places at which further configurations are drawn, and their smallest difference, in
 largest half-widths; and number of boxes with which the search for bodies apart begins."""
 
-_WIDTHS = (0.25, 0.12, 0.12, 0.06, 0.06, 0.03, 0.03)
+_WIDTHS = (0.25, 0.12, 0.12, 0.06, 0.06, 0.06, 0.03, 0.03, 0.03)
 """How far from the best middles that search looks, in half-widths, one round after the other."""
+
+_EXACTLY = 8
+"""Newton steps with which the points of a rim are reached exactly."""
 
 _SWAY, _UNLIKE = 2.0, 0.3
 """Self-motion, rad or m, relative to such a width; and difference of the joints, rad or m, below
@@ -101,10 +104,18 @@ def apart(
 def _tested(box: Cell, found: Grown, steps: int) -> Grown:
     """Compute the body distances at the rims of boxes that grew by ``steps`` or more.
 
-    Smaller boxes are left out.
+    Left out are smaller boxes, and those with a point of the rim that is not reached exactly inside
+    the limits: a box grows even if it misses the points by a fraction of a step.
     """
     found = rows_of(found, np.flatnonzero(found.steps >= steps))
-    n = box.task.n
-    distances = bodies_of(box.task).distances(found.ends.reshape(-1, n))
-    least = distances.reshape(len(found.p), -1).min(axis=1, initial=np.inf)
-    return found._replace(distance=least)
+    rim, R = box.placements(box.rim())
+    size = found.steps[:, None, None] / STEPS
+    p = found.p[:, None] + size * (rim - box.placement.translation)
+    R = np.tile(R, (len(p), 1, 1))
+    ends = found.ends.reshape(-1, box.task.n)
+    Q, left = reached(box, p.reshape(-1, 3), R, ends, iterations=_EXACTLY)
+    good = (left < EXACT) & (box.task.limit_margin(Q).min(axis=1) > 0)
+    whole = good.reshape(len(p), -1).all(axis=1)
+    found = rows_of(found._replace(ends=Q.reshape(found.ends.shape)), np.flatnonzero(whole))
+    distances = bodies_of(box.task).distances(found.ends.reshape(-1, box.task.n))
+    return found._replace(distance=distances.reshape(-1, len(rim)).min(axis=1))
