@@ -101,7 +101,8 @@ class Evaluation:
     limit_margin, limit_margin_worst : float
         Minimum distance of a joint from its limit, rad or m: over the held-out poses, and over
         these together with all poses that a search for smaller margins visited. Negative beyond the
-        limit, infinite without limits.
+        limit, infinite without limits. A joint that turns a coordinate with the range ``"all"`` is
+        left out; the distance that a full turn leaves it is :attr:`Turn.left`.
     attainable_margin, attainable_margin_worst : float
         Largest limit margin on any leaf, rad or m, at the pose of ``limit_margin`` and at that of
         ``limit_margin_worst``. Each equals the margin at its pose if no leaf with a larger margin
