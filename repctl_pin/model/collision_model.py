@@ -116,6 +116,7 @@ class _CollisionModel:
             self._shapes.addGeometryObject(body)
         self._request = coal.DistanceRequest()
         self._result = coal.DistanceResult()
+        self._asked = 0.0
         self._transforms: dict[int, coal.Transform3s] = {}
         self._standing_transforms = [transform(place) for place in self._place[self._own :]]
         self._choose_pairs(task)
@@ -337,7 +338,7 @@ class _CollisionModel:
     def _ask(self, distance: float) -> None:
         """Set the distance, m, below which :meth:`_is_nearer` finds two hulls too near."""
         if distance != self._asked:
-            self._asked = distance
+            self._asked = float(distance)
             for request in self._placed.collisionRequests:
                 request.security_margin = distance
 

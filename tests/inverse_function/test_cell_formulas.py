@@ -916,6 +916,38 @@ def test_limits_may_be_missed_by_more_than_other_margins(kind: str, tmp_path: Pa
         assert ActiveConstraint(margin, U).short(function) is due
 
 
+@pytest.mark.parametrize("near", [(0.09, 0.02), (0.099, 0.09), (0.05, -0.3)])
+def test_margins_that_cannot_matter_are_not_searched_for(
+    near: tuple[float, float], tmp_path: Path
+) -> None:
+    """Oracle: what is asked for at every pose. On one side, at most 0.05 is attained."""
+    chart, required = wrist(tmp_path), 0.1
+    U = chart.cell.sample(64)
+    label = function_of_label(chart, lambda U: near[0] + (near[1] - near[0]) * U[:, 0] ** 2)
+    at = label.at(U)
+    short = U[:, 0] < -0.5
+
+    def measure(Q: np.ndarray) -> np.ndarray:
+        x = 0.5 * np.cos(Q[:, 0]) + 0.4 * np.cos(Q[:, 0] + Q[:, 1])
+        left = x < np.quantile(chart.cell.placements(U[short])[0][:, 0], 0.5)
+        return np.minimum(Q[:, 2] - 0.4, np.where(left, 0.05, 0.5))[:, None]
+
+    margin = margin_of(measure, required, 0.4, violators=8)
+    order = np.argsort(margin.least(at))
+    at, least = margins.rows_of(at, order), margin.least(at)[order]
+    kept = least < required
+    at, least = margins.rows_of(at, kept), least[kept]
+    constraint = ActiveConstraint(margin, U)
+    every = constraint._asked(chart, at)
+    asked, missed = constraint._shortage(chart, at, least)
+    assert np.array_equal(asked, every[: len(asked)])
+    assert np.array_equal(missed, (every - least)[: len(asked)])
+    too_short = constraint._too_short(every - least, every)
+    assert too_short.any() == constraint._too_short(missed, asked).any()
+    if too_short.any():
+        assert np.array_equal(np.sort(missed)[-8:], np.sort(every - least)[-8:])
+
+
 def test_poses_far_above_the_required_margin_are_not_searched(tmp_path: Path) -> None:
     chart = wrist(tmp_path)
     label = function_of_label(chart, lambda U: 0.25 + 0 * U[:, 0])

@@ -171,6 +171,19 @@ def near_itself(task: rp.Task) -> tuple[whole_table.CellFit, rp.CellDesign]:
     return fit, found
 
 
+def test_what_is_left_of_a_cell_is_evaluated_in_full(panda_pose: rp.Task) -> None:
+    """With few held-out poses, the figures were those of a quick evaluation, without the searches
+    for the highest joint speed and the smallest leaf margin."""
+    fit, found = near_itself(panda_pose)
+    kept = trimming.kept_where_good(fit, found, trimming.Required())
+    assert kept is not None
+    chart, seed = kept.function.chart, kept.seed + 2
+    whole = trimming.evaluate_cell(kept.desired, chart, 64, seed, quick=False)
+    assert kept.evaluation.leaf_margin == whole.leaf_margin
+    assert kept.evaluation.extra_speed_direction == whole.extra_speed_direction
+    assert kept.evaluation.attainable_margin == whole.attainable_margin
+
+
 @pytest.mark.slow
 def test_a_body_distance_short_of_the_requested_one_is_cut_off(
     panda_pose: rp.Task, monkeypatch: pytest.MonkeyPatch

@@ -20,6 +20,7 @@ import pinocchio as pin
 import pytest
 import trimesh
 from arms import chain_with_bodies, spatial_urdf
+from controls import some
 
 import repctl_pin as rp
 
@@ -386,6 +387,30 @@ def test_bodies_of_the_same_joints_are_made_once(chain: rp.Task, tmp_path: Path)
     assert rp.Bodies(load()).pairs is first
     trimesh.creation.box((0.1, 0.1, 5)).export(mesh)
     assert rp.Bodies(load()).pairs is not first
+
+
+def test_distances_do_not_depend_on_earlier_ones(panda_pose: rp.Task) -> None:
+    """The search for a distance began where the last one of the same pair had ended, so results
+    differed by up to 1e-6 m, and a whole table by which tables had been made before it."""
+    bodies = rp.Bodies(panda_pose)
+    rng = np.random.default_rng(4)
+    Q = panda_pose.reference + rng.uniform(-0.6, 0.6, (64, 7))
+    before = bodies.hull_distances(Q), bodies.distances(Q)
+    bodies.distances(rng.uniform(panda_pose.lower, panda_pose.upper, (64, 7)))
+    assert np.array_equal(bodies.hull_distances(Q[::-1])[::-1], before[0])
+    assert np.array_equal(bodies.distances(Q[::-1])[::-1], before[1])
+
+
+@pytest.mark.parametrize("name", some(["panda", "tiago"], "panda"))
+def test_the_test_for_near_bodies_agrees_with_their_distances(name: str) -> None:
+    """At distances of 0 and more; the test ends before the distance is known."""
+    task = rp.Robot.load(name).task(None, "pose")
+    bodies = rp.Bodies(task)
+    rng = np.random.default_rng(5)
+    Q = np.clip(task.reference + rng.uniform(-1, 1, (128, task.n)), task.lower, task.upper)
+    distances = bodies.distances(Q)
+    for least in (0.002, 0.0, 0.05, np.median(distances) + 1e-5):
+        assert np.array_equal(bodies._nearer(Q, least), distances < least)
 
 
 def test_threads_may_share_bodies(panda_pose: rp.Task) -> None:

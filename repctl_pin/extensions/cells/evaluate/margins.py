@@ -230,7 +230,7 @@ class _LeafSearch:
         Newton's method starts from the solution before. All directions are followed at once; if
         equal margins are found, the first direction has precedence.
         """
-        ways, here, (K, n) = self._ways, self._s.copy(), self._best.shape
+        ways, here, K = self._ways, self._s.copy(), len(self._best)
         Q = np.tile(self._best, (len(ways), 1, 1))
         most, s, best = np.full((len(ways), K), -np.inf), np.tile(here, (len(ways), 1, 1)), Q.copy()
         for i in range(1, count + 1):
@@ -321,19 +321,20 @@ def potential_gradients(chart: Chart, at: Points) -> Array:
     return chart.gradients(at.U, dU, at.J, at.n_ref, at.Q - at.q_ref)
 
 
-def leaf_margins(chart: Chart, at: Points) -> Array:
+def leaf_margins(chart: Chart, at: Points, null: tuple[Array, Array] | None = None) -> Array:
     """Evaluate the leaf margin ``σ_min(Nᵀ V̂) = 1 / ‖I − G J‖₂`` (K,) at points of a chart's leaf.
 
     The orthonormal columns of N span the null space of J, those of V̂ the gradients of the chart's
     potentials, and G is the inverse that holds these potentials constant. The reciprocal of the
     margin, minus 1, is the extra joint speed of G relative to J⁺ in the worst direction of ẋ. The
-    margin is 0 where there is no point, or J loses rank.
+    margin is 0 where there is no point, or J loses rank. ``null`` has N (K, n, r) and the singular
+    values (K, m) of J, if they are known.
     """
     margin = np.zeros(len(at.U))
     rows = np.flatnonzero(at.found)
     if len(rows):
         on = rows_of(at, rows)
-        N, s = null_bases(on.J, on.n_ref)
+        N, s = null_bases(on.J, on.n_ref) if null is None else (each[rows] for each in null)
         values = leaf_margin(N, potential_gradients(chart, on))
         margin[rows] = np.where(s[:, -1] > 1e-12 * s[:, 0], np.nan_to_num(values), 0.0)
     return margin

@@ -249,15 +249,20 @@ class CellFit:
 
         N is the null space of J at the ends. Where it turns by more than 90° over a short distance,
         a polynomial n_ref of low degree can be perpendicular to N, and the equations of the chart
-        are singular though the function is not. So for a cell with two coordinates, more rays are
-        followed from the configuration q (n,) in the middle, and the degree is raised until n_ref
-        is near N at all their ends. With ``quick``, there are fewer of these rays.
+        are singular though the function is not. So for a cell with two coordinates, the null space
+        is tested at many poses. If n_ref is not near it, more rays are followed from the
+        configuration q (n,) in the middle, and the degree is raised until n_ref is near N at all
+        their ends. With ``quick``, there are fewer of these poses.
         """
         chart = Chart.fitted(cell, ends.U, ends.Q, ends.N, 2 if cell.k > 4 else 4)
         if cell.k != 2:
             return chart
         count = _DENSE // 4 if quick else _DENSE
         U = np.concatenate([cell.sample(count, self.seed + 1), cell.corners()])
+        points = chart.solve(U)
+        on = rows_of(points, points.found)
+        if len(on.U) == len(U) and _follows(chart, U, null_bases(on.J, on.n_ref)[0]):
+            return chart
         more = rays(self.desired, cell, q, U)
         more = rows_of(more, more.reached == 1)
         if _follows(chart, more.U, more.N):

@@ -192,7 +192,8 @@ def _failing(
     if not isinstance(found, CellDesign):
         ends = rays(fit.desired, cell, q, U[::4])
         return ends.U, (ends.reached < 1) | (ends.least < 0)
-    at = sampled(fit.desired, CandidateFunction.zero(found.function.chart), U)
+    candidate = CandidateFunction.zero(found.function.chart)
+    at = sampled(fit.desired, candidate, U, directions=False)
     bad = _too_dear(at, limits, dear=False) | ~at.covered
     more = cell._split(_stops(found, Required(), bodies_only=False))[0]
     U, bad = np.concatenate([U, more]), np.pad(bad, (0, len(more)), constant_values=True)
@@ -356,8 +357,8 @@ def _cut_until_good(
             if not useful(chart.cell):
                 return None
             continue
-        short = design.held_out < fit.held_out or (design is found and limits.distance > 0)
-        if short or design.function.chart is not chart:
+        # the given design has a quick evaluation, except where bodies alone are tested
+        if (design is found and not bodies_only) or design.function.chart is not chart:
             design = _evaluated(fit, found, chart, limits)
         stops = _stops(design, limits, bodies_only)
         if not len(stops) and design.extra_speed <= limits.mean:
@@ -401,7 +402,8 @@ def _uncovered(
     function that exceeds the limit of the mean, so do the 3 % of the poses with the highest joint
     speed.
     """
-    at = sampled(fit.desired, CandidateFunction.zero(chart), chart.cell._split(U)[0])
+    candidate, U = CandidateFunction.zero(chart), chart.cell._split(U)[0]
+    at = sampled(fit.desired, candidate, U, directions=False)
     return np.asarray(~at.covered | _too_dear(at, limits, dear=dear))
 
 

@@ -60,7 +60,7 @@ def run(name: str, arm: Any, count: int, *given: Any) -> None:
     pointers = (ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x for x in kept)
     native = library()
     assert native is not None, "there is a chain for it"
-    native[name](ctypes.byref(arm), ctypes.c_long(count), *pointers)
+    getattr(native, name)(ctypes.byref(arm), ctypes.c_long(count), *pointers)
 
 
 def rows_of(record: Record, which: NDArray[Any] | list[int] | slice) -> Record:
