@@ -437,9 +437,9 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
     return np.array(found)
 
 
-def placements_along(path: TaskPath, steps: int) -> tuple[Placement, ...]:
+def placements_along(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
     """Evaluate a path's placements at the ends of the steps of a cycle: one more than steps."""
-    placements: tuple[Placement, ...] = _kept(_placements, path)(path, steps)
+    placements: tuple[pin.SE3, ...] = _kept(_placements, path)(path, steps)
     return placements
 
 
