@@ -178,3 +178,11 @@ def test_targets_that_are_no_placements(controls, panda_pose: rp.Task) -> None:
             controls["repeatable"].solve(wrong, q)
         with pytest.raises(rp.InputError, match="target"):
             panda_pose.error(q, wrong)
+
+
+def test_huge_joints_are_numbers_without_a_warning() -> None:
+    """Their squares overflow, and opposite infinities cancel to no number."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    assert np.isfinite(task.placement(np.full(3, 1e200)).translation).all()
+    with pytest.raises(rp.InputError, match="finite"):
+        task.placement(np.array([np.inf, -np.inf, 0.0]))
