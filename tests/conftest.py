@@ -218,7 +218,7 @@ def quick_room(request: pytest.FixtureRequest) -> None:
         request.getfixturevalue("quick_module")
 
 
-DESIGNED = ("integrability", "motion", "native", "potentials", "proof", "regions")
+DESIGNED = ("integrability", "motion", "native", "proof", "regions")
 """Rooms whose tests use designs, and judge motions, bounds and choices made with them."""
 
 
