@@ -93,11 +93,11 @@ def apart(
     found = joined([found, grown(box, p, random_configurations(box.task, drawn, rng))])
     found = _tested(box, rows_of(found, np.argsort(-found.steps, kind="stable")[:_KEPT]), 0)
     found = ordered(box, found, at)
-    for width in _WIDTHS:
+    for width in _WIDTHS if len(found.p) else ():
         best = rows_of(found, unlike_rows(found.Q, _UNLIKE, parents))
         further = beside(box, best, width, rng, sway=_SWAY * width)
         found = ordered(box, joined([found, _tested(box, further, found.steps[0])]), at)
-    largest = (found.steps == found.steps[0]) & (found.distance >= 0)
+    largest = (found.steps == found.steps.max(initial=0)) & (found.distance >= 0)
     return rows_of(found, np.flatnonzero(largest))
 
 
@@ -115,7 +115,7 @@ def _tested(box: Cell, found: Grown, steps: int) -> Grown:
     ends = found.ends.reshape(-1, box.task.n)
     Q, left = reached(box, p.reshape(-1, 3), R, ends, iterations=_EXACTLY)
     good = (left < EXACT) & (box.task.limit_margin(Q).min(axis=1) > 0)
-    whole = good.reshape(len(p), -1).all(axis=1)
+    whole = good.reshape(-1, len(rim)).all(axis=1)
     found = rows_of(found._replace(ends=Q.reshape(found.ends.shape)), np.flatnonzero(whole))
     distances = bodies_of(box.task).distances(found.ends.reshape(-1, box.task.n))
     return found._replace(distance=distances.reshape(-1, len(rim)).min(axis=1))
