@@ -239,7 +239,7 @@ def test_results_are_short_at_the_prompt(planar: rp.Study) -> None:
     lines = planar.summary().splitlines()
     assert len(lines) == 1 + len(planar.rows) and "3 cycles" in lines[0]
     for row, line in zip(planar.rows, lines[1:], strict=True):
-        assert row.label in line and f"{row.motion.drift[-1]:.2g} after 2" in line
+        assert row.label in line and f"{row.motion.drift[-1]:.2g} after 3" in line
 
 
 def test_animate_knows_the_surroundings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
