@@ -51,7 +51,7 @@ from ..geometry.cell_arguments import of_positions
 from ..geometry.kinematics import joined, placed, rows_of
 from ..place.posture_search import Candidate, judged, searched
 from .approach import Approach, approach_axis, with_approach
-from .middles import APART, ENOUGH, apart, beside, ordered
+from .middles import APART, ENOUGH, beside, collision_free, ordered
 from .whole_table import WholeTable, middles_in_floods, whole_table
 
 _DRAWN = 2048
@@ -470,7 +470,7 @@ def _fitted(
             searched_regular = True
             best, _ = _best_place(fit, box, _regular(box, others, size), size)
         if best is None and size == STEPS:
-            further = apart(box, free, at, rng, drawn=_DRAWN, parents=_PARENTS)
+            further = collision_free(box, free, at, rng, drawn=_DRAWN, parents=_PARENTS)
             further = _strict(fit, box, further)
             best, later = _best_place(fit, box, further, size)
             tried, why = joined([tried, further]), why or later

@@ -76,7 +76,7 @@ def beside(
     return grown(box, best.p + box.placements(U)[0] - box.placement.translation, Q)
 
 
-def apart(
+def collision_free(
     box: Cell, found: Grown, at: Array | None, rng: np.random.Generator, *, drawn: int, parents: int
 ) -> Grown:
     """Search for middles at which the bodies are apart at the rim of the largest box, best first.
