@@ -333,11 +333,17 @@ def freeze(made: object, /, **values: Any) -> None:
     ``made`` is the object, while it is created. The caller's own arrays stay writable.
     """
     for name, value in values.items():
-        kept = value
-        if isinstance(value, np.ndarray) and value.flags.writeable:
-            kept = value.view()
-            kept.setflags(write=False)
+        kept = unwritable(value) if isinstance(value, np.ndarray) else value
         object.__setattr__(made, name, kept)
+
+
+def unwritable(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a read-only view of an array, or the array itself if it is read-only."""
+    if not array.flags.writeable:
+        return array
+    view = array.view()
+    view.setflags(write=False)
+    return view
 
 
 def read_only(cls: type[T]) -> type[T]:

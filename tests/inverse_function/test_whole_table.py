@@ -56,9 +56,9 @@ def test_polynomials_fill_a_region_that_they_bound() -> None:
     z = j / 20 - 1
     low, high = 10 + 8 * z**2, 50 - 15 * z**2 + 3 * z
     mask = (i >= low) & (i <= high)
-    ends = tables.profiles.runs(mask, np.array([20, 15]), np.array([30, 25]))
+    ends = tables.largest_profile.runs(mask, np.array([20, 15]), np.array([30, 25]))
     assert np.array_equal(ends, np.column_stack([np.ceil(low), np.floor(high)]))
-    best = tables.profiles.largest_between(ends)
+    best = tables.largest_profile.largest_between(ends)
     assert (best.first, best.last) == (0, 40)
     exact = float(np.trapezoid(high - low, j))
     assert exact - 2 * 40 < best.area < exact
@@ -76,8 +76,8 @@ def test_all_nodes_between_the_polynomials_are_in_the_mask() -> None:
         mask[:5] = mask[:, :2] = False
         first, last = np.array([12, 9]), np.array([14, 11])
         mask[12:15, 9:12] = True
-        ends = tables.profiles.runs(mask, first, last)
-        best = tables.profiles.largest_between(ends)
+        ends = tables.largest_profile.runs(mask, first, last)
+        best = tables.largest_profile.largest_between(ends)
         inside = best.inside(mask.shape)
         assert mask[inside].all()
         some += best.area > 0
@@ -89,9 +89,9 @@ def test_all_nodes_between_the_polynomials_are_in_the_mask() -> None:
 def test_a_mask_of_few_heights_has_no_polynomials() -> None:
     mask = np.zeros((10, 10), bool)
     mask[2:8, 4:6] = True
-    ends = tables.profiles.runs(mask, np.array([2, 4]), np.array([7, 5]))
-    assert tables.profiles.largest_between(ends).area == 0
-    assert not tables.profiles.Between.none().inside(mask.shape).any()
+    ends = tables.largest_profile.runs(mask, np.array([2, 4]), np.array([7, 5]))
+    assert tables.largest_profile.largest_between(ends).area == 0
+    assert not tables.largest_profile.Between.none().inside(mask.shape).any()
 
 
 def test_a_flood_with_locked_joints_contains_no_jump() -> None:
@@ -321,8 +321,8 @@ def test_polynomials_between_runs_hold_at_least_the_rectangle() -> None:
     mask[:12], mask[:, 19:21] = True, True
     mask[14:, 12:19], mask[14:, 21:28] = True, True
     found = tables.flood.rectangles(mask[None])
-    ends = tables.profiles.runs(mask, found.first[0], found.last[0])
-    assert tables.profiles.largest_between(ends).area > found.area[0] - 1e-6
+    ends = tables.largest_profile.runs(mask, found.first[0], found.last[0])
+    assert tables.largest_profile.largest_between(ends).area > found.area[0] - 1e-6
 
 
 def test_a_node_is_free_if_bodies_are_apart_at_all_angles_of_a_range() -> None:
@@ -364,10 +364,10 @@ def test_no_range_of_radius_exceeds_its_bound() -> None:
     for share in (0.7, 0.95, 1.0):
         mask = rng.random((20, 15)) < share
         found = tables.flood.rectangles(mask[None])
-        ends = tables.profiles.runs(mask, found.first[0], found.last[0])
-        area = tables.profiles.largest_between(ends).area
-        assert area <= tables.profiles.most_between(mask) + 1e-9
-    assert area == tables.profiles.most_between(mask) - 19  # trapezoids: half at both ends
+        ends = tables.largest_profile.runs(mask, found.first[0], found.last[0])
+        area = tables.largest_profile.largest_between(ends).area
+        assert area <= tables.largest_profile.most_between(mask) + 1e-9
+    assert area == tables.largest_profile.most_between(mask) - 19  # trapezoids: half at both ends
 
 
 @pytest.mark.parametrize(

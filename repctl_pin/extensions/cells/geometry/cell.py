@@ -35,6 +35,7 @@ from ....base.arguments import (
     freeze,
     positive,
     read_only,
+    unwritable,
     vector,
 )
 from ....base.errors import InputError
@@ -688,14 +689,14 @@ class Cell:
     @cached_property
     def moved(self) -> NDArray[np.intp]:
         """Indices (k,), among the m task coordinates, of those that belong to u, in order."""
-        return np.flatnonzero(self._active)
+        return unwritable(np.flatnonzero(self._active))
 
     @cached_property
     def _active(self) -> NDArray[np.bool_]:
         """True for the task coordinates that belong to u: (m,)."""
         active = np.array(self.widths > 0, bool)
         active[self._removed] = False
-        return active
+        return unwritable(active)
 
     @property
     def _bounds(self) -> Array:
@@ -711,7 +712,7 @@ class Cell:
     @cached_property
     def _active_widths(self) -> Array:
         """Half-widths (k,), m or rad, of the task coordinates that belong to u."""
-        return self.widths[self._active]
+        return unwritable(self.widths[self._active])
 
     def _widths_at(self, u: Array) -> Array:
         """Return the half-widths (k,), m and rad, at the pose u (k,); the same everywhere in a box.

@@ -24,7 +24,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ....base.arguments import Array, freeze, positive, read_only, vector
+from ....base.arguments import Array, freeze, positive, read_only, unwritable, vector
 from ....base.errors import InputError
 from ....model.chain_formulas import Placement, axis_turns
 from ....model.rotations import exp3
@@ -263,7 +263,7 @@ class Sector(Cell):
         away = self.placement.translation - self.axis[0]
         outward = away - (away @ a) * a
         outward /= np.linalg.norm(outward)
-        return np.stack([outward, np.cross(a, outward), a])
+        return unwritable(np.stack([outward, np.cross(a, outward), a]))
 
     def _placed(self, Y: Array) -> tuple[Array, Array]:
         """Convert offsets Y (K, m) to positions (K, 3), m, and rotation matrices (K, 3, 3)."""
