@@ -571,8 +571,8 @@ def test_the_proved_radius_is_drawn_and_said(driver: Any, page: Path, study: rp.
     )
     home = driver.execute_script("return repctl.own.chain.homes[0]")
     for way, words in (
-        (small, "proved that the repeatable arm closes"),
-        (large, "This loop goes farther, so the page has computed it"),
+        (small, "Proved: after this loop, the repeatable arm is back exactly."),
+        (large, "This loop goes farther, so it was computed"),
     ):
         points = [home, *([home[0] + x, home[1] + y, home[2]] for x, y in way), home]
         driver.execute_script("repctl.own.open({ points: arguments[0] })", points)
@@ -1326,7 +1326,9 @@ def test_a_loop_that_was_altered_is_said_to_be_another(driver: Any, page: Path) 
     )
     told = said(driver)
     assert told.startswith("The arm cannot follow your loop beyond its first "), told
-    assert ": the solid line, " in driver.find_element("id", "title").text
+    title = driver.find_element("id", "title").text
+    assert ": the solid line, which the hand takes instead, " in title
+    assert not driver.find_element("id", "again").is_displayed()
     notes = [e.text for e in driver.find_elements("css selector", "#notes > span")]
     assert notes[0].startswith("Solid: the way that the hand took instead. Dashed: "), notes
     assert notes[1].startswith("After one cycle of the solid line the hand is back. "), notes
@@ -1406,6 +1408,22 @@ def test_a_stroke_of_the_address_that_the_arm_can_follow_is_no_failure(
     assert found["none"][1] == ""
     start = r"The arm cannot follow your loop beyond its first \d[\d.]*.c?m, at the red ball: "
     assert re.match(start, found["one"][0]) and found["one"][1], found
+    # whom it stops: one arm, or both for the same reason
+    named = driver.execute_script(
+        "const { own } = repctl, words = [];"
+        "own.walk = function* (from) { from.refusals = own.refuse; "
+        "  return { refusal: 'blocked', trail: [] }; };"
+        "for (own.refuse of [['blocked', ''], ['', 'blocked'], ['blocked', 'blocked'],"
+        "  ['blocked', 'other']]) {"
+        "  const { under, all } = own.stopOf(own.points, own.missed[0]).next().value;"
+        "  words.push([under || '', all]); } delete own.walk; return words;"
+    )
+    assert named == [
+        ["the usual control", False],
+        ["the repeatable one", False],
+        ["", True],
+        ["", False],
+    ]
     ends = driver.execute_script(
         "return repctl.own.missed.map((stroke) => stroke[stroke.length - 1])"
     )

@@ -310,10 +310,12 @@ def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
     kept = f"kept by {below(least, 2)} {unit} or more{short}" if finite else "kept"
     ends = [turn.joint for turn in turns if not turn.left]
     use = "use their whole ranges" if len(ends) > 1 else "uses its whole range"
-    but = f", but {' and '.join(ends)} {use}" if ends else ""
     if not (np.isfinite(least) or ends):
         return Span("The joints have no limits.")
-    return Span(f"Joint limits {kept}{but}.")
+    if not ends:
+        return Span(f"Joint limits {kept}.")
+    others = f"; the limits of all other joints are {kept}" if finite else ""
+    return Span(f"{' and '.join(ends)} {use}{others}.")
 
 
 def _whole_turns(design: CellDesign) -> list[Turn]:

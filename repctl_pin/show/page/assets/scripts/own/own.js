@@ -594,10 +594,10 @@ export class Own {
     const targets = this.hands(next);
     const length = gap(next, from.hand);
     const found = this.laws.map((_, k) => this.stepArm(k, from, targets, length));
-    const refused = this.arms.filter((_, k) => found[k].refusal);
-    if (refused.length) {
-      from.refused = refused;
-      return found.find(({ refusal }) => refusal).refusal;
+    const refusals = found.map(({ refusal }) => refusal || "");
+    if (refusals.some(Boolean)) {
+      from.refusals = refusals;
+      return refusals.find(Boolean);
     }
     from.qs = found.map(({ q }) => q);
     from.worst = found;
@@ -807,9 +807,11 @@ export class Own {
     const till = loop.slice(1, nearestPiece(loop, stroke[0]) + 1);
     const { refusal, trail } = yield* this.walk(from, [...till, ...stroke]);
     const named = refusal === LEAF_ENDS || this.scene.cover; // what ends names its control
-    const one = !named && from.refused && from.refused.length < this.arms.length;
-    const { under } = one ? from.refused[0].data : {};
-    return { after: lengthOf([loop[0], ...trail]), reason: refusal, under };
+    const refusals = (!named && this.arms.length > 1 && from.refusals) || [];
+    const refused = this.arms.filter((_, k) => refusals[k]);
+    const { under } = refused.length === 1 ? refused[0].data : {};
+    const all = refusals.length > 0 && refusals.every((each) => each === refusal);
+    return { after: lengthOf([loop[0], ...trail]), reason: refusal, under, all };
   }
 
   // Say what has happened after a number of cycles.
@@ -823,14 +825,18 @@ export class Own {
     notes.push(...this.loopNotes());
     const far = this.elbowOff();
     const moved = far > 1e-4 ? `, ${this.part} moved by ${formatLength(far)}` : "";
-    const title = points
-      ? `${shape.whose}, ${formatLength(this.length)} long${moved}`
-      : `the study’s path${moved}`;
+    const long = `${formatLength(this.length)} long${moved}`;
+    const title = failure
+      ? `the solid line, which the hand takes instead, ${long}`
+      : points
+        ? `${shape.whose}, ${long}`
+        : `the study’s path${moved}`;
     if (failure) {
       notes.unshift([LINES], [sentence.map(([text]) => text).join("")]);
       sentence.splice(0, Infinity, ...failureWords(chain, failure));
     }
     this.write(sentence, notes, title);
+    byId("again").hidden = Boolean(failure);
     byId("again").textContent =
       cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";
     this.player.show();
@@ -866,15 +872,15 @@ export class Own {
       words.push(
         this.beyond(points)
           ? [
-              ` It is proved that the repeatable arm closes every loop within ${far} of the ` +
-                "start. This loop goes farther, so the page has computed it, step by step.",
+              ` Proved: after every loop that stays within ${far} of the start, the repeatable ` +
+                "arm is back exactly. This loop goes farther, so it was computed, step by step.",
             ]
-          : [` It is proved that the repeatable arm closes this loop.`, "good"],
+          : [` Proved: after this loop, the repeatable arm is back exactly.`, "good"],
       );
     if (best && points) {
       const long = formatLength(LEAST_LENGTH * size);
       const off = this.usualOff();
-      const other = points !== best.points && off !== null;
+      const other = off !== null && Math.abs(off - best.off) > 1e-6; // another loop or start
       const whose = other ? `This loop: ${formatLength(off)}; your best` : "This loop, your best";
       words.push([
         ` Can you draw a loop, ${long} or longer, after ${CYCLES} cycles of which the usual arm ` +

@@ -42,9 +42,10 @@ export function answer(chain, arms, { runs }, cycles, shape) {
 }
 
 // What is said of a loop that the hand could not follow: how much of it, and why not all.
-export function failureWords(chain, { after, reason, under }) {
+export function failureWords(chain, { after, reason, under, all }) {
   const far = unbroken(formatLength(after));
-  const by = under ? ` under ${aloneUnder({ data: { under } })}` : "";
+  const one = under ? ` under ${aloneUnder({ data: { under } })} alone` : "";
+  const by = all ? " under either control" : one;
   const words = `The ${armWord(chain)} cannot follow your loop beyond its first ${far}`;
   return [[`${words}, at the red ball: ${reason}${by}.`, "bad"]];
 }
