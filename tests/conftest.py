@@ -267,6 +267,13 @@ def choose_quickly(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def all_starts(monkeypatch: pytest.MonkeyPatch, quick_module: None) -> None:
+    """Select starts from as many configurations as users get, where all else is chosen quickly."""
+    package = "repctl_pin."
+    monkeypatch.setattr(import_module(package + "studies.choose_start"), "_DRAWN", 512)
+
+
+@pytest.fixture
 def no_tours(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the motion along a sample path out of the page of a cell."""
     without_tours(monkeypatch)

@@ -87,10 +87,12 @@ def test_a_singularity_between_the_points_of_the_rim_moves_the_box(seed: int) ->
 @pytest.mark.parametrize("seed", [0, 1])
 def test_bodies_that_collide_at_the_rim_do_not_make_a_box_smaller(seed: int) -> None:
     """55: J⁺ reached all of this box from many middles, the best of which collide at the rim. With
-    seed 1, 90 % of it was found, though others did not collide."""
+    seed 1, 90 % of it was found, though others did not collide. It is box 6 of xarm7 in the
+    benchmark of boxes."""
     robot = rp.Robot.load("xarm7")
     task = robot.task(robot.default_frame, "pose")
-    size, yaw = (0.428, 0.447, 0.446), np.radians(124.2)
+    rng = np.random.default_rng([6, *b"xarm7"])
+    size, yaw = rng.uniform(0.2, 0.5, 3), float(rng.uniform(-np.pi, np.pi))
     options = rp.FitOptions(seed=seed)
     place = rp.best_cell(task, size, orientation="down", yaw=yaw, options=options)
     assert place.factor == 1 and place.reason == "" and reaches_all(place)

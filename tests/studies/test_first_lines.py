@@ -113,6 +113,7 @@ def test_follow_says_that_default_starts_were_tried(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("all_starts")
 def test_a_dear_start_gives_way_to_a_cheap_one_or_is_explained(tmp_path: Path) -> None:
     """An arm like the iiwa: from mid-range J⁺ drifts by 0.56 rad in a cycle, to where the same
     circle takes less."""
