@@ -236,6 +236,7 @@ def test_the_exported_notebook_plays_in_a_browser(
     driver.execute_script("arguments[0].scrollIntoView({ block: 'center' })", frame)
     driver.switch_to.frame(frame)
     wait_until_drawn(driver, "the cell")
+    driver.execute_script("repctl.play()")
     assert driver.execute_script("return repctl.playing")
     driver.execute_script("repctl.pause()")
     # the wheel scrolls the notebook, unless the picture has the focus

@@ -777,6 +777,7 @@ export class Own {
     Object.assign(this, { result, length: result.length, failure, shape, state: "own" });
     document.body.classList.add("own");
     byId("own").hidden = false;
+    byId("again").hidden = Boolean(failure);
     byId("loop-csv").hidden = !points || Boolean(this.scene.cover);
     const files = this.chain.frames.map((_, f) => (f === this.led ? "loop.csv" : "hold"));
     byId("loop-csv").title = `The loop's points, for repctl study --path ${files.join(",")}`;
@@ -825,18 +826,14 @@ export class Own {
     notes.push(...this.loopNotes());
     const far = this.elbowOff();
     const moved = far > 1e-4 ? `, ${this.part} moved by ${formatLength(far)}` : "";
-    const long = `${formatLength(this.length)} long${moved}`;
-    const title = failure
-      ? `the solid line, which the hand takes instead, ${long}`
-      : points
-        ? `${shape.whose}, ${long}`
-        : `the study’s path${moved}`;
+    const title = points
+      ? `${shape.whose}, ${formatLength(this.length)} long${moved}`
+      : `the study’s path${moved}`;
     if (failure) {
       notes.unshift([LINES], [sentence.map(([text]) => text).join("")]);
       sentence.splice(0, Infinity, ...failureWords(chain, failure));
     }
     this.write(sentence, notes, title);
-    byId("again").hidden = Boolean(failure);
     byId("again").textContent =
       cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";
     this.player.show();
