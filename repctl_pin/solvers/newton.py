@@ -10,6 +10,7 @@ from math import inf
 from sys import float_info
 
 import numpy as np
+import scipy  # which imports its parts when they are needed
 from numpy.typing import NDArray
 
 from ..base.arguments import Array
@@ -60,7 +61,7 @@ def newton(
         The solution; None if the method did not converge. With ``residual``, the last q is
         returned even then.
     """
-    from scipy.linalg.blas import daxpy, idamax  # slow to import
+    daxpy, idamax = scipy.linalg.blas.daxpy, scipy.linalg.blas.idamax
 
     q = start.copy()
     n = len(start)

@@ -7,6 +7,7 @@ inverse keeps constant.
 from __future__ import annotations
 
 import numpy as np
+import scipy  # which imports its parts when they are needed
 
 from ..base.arguments import Array
 
@@ -33,7 +34,7 @@ def damped(J_V: Array, rhs: Array, most: float) -> tuple[Array, float]:
     damping : float
         The λ that was used; 0 where the solution is exact.
     """
-    from scipy.linalg.lapack import dgetrf, dgetri  # slow to import
+    dgetrf, dgetri = scipy.linalg.lapack.dgetrf, scipy.linalg.lapack.dgetri
 
     factors, pivots, info = dgetrf(J_V)
     if not info:
