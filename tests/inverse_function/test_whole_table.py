@@ -626,12 +626,13 @@ def test_the_whole_table_of_a_panda_holds_at_random_poses(panda_pose: rp.Task) -
 @pytest.mark.slow
 def test_a_function_that_keeps_away_from_the_column_has_a_larger_table() -> None:
     """55: with minimum joint speed alone, tiago's lift went down to where column and arm collide,
-    and the sector was cut to 62 % of the largest rectangle."""
+    and the sector was cut to 62 % of the largest rectangle. The function from the configurations of
+    a locked arm comes nearer to bodies than that arm, unless it is asked to keep away: 82 %."""
     place = rp.best_cell(rp.Robot.load("tiago").task(None, "pose"), orientation="down")
     assert place.table is not None
     found = place.table.design
-    assert place.table.area > 0.75 * place.table.rectangle > 0.04
-    assert found.requested_body_distance == 0.001 and found.extra_speed < 0.05
+    assert place.table.area > 0.85 * place.table.rectangle > 0.04
+    assert found.requested_body_distance == 0.001 and found.extra_speed < 0.01
     rng = np.random.default_rng(2)
     U = rng.uniform(-1, 1, (3000, found.cell.k))
     U = np.where(rng.random(U.shape) < 0.3, np.sign(U), U)  # many at the edges

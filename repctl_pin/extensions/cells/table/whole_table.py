@@ -412,16 +412,17 @@ def _at_least_locked(
     """Return a design that covers as much as arms with locked joints, if one is found.
 
     If an arm of the floods ``locked`` covers more than the given design, a function of free joints
-    is designed from its configurations, and returned if it is larger; else the given design. Return
-    also an arm with locked joints that still covers a larger sector, or None.
+    is designed from its configurations, and returned if it is larger; else the given design. It
+    keeps away from bodies, as the locked arm does: with minimum joint speed alone, it would come
+    nearer. Return also an arm with locked joints that still covers a larger sector, or None.
     """
     larger = larger_arm(table, locked, design, limits)
     if larger is not None:
         place = _larger_place(table, line, symmetries, larger)
-        found = _larger_design(fit, [place], limits, design)
-        if found is not design:
-            larger = larger_arm(table, locked, found, limits)
-        design = found
+        useful = partial(_can_exceed, other=design)
+        found = _farther_from_bodies(fit, place, limits, None, useful)
+        if found is not None and _larger_of(found, design) is found:
+            design, larger = found, larger_arm(table, locked, found, limits)
     return design, None if larger is None else larger.arm
 
 
