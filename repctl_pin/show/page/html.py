@@ -50,7 +50,7 @@ from ...base.errors import RepctlError
 from ..text.headline import Headline
 
 SCRIPTS = (
-    *("dom", "numbers", "arm/viewer", "arm/arm", "arm/eye", "arm/traces"),
+    *("dom", "numbers", "arm/viewer", "arm/bodies", "arm/arm", "arm/eye", "arm/traces"),
     *("arm/kinematics", "arm/potentials", "arm/law", "arm/cover"),
     *("chrome/panes", "chrome/chart", "chrome/room", "chrome/callouts", "chrome/clock"),
     *(

@@ -1,6 +1,7 @@
 // One arm: its bodies, where they stand at each frame, and its ghost: where the repeatable arm
 // stands at the same instant, or else where this arm stood in cycle 1.
 
+import { Bodies } from "./bodies.js";
 import { tone } from "../dom.js";
 
 const LEAST_FULL = 0.01; // m, from which on a run's largest drift has the full colour
@@ -99,6 +100,7 @@ export class ArmView {
     });
     this.study = { run: this.run, start };
     this.end = at;
+    this.join();
     this.makeGhost();
     viewer.scene.add(this.group);
   }
@@ -294,6 +296,31 @@ export class ArmView {
     return this.gain > 1 ? p.lerp(base.point(which, chain, first, f), 1 - this.gain) : p;
   }
 
+  // One mesh for all bodies of one colour each.
+  join() {
+    const T = MeshCat.THREE;
+    this.places = [...this.moving, ...this.still];
+    this.joinable = this.places.flatMap(({ children }) => children);
+    const material = Object.assign(paint([1, 1, 1, 1]), inStencil(OF_ARM), { vertexColors: true });
+    this.bodies = new Bodies(this.group, this.joinable, this.places.length, [material]);
+    const depth = new T.MeshDepthMaterial({ depthPacking: T.RGBADepthPacking });
+    Object.assign(this.bodies.meshes[0], {
+      castShadow: true,
+      receiveShadow: true,
+      customDepthMaterial: this.bodies.placing(depth),
+    });
+  }
+
+  // Draw as one mesh all bodies that are not drawn by themselves, and as others the ghosts, as they
+  // are placed now.
+  drawJoined() {
+    this.bodies.draw(
+      this.places.map((place) => (place.children[0].visible ? null : place)),
+      (place) => place.children[0].material.color,
+    );
+    this.shadow.draw(this.shades.map((shade) => (shade.visible ? shade : null)));
+  }
+
   // A see-through copy of the moving bodies with an outline, one in this.shades for each, where the
   // arm does not cover it; it stands behind what it nearly coincides with.
   makeGhost() {
@@ -332,29 +359,21 @@ export class ArmView {
     this.ghosts = this.rows.map((place) => {
       if (!place) return null;
       const copy = new T.Group();
-      for (const mesh of place.children)
-        [veil, tint, edge].forEach((material, order) => {
-          const pale = mesh.clone();
-          Object.assign(pale, {
-            material,
-            castShadow: false,
-            receiveShadow: false,
-            renderOrder: 2 + order,
-          });
-          // three draws both sides of what is transparent one after the other, and looks its
-          // program up for each; an outline is one colour
-          if (material === edge) {
-            pale.onBeforeRender = () => {
-              edge.transparent = false;
-            };
-            pale.onAfterRender = () => {
-              edge.transparent = true;
-            };
-          }
-          copy.add(pale);
-        });
       this.ghost.add(copy);
       return copy;
+    });
+    const materials = [veil, tint, edge];
+    this.shadow = new Bodies(this.ghost, this.joinable, this.moving.length, materials);
+    this.shadow.meshes.forEach((mesh, order) => Object.assign(mesh, { renderOrder: 2 + order }));
+    // three draws both sides of what is transparent one after the other, and looks its program up
+    // for each; an outline is one colour
+    Object.assign(this.shadow.meshes[2], {
+      onBeforeRender: () => {
+        edge.transparent = false;
+      },
+      onAfterRender: () => {
+        edge.transparent = true;
+      },
     });
     this.shades = this.moving.map((place) => this.ghosts[this.rows.indexOf(place)]);
     this.group.add(this.ghost);
@@ -472,10 +491,12 @@ export class ArmView {
     const painted = (place, share, named) => {
       for (const mesh of place.children) {
         mesh.material = mesh.plain;
-        if (!on || mesh.grey === mesh.plain) continue;
-        // one material is set up once for all that have it
-        mesh.material = share > 0 || named ? mesh.grey : this.back;
-        if (mesh.material === mesh.grey) mesh.grey.color.copy(grey).lerp(full, share);
+        if (on && mesh.grey !== mesh.plain) {
+          mesh.material = share > 0 || named ? mesh.grey : this.back;
+          if (mesh.material === mesh.grey) mesh.grey.color.copy(grey).lerp(full, share);
+        }
+        // by itself is drawn what has colours of its own, or is outlined
+        mesh.visible = named || !mesh.material.joins;
       }
     };
     this.still.forEach((place) => painted(place, 0, false));
@@ -594,8 +615,10 @@ function outlined(options) {
     vertexShader: `uniform vec2 pixel; uniform float least; uniform float share;
       void main() {
         float wide = max(least, 2.0 * share / pixel.y);
-        gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-        vec2 way = (projectionMatrix * vec4(normalMatrix * normal, 0.0)).xy / pixel;
+        #include <begin_vertex>
+        #include <beginnormal_vertex>
+        gl_Position = projectionMatrix * modelViewMatrix * vec4(transformed, 1.0);
+        vec2 way = (projectionMatrix * vec4(normalMatrix * objectNormal, 0.0)).xy / pixel;
         gl_Position.xy += wide * gl_Position.w * pixel * way / max(length(way), 1e-9);
       }`,
     fragmentShader: "uniform vec3 color; void main() { gl_FragColor = vec4(color, 0.75); }",
@@ -627,6 +650,7 @@ function fanned(place, material, order) {
     copy.add(
       Object.assign(mesh.clone(false), {
         material,
+        visible: true,
         castShadow: false,
         receiveShadow: false,
         renderOrder: order,
@@ -690,7 +714,7 @@ function setPose(node, m, start, stride = 0, near = AT_FRAME) {
 
 function paint([r, g, b, a]) {
   const T = MeshCat.THREE;
-  return new T.MeshPhongMaterial({
+  const material = new T.MeshPhongMaterial({
     color: new T.Color(r, g, b),
     specular: 0x1c1c1c,
     shininess: 28,
@@ -698,6 +722,7 @@ function paint([r, g, b, a]) {
     opacity: a,
     transparent: a < 1,
   });
+  return Object.assign(material, { joins: a === 1 });
 }
 
 function copied(material) {
