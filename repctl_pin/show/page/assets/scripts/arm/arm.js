@@ -22,7 +22,6 @@ export class ArmView {
       rows: [],
       moving: [],
       still: [],
-      meshes: [],
       part: [],
       gain: 1,
       difference: new Float64Array(16), // of two matrices
@@ -36,9 +35,6 @@ export class ArmView {
     });
     this.group = new T.Group();
     this.group.name = data.label;
-    // of all bodies that stand where they are compared with
-    this.back = paint([1, 1, 1, 1]);
-    Object.assign(this.back, inStencil(OF_ARM));
     data.shapes.forEach((shape, s) => {
       const body =
         shape.body === null
@@ -66,7 +62,6 @@ export class ArmView {
       Object.assign(place, { name: shape.name, shape: s });
       place.add(mesh);
       this.group.add(place);
-      this.meshes.push(mesh);
       if (shape.pose) {
         setPose(place, shape.pose, 0);
         this.still.push(place);
@@ -296,29 +291,26 @@ export class ArmView {
     return this.gain > 1 ? p.lerp(base.point(which, chain, first, f), 1 - this.gain) : p;
   }
 
-  // One mesh for all bodies of one colour each.
+  // One mesh of all bodies, for those that are not drawn by themselves.
   join() {
     const T = MeshCat.THREE;
     this.places = [...this.moving, ...this.still];
-    this.joinable = this.places.flatMap(({ children }) => children);
+    this.meshes = this.places.flatMap(({ children }) => children);
     const material = Object.assign(paint([1, 1, 1, 1]), inStencil(OF_ARM), { vertexColors: true });
-    this.bodies = new Bodies(this.group, this.joinable, this.places.length, [material]);
-    const depth = new T.MeshDepthMaterial({ depthPacking: T.RGBADepthPacking });
+    this.bodies = new Bodies(this.group, this.meshes, this.places.length, [material]);
     Object.assign(this.bodies.meshes[0], {
       castShadow: true,
       receiveShadow: true,
-      customDepthMaterial: this.bodies.placing(depth),
+      customDepthMaterial: this.bodies.placing(
+        new T.MeshDepthMaterial({ depthPacking: T.RGBADepthPacking }),
+      ),
     });
   }
 
-  // Draw as one mesh all bodies that are not drawn by themselves, and as others the ghosts, as they
-  // are placed now.
+  // Draw as one mesh what is not drawn by itself, and the ghosts, as they are placed now.
   drawJoined() {
-    this.bodies.draw(
-      this.places.map((place) => (place.children[0].visible ? null : place)),
-      (place) => place.children[0].material.color,
-    );
-    this.shadow.draw(this.shades.map((shade) => (shade.visible ? shade : null)));
+    this.bodies.draw(this.places.map((place) => !place.children[0].visible && place));
+    this.shadow.draw(this.shades.map((shade) => shade.visible && shade));
   }
 
   // A see-through copy of the moving bodies with an outline, one in this.shades for each, where the
@@ -362,19 +354,19 @@ export class ArmView {
       this.ghost.add(copy);
       return copy;
     });
-    const materials = [veil, tint, edge];
-    this.shadow = new Bodies(this.ghost, this.joinable, this.moving.length, materials);
-    this.shadow.meshes.forEach((mesh, order) => Object.assign(mesh, { renderOrder: 2 + order }));
+    this.shadow = new Bodies(this.ghost, this.meshes, this.moving.length, [veil, tint, edge]);
+    const { meshes } = this.shadow;
+    meshes.forEach((mesh, order) => {
+      mesh.renderOrder = 2 + order;
+    });
     // three draws both sides of what is transparent one after the other, and looks its program up
     // for each; an outline is one colour
-    Object.assign(this.shadow.meshes[2], {
-      onBeforeRender: () => {
-        edge.transparent = false;
-      },
-      onAfterRender: () => {
-        edge.transparent = true;
-      },
-    });
+    meshes[2].onBeforeRender = () => {
+      edge.transparent = false;
+    };
+    meshes[2].onAfterRender = () => {
+      edge.transparent = true;
+    };
     this.shades = this.moving.map((place) => this.ghosts[this.rows.indexOf(place)]);
     this.group.add(this.ghost);
   }
@@ -487,15 +479,11 @@ export class ArmView {
     this.tint.color.set(tone("--ghost"));
     this.edge.uniforms.color.value.set(tone("--ghost"));
     this.rim.uniforms.color.value.set(tone("--ink"));
-    this.back.color.copy(grey);
     const painted = (place, share, named) => {
       for (const mesh of place.children) {
-        mesh.material = mesh.plain;
-        if (on && mesh.grey !== mesh.plain) {
-          mesh.material = share > 0 || named ? mesh.grey : this.back;
-          if (mesh.material === mesh.grey) mesh.grey.color.copy(grey).lerp(full, share);
-        }
-        // by itself is drawn what has colours of its own, or is outlined
+        mesh.material = on ? mesh.grey : mesh.plain;
+        if (mesh.material !== mesh.plain) mesh.grey.color.copy(grey).lerp(full, share);
+        // by itself is drawn what has more than one colour, is transparent, or outlined
         mesh.visible = named || !mesh.material.joins;
       }
     };
@@ -714,14 +702,9 @@ function setPose(node, m, start, stride = 0, near = AT_FRAME) {
 
 function paint([r, g, b, a]) {
   const T = MeshCat.THREE;
-  const material = new T.MeshPhongMaterial({
-    color: new T.Color(r, g, b),
-    specular: 0x1c1c1c,
-    shininess: 28,
-    side: T.DoubleSide,
-    opacity: a,
-    transparent: a < 1,
-  });
+  const look = { specular: 0x1c1c1c, shininess: 28, side: T.DoubleSide };
+  const material = new T.MeshPhongMaterial({ ...look, opacity: a, transparent: a < 1 });
+  material.color.setRGB(r, g, b);
   return Object.assign(material, { joins: a === 1 });
 }
 
