@@ -1,5 +1,6 @@
-// Many bodies as one mesh: a call of WebGL for each body, in each pane and once more for its shadow,
-// took most of a picture's time. A texture has a row for each body: where it is, and its colour.
+// Many bodies as one mesh: a call of WebGL for each body, in each pane and once more for its
+// shadow, took most of a picture's time. A texture has a row for each body: where it is, and its
+// colour.
 
 const PLACED = `invariant gl_Position;
   attribute float body;
