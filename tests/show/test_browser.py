@@ -108,7 +108,22 @@ def test_the_page_of_a_study_shows_who_comes_back(driver: Any, tmp_path: Path, n
             )
             np.testing.assert_allclose(np.reshape(told, (4, 4)).T, expected[s], atol=1e-5)
     the_colour_is_how_far_a_body_is_off_its_start(driver, study, drawn)
+    bodies_of_one_mesh_look_as_bodies_one_by_one(driver)
     assert errors(driver) == []
+
+
+def bodies_of_one_mesh_look_as_bodies_one_by_one(driver: Any) -> None:
+    """And take one call of WebGL in a pane, but for those that are outlined."""
+    joined = picture(driver, 2.5, traces=True)
+    calls, single, outlined = driver.execute_script(
+        "const { own, viewer, placed } = repctl, { render } = viewer.renderer.info;"
+        "placed(); const joined = render.calls, { rims } = own.arms.at(-1);"
+        "for (const arm of own.arms) for (const mesh of arm.meshes) mesh.visible = true;"
+        "placed(); return [joined, render.calls, rims.length]"
+    )
+    bodies = driver.execute_script("return repctl.meshes(1)")
+    assert single - calls == bodies - outlined - 1 > 1
+    assert changed(joined, picture_now(driver)) < 2e-4
 
 
 def the_colour_is_how_far_a_body_is_off_its_start(

@@ -50,7 +50,7 @@ from ...base.errors import RepctlError
 from ..text.headline import Headline
 
 SCRIPTS = (
-    *("dom", "numbers", "arm/viewer", "arm/arm", "arm/eye", "arm/traces"),
+    *("dom", "numbers", "arm/viewer", "arm/bodies", "arm/arm", "arm/eye", "arm/traces"),
     *("arm/kinematics", "arm/potentials", "arm/law", "arm/cover"),
     *("chrome/panes", "chrome/chart", "chrome/room", "chrome/callouts", "chrome/clock"),
     *(
@@ -161,13 +161,14 @@ def _left_out(scene: dict[str, Any]) -> tuple[str, ...]:
 def _script(left_out: tuple[str, ...] = ()) -> str:
     """Join the page's JavaScript modules, in the order of ``SCRIPTS``, into one script.
 
-    The modules ``left_out`` are not among them. Comments, indentation, imports and exports are
-    removed; all modules share one scope.
+    The modules ``left_out`` are not among them. Comments, indentation, line breaks at brackets,
+    imports and exports are removed; all modules share one scope.
     """
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS if name not in left_out]
     dropped = r"(?m)^(import [^;]*;\n|export |\s*//.*\n| +)|(?<=[;,{})\]]) // .*$"
-    return '"use strict";\n' + re.sub(dropped, "", "\n".join(texts))
+    joined = re.sub(dropped, "", "\n".join(texts))
+    return '"use strict";\n' + re.sub(r"(?<=[{(\[])\n|,?\n(?=[})\]])", "", joined)
 
 
 def _as_script(value: Any) -> str:

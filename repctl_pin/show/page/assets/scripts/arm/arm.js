@@ -1,6 +1,7 @@
 // One arm: its bodies, where they stand at each frame, and its ghost: where the repeatable arm
 // stands at the same instant, or else where this arm stood in cycle 1.
 
+import { Bodies } from "./bodies.js";
 import { tone } from "../dom.js";
 
 const LEAST_FULL = 0.01; // m, from which on a run's largest drift has the full colour
@@ -21,7 +22,6 @@ export class ArmView {
       rows: [],
       moving: [],
       still: [],
-      meshes: [],
       part: [],
       gain: 1,
       difference: new Float64Array(16), // of two matrices
@@ -35,9 +35,6 @@ export class ArmView {
     });
     this.group = new T.Group();
     this.group.name = data.label;
-    // of all bodies that stand where they are compared with
-    this.back = paint([1, 1, 1, 1]);
-    Object.assign(this.back, inStencil(OF_ARM));
     data.shapes.forEach((shape, s) => {
       const body =
         shape.body === null
@@ -65,7 +62,6 @@ export class ArmView {
       Object.assign(place, { name: shape.name, shape: s });
       place.add(mesh);
       this.group.add(place);
-      this.meshes.push(mesh);
       if (shape.pose) {
         setPose(place, shape.pose, 0);
         this.still.push(place);
@@ -99,6 +95,7 @@ export class ArmView {
     });
     this.study = { run: this.run, start };
     this.end = at;
+    this.join();
     this.makeGhost();
     viewer.scene.add(this.group);
   }
@@ -294,6 +291,28 @@ export class ArmView {
     return this.gain > 1 ? p.lerp(base.point(which, chain, first, f), 1 - this.gain) : p;
   }
 
+  // One mesh of all bodies, for those that are not drawn by themselves.
+  join() {
+    const T = MeshCat.THREE;
+    this.places = [...this.moving, ...this.still];
+    this.meshes = this.places.flatMap(({ children }) => children);
+    const material = Object.assign(paint([1, 1, 1, 1]), inStencil(OF_ARM), { vertexColors: true });
+    this.bodies = new Bodies(this.group, this.meshes, this.places.length, [material]);
+    Object.assign(this.bodies.meshes[0], {
+      castShadow: true,
+      receiveShadow: true,
+      customDepthMaterial: this.bodies.placing(
+        new T.MeshDepthMaterial({ depthPacking: T.RGBADepthPacking }),
+      ),
+    });
+  }
+
+  // Draw as one mesh what is not drawn by itself, and the ghosts, as they are placed now.
+  drawJoined() {
+    this.bodies.draw(this.places.map((place) => !place.children[0].visible && place));
+    this.shadow.draw(this.shades.map((shade) => shade.visible && shade));
+  }
+
   // A see-through copy of the moving bodies with an outline, one in this.shades for each, where the
   // arm does not cover it; it stands behind what it nearly coincides with.
   makeGhost() {
@@ -332,30 +351,22 @@ export class ArmView {
     this.ghosts = this.rows.map((place) => {
       if (!place) return null;
       const copy = new T.Group();
-      for (const mesh of place.children)
-        [veil, tint, edge].forEach((material, order) => {
-          const pale = mesh.clone();
-          Object.assign(pale, {
-            material,
-            castShadow: false,
-            receiveShadow: false,
-            renderOrder: 2 + order,
-          });
-          // three draws both sides of what is transparent one after the other, and looks its
-          // program up for each; an outline is one colour
-          if (material === edge) {
-            pale.onBeforeRender = () => {
-              edge.transparent = false;
-            };
-            pale.onAfterRender = () => {
-              edge.transparent = true;
-            };
-          }
-          copy.add(pale);
-        });
       this.ghost.add(copy);
       return copy;
     });
+    this.shadow = new Bodies(this.ghost, this.meshes, this.moving.length, [veil, tint, edge]);
+    const { meshes } = this.shadow;
+    meshes.forEach((mesh, order) => {
+      mesh.renderOrder = 2 + order;
+    });
+    // three draws both sides of what is transparent one after the other, and looks its program up
+    // for each; an outline is one colour
+    meshes[2].onBeforeRender = () => {
+      edge.transparent = false;
+    };
+    meshes[2].onAfterRender = () => {
+      edge.transparent = true;
+    };
     this.shades = this.moving.map((place) => this.ghosts[this.rows.indexOf(place)]);
     this.group.add(this.ghost);
   }
@@ -468,14 +479,12 @@ export class ArmView {
     this.tint.color.set(tone("--ghost"));
     this.edge.uniforms.color.value.set(tone("--ghost"));
     this.rim.uniforms.color.value.set(tone("--ink"));
-    this.back.color.copy(grey);
     const painted = (place, share, named) => {
       for (const mesh of place.children) {
-        mesh.material = mesh.plain;
-        if (!on || mesh.grey === mesh.plain) continue;
-        // one material is set up once for all that have it
-        mesh.material = share > 0 || named ? mesh.grey : this.back;
-        if (mesh.material === mesh.grey) mesh.grey.color.copy(grey).lerp(full, share);
+        mesh.material = on ? mesh.grey : mesh.plain;
+        if (mesh.material !== mesh.plain) mesh.grey.color.copy(grey).lerp(full, share);
+        // by itself is drawn what has more than one colour, is transparent, or outlined
+        mesh.visible = named || !mesh.material.joins;
       }
     };
     this.still.forEach((place) => painted(place, 0, false));
@@ -594,8 +603,10 @@ function outlined(options) {
     vertexShader: `uniform vec2 pixel; uniform float least; uniform float share;
       void main() {
         float wide = max(least, 2.0 * share / pixel.y);
-        gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-        vec2 way = (projectionMatrix * vec4(normalMatrix * normal, 0.0)).xy / pixel;
+        #include <begin_vertex>
+        #include <beginnormal_vertex>
+        gl_Position = projectionMatrix * modelViewMatrix * vec4(transformed, 1.0);
+        vec2 way = (projectionMatrix * vec4(normalMatrix * objectNormal, 0.0)).xy / pixel;
         gl_Position.xy += wide * gl_Position.w * pixel * way / max(length(way), 1e-9);
       }`,
     fragmentShader: "uniform vec3 color; void main() { gl_FragColor = vec4(color, 0.75); }",
@@ -627,6 +638,7 @@ function fanned(place, material, order) {
     copy.add(
       Object.assign(mesh.clone(false), {
         material,
+        visible: true,
         castShadow: false,
         receiveShadow: false,
         renderOrder: order,
@@ -690,14 +702,10 @@ function setPose(node, m, start, stride = 0, near = AT_FRAME) {
 
 function paint([r, g, b, a]) {
   const T = MeshCat.THREE;
-  return new T.MeshPhongMaterial({
-    color: new T.Color(r, g, b),
-    specular: 0x1c1c1c,
-    shininess: 28,
-    side: T.DoubleSide,
-    opacity: a,
-    transparent: a < 1,
-  });
+  const look = { specular: 0x1c1c1c, shininess: 28, side: T.DoubleSide };
+  const material = new T.MeshPhongMaterial({ ...look, opacity: a, transparent: a < 1 });
+  material.color.setRGB(r, g, b);
+  return Object.assign(material, { joins: a === 1 });
 }
 
 function copied(material) {

@@ -1,6 +1,6 @@
 // The one camera of all panes: where it looks from, and how far away it stands.
 
-import { displaced } from "./arm.js";
+import { cornersOf, displaced } from "./arm.js";
 
 export class Eye {
   // `out`: from what is looked at to the camera, robot axes (z up); `flat`: without perspective, as
@@ -230,13 +230,7 @@ function boxOf(place) {
       return {
         box,
         inverse: matrix.clone().invert(),
-        corners: [0, 1, 2, 3, 4, 5, 6, 7].map((k) =>
-          new T.Vector3(
-            k & 1 ? max.x : min.x,
-            k & 2 ? max.y : min.y,
-            k & 4 ? max.z : min.z,
-          ).applyMatrix4(matrix),
-        ),
+        corners: cornersOf({ min, max }).map((corner) => corner.applyMatrix4(matrix)),
       };
     });
 }

@@ -46,7 +46,7 @@ export function openConsole(api, { viewer, clock, view, arms, panes, still, own,
     ],
     materials: (change) => {
       for (const arm of arms)
-        for (const mesh of arm.meshes)
+        for (const mesh of [...arm.meshes, ...arm.bodies.meshes])
           [mesh.material].flat().forEach((m) => {
             change(m);
             m.needsUpdate = true;

@@ -161,6 +161,7 @@ export class Panes {
     // once for all panes, and not of what is hidden in all
     for (const arm of this.arms) arm.group.visible = true;
     placeVisible(scene);
+    for (const arm of this.arms) arm.drawJoined();
     camera.updateWorldMatrix(true, false);
     scene.autoUpdate = false;
     this.arms.forEach((arm, k) => {
