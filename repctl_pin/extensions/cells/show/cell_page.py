@@ -122,11 +122,10 @@ def _edges(sector: Sector) -> Array:
 
 def cell_page(
     design: CellDesign,
-    slices: bytes | None,
+    maps: Sequence[tuple[bytes, str, str]],
     motions: Mapping[str, Motion],
     notes: Sequence[str] = (),
     *,
-    around: str = "",
     command: str | None = None,
 ) -> str:
     """Write the self-contained HTML page of a function over a cell.
@@ -135,15 +134,13 @@ def cell_page(
     ----------
     design
         The function and its figures of merit.
-    slices
-        PNG file of the figure of slices; None leaves the figure out.
+    maps
+        Maps of slices, see :func:`.cell_plots.map_pictures`.
     motions
         Motions along a sample path through the cell, by controller: the desired inverse, unless it
         failed, and the function.
     notes
         Notes on these motions.
-    around
-        CSS polygon of the figure without its maps, which dark mode inverts.
     command
         Command line that made the page.
     """
@@ -166,8 +163,8 @@ def cell_page(
         animation=animation.replace("<body>", '<body class="inside">', 1),
         still=still,
         tour=" ".join(legend),
-        slices=None if slices is None else framed(slices, _slice_words(design)),
-        around=around,
+        maps=[framed(cut, words) | {"around": around} for cut, around, words in maps],
+        slices=_slice_words(design),
         figures=design.figures(),
         dialog=dialog,
         command=command,
@@ -176,7 +173,7 @@ def cell_page(
 
 
 def _slice_words(design: CellDesign) -> str:
-    """Write the caption of the figure of slices, maps of the function over pairs of coordinates."""
+    """Write the caption of the slices, maps of the function over pairs of coordinates."""
     words = (
         f"Slices through the middle of the {shape_word(design)} (+). First: the smallest "
         f"joint-limit margin. Second: joint speed relative to the {usual(design)} control at the "
