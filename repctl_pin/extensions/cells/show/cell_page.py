@@ -35,7 +35,7 @@ from ....show.text.lines import Span, capital
 from ..cell_design_result import NO_EXTRA_SPEED, CellDesign
 from ..evaluate.symmetric_coordinates import Turn
 from ..geometry.cell import Cell
-from ..geometry.ranges import range_phrase
+from ..geometry.ranges import range_phrase, degrees_turned
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 from .cell_loop import cell_loop
 from .cell_words import cell_uses, cell_words, shape_word, usual
@@ -86,6 +86,7 @@ def _cover_of(design: CellDesign) -> dict[str, Any] | None:
         half = float(cell.widths[ANGLE])
         motion: dict[str, Any] = {"origin": _plain(origin), "axis": _plain(axis)}
         motion |= {"from": -half, "to": half}
+        motion["turns"] = degrees_turned(cell, _reaches(design))
     else:
         across = np.zeros((3, 3))
         rows = cell.task.rows[: len(cell.half_width)]
@@ -241,7 +242,7 @@ def _covered(design: CellDesign) -> str:
     This is the first sentence of the page.
     """
     found = design.evaluation
-    ranges = range_phrase(design.cell, {turn.coordinate: turn.reach for turn in found.turns})
+    ranges = range_phrase(design.cell, _reaches(design))
     if found.everywhere:
         return f"Same hand pose, same joints, however the hand gets there: {ranges}. "
     causes = [stop for stop in design.failures if stop.cause != "collision"]
@@ -249,6 +250,11 @@ def _covered(design: CellDesign) -> str:
     why = "" if most is None else f": {most.what}"
     shape = shape_word(design)
     return f"One function covers {found.covered}{why}. The {shape} asked for: {ranges}. "
+
+
+def _reaches(design: CellDesign) -> dict[str, float]:
+    """Return the whole range of angle and spin inside the limits of their joints, rad, by name."""
+    return {turn.coordinate: turn.reach for turn in design.evaluation.turns}
 
 
 def _cost(design: CellDesign) -> Span:

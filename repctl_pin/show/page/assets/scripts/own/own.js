@@ -2,6 +2,7 @@
 // says what has happened. And the slider of the elbow, from where they then start.
 
 import { pointAt } from "../arm/arm.js";
+import { EdgeLine } from "../arm/cover.js";
 import { Chain } from "../arm/kinematics.js";
 import { Law, stepped } from "../arm/law.js";
 import { dots, Trail } from "../arm/traces.js";
@@ -447,7 +448,8 @@ export class Own {
         new Trail(piece, color),
         new Trail(arm.traces, color),
       ]);
-      return { line, trails };
+      const edge = this.scene.cover && new EdgeLine(piece, this.scene.cover);
+      return { line, trails, edge };
     });
   }
 
@@ -673,7 +675,8 @@ export class Own {
     const { lead } = this;
     const home = this.chain.homes[this.led];
     this.drawArms();
-    for (const { line } of lead.shown) {
+    for (const { line, edge } of lead.shown) {
+      if (edge) edge.show(this.onPiece(lead.hand));
       const { geometry } = line;
       const { position } = geometry.attributes;
       const count = Math.min(DOTS, Math.floor(gap(lead.hand, home) / (0.018 * this.extent)));
