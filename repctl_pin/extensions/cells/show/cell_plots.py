@@ -110,20 +110,25 @@ def map_pictures(figure: Figure, picture: bytes) -> list[tuple[bytes, str, str]]
     in dark mode inverts what is inside, the text, and keeps the colours.
     """
     whole = Image.open(io.BytesIO(picture))
-    bars = {ax: ax.collections[0].colorbar for ax in figure.axes if ax.collections}
-    scales = [bar.ax for bar in bars.values() if bar is not None]
-    found = []
-    for ax in figure.axes:
+    scales = [_scale_of(ax) for ax in figure.axes]
+    found, bar = [], None
+    for ax, scale in zip(figure.axes, scales, strict=True):
         if ax in scales:
             continue
-        if bars[ax] is not None:
-            bar = bars[ax].ax
+        bar = bar if scale is None else scale  # one colour bar for all maps of a quantity
+        assert bar is not None
         file = io.BytesIO()
         cut, around = _beside(whole, ax, bar)
         cut.save(file, format="png", compress_level=4)
         words = f"{bar.get_ylabel()}, over {ax.get_xlabel()} and {ax.get_ylabel()}"
         found.append((file.getvalue(), around, words))
     return found
+
+
+def _scale_of(ax: Axes) -> Axes | None:
+    """Return the axes of the colour bar of a map; None if it has none of its own."""
+    bar = ax.collections[0].colorbar if ax.collections else None
+    return None if bar is None else bar.ax
 
 
 def _beside(whole: Image.Image, *axes: Axes) -> tuple[Image.Image, str]:
@@ -150,7 +155,8 @@ def _pixels(whole: Image.Image, ax: Axes, box: BboxBase | None) -> tuple[int, in
     """Return the left, top, right and bottom pixels of a box in the picture of a figure."""
     figure = ax.get_figure(root=True)
     assert figure is not None and box is not None
-    x0, y0, x1, y1 = box.transformed(figure.transFigure.inverted()).extents.clip(0, 1)
+    shares = np.array(box.transformed(figure.transFigure.inverted()).extents)
+    x0, y0, x1, y1 = shares.clip(0, 1)
     width, height = whole.size
     left, top = int(x0 * width), int((1 - y1) * height)
     return left, top, max(ceil(x1 * width), left + 1), max(ceil((1 - y0) * height), top + 1)

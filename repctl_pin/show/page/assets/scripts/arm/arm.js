@@ -4,7 +4,7 @@
 import { tone } from "../dom.js";
 import { stepAbove } from "../numbers.js";
 
-const LEAST_FULL = 0.05; // m, at which a body has the full colour, and a bar its full height, at least
+const LEAST_FULL = 0.05; // m off, of which colour and bars are full, at least
 const LEAST_ENLARGED = 1e-3; // the same where drift is drawn enlarged
 export const GAIN = 50; // how many times as large a small drift is drawn
 const SAME = 1e-4; // m, within which a body covers its ghost
