@@ -134,7 +134,8 @@ def test_of_many_cycles_two_leave_traces(page: Path, driver: Any) -> None:
     opened(driver, page, **DESK)
     driver.switch_to.frame(driver.find_element("tag name", "iframe"))
     drawn = driver.execute_script(
-        "const trace = repctl.own.arms[0].traces.children.find((mesh) => mesh.geometry?.groups.length);"
+        "const { children } = repctl.own.arms[0].traces;"
+        "const trace = children.find((mesh) => mesh.geometry?.groups.length);"
         "return [0.5, 1.25, 6.5].map((time) => { repctl.seek(time);"
         "return trace.geometry.groups.map(({ start, count }) => [start, count]); })"
     )

@@ -35,7 +35,7 @@ from ....show.text.lines import Span, capital
 from ..cell_design_result import NO_EXTRA_SPEED, CellDesign
 from ..evaluate.symmetric_coordinates import Turn
 from ..geometry.cell import Cell
-from ..geometry.ranges import range_phrase, degrees_turned
+from ..geometry.ranges import degrees_turned, range_phrase
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 from .cell_loop import cell_loop
 from .cell_words import cell_uses, cell_words, shape_word, usual
