@@ -72,7 +72,7 @@ def _cover_of(design: CellDesign) -> dict[str, Any] | None:
     """Describe the surface around a cell's positions, for the page's script; None without volume.
 
     A section between an inner and an outer side is shifted through a box, or turned around the axis
-    of a sector.
+    of a sector, whose angle and rotations have the ``turns``, in degrees.
     """
     cell = design.cell
     if isinstance(cell, Sector):
@@ -94,7 +94,7 @@ def _cover_of(design: CellDesign) -> dict[str, Any] | None:
         x, y, z = across
         corner = cell.placement.translation - x - y - z
         sides = [np.array([corner, corner + 2 * z]), np.array([corner, corner + 2 * z]) + 2 * x]
-        motion = {"shift": _plain(2 * y)}
+        motion = {"shift": _plain(2 * y), "turns": {}}
     inner, outer = (np.round(side, 4).tolist() for side in sides)
     return {"inner": inner, "outer": outer} | motion
 
