@@ -91,7 +91,7 @@ def cell() -> str:
     path = rp.circle(task, q, 0.04)
     motions = {"J⁺": desired, "one function": found.inverse}
     followed = {name: rp.follow(it, path, q, cycles=5) for name, it in motions.items()}
-    return cell_page(found, None, followed)
+    return cell_page(found, (), followed)
 
 
 def loop(control: Any, leaf: Any, like: rp.Motion) -> rp.Motion:

@@ -3,6 +3,8 @@ by node."""
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 from dataclasses import replace
 from html import unescape
@@ -77,16 +79,21 @@ def test_the_page_of_a_tilting_tool_has_no_ring(tmp_path: Path) -> None:
 def test_dark_mode_inverts_no_colour_of_the_slices(tmp_path: Path) -> None:
     """What it inverts is grey: text, ticks and paper. It inverted the colour maps, too."""
     written("tilts", tmp_path)
-    (around,) = re.findall(
-        r"--around: polygon\(evenodd,(.*?)\)", (tmp_path / "cell.html").read_text("utf-8")
+    page = (tmp_path / "cell.html").read_text("utf-8")
+    maps = re.findall(
+        r'--around: polygon\(evenodd,(.*?)\)"><img src="data:image/png;base64,(.*?)"', page
     )
-    corners = [[float(v.strip("%")) / 100 for v in one.split()] for one in around.split(",")]
-    picture = np.asarray(Image.open(tmp_path / "cell.png").convert("RGB")).astype(int)
-    inverted = np.ones(picture.shape[:2], bool)
-    for k in range(5, len(corners), 6):
-        (left, top), (right, bottom) = corners[k], corners[k + 2]
-        height, width = inverted.shape
-        rows = slice(int(top * height) - 1, int(np.ceil(bottom * height)) + 1)
-        inverted[rows, int(left * width) - 1 : int(np.ceil(right * width)) + 1] = False
-    coloured = np.ptp(picture, axis=2) > 8
-    assert coloured[~inverted].mean() > 0.5 and not coloured[inverted].any()
+    assert len(maps) > 3
+    for around, data in maps:
+        corners = [[float(v.strip("%")) / 100 for v in one.split()] for one in around.split(",")]
+        image = Image.open(io.BytesIO(base64.b64decode(data)))
+        picture = np.asarray(image.convert("RGB")).astype(int)
+        inverted = np.ones(picture.shape[:2], bool)
+        assert len(corners) == 5 + 6 + 6  # the map and its colour bar
+        for k in (5, 11):
+            (left, top), (right, bottom) = corners[k], corners[k + 2]
+            height, width = inverted.shape
+            rows = slice(max(int(top * height) - 1, 0), int(np.ceil(bottom * height)) + 1)
+            inverted[rows, max(int(left * width) - 1, 0) : int(np.ceil(right * width)) + 1] = False
+        coloured = np.ptp(picture, axis=2) > 8
+        assert coloured[~inverted].mean() > 0.5 and not coloured[inverted].any()

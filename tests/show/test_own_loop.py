@@ -906,6 +906,18 @@ def test_a_loop_is_drawn_with_either_hand(
     assert "together 14 joints, 2 redundant" in caption
     slider = driver.find_element("id", "elbow-name").get_attribute("textContent")
     assert re.match("Move the (left|right) ", slider), slider
+    # at first it moves the arm that drifts most, whose name the menu says: it moved the other one
+    part, first, reached, offered = driver.execute_script(
+        "const { own } = repctl, { part } = own.scene;"
+        "const reached = [0, 1].map((k) => { own.stand(0, k); return own.reached(part); });"
+        "own.stand(0, own.first);"
+        "return [part, own.first, reached, [...document.getElementById('level').options].map("
+        "({ text }) => text)]"
+    )
+    side = part.split()[0]
+    assert side in ("left", "right") and slider.startswith(f"Move the {side} ")
+    assert first == int(np.argmax(reached)) and min(reached) < max(reached)
+    assert offered[first].startswith(f"{side} ") and offered[first].endswith("of 2")
     # at the end of a cycle each hand has its distance, and within one none
     for cycles, seen in ((2, True), (1.5, False)):
         driver.execute_script("repctl.seek(arguments[0]); repctl.placed()", cycles)
@@ -1364,6 +1376,19 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     reason = driver.execute_script("return repctl.own.scene.failure")
     assert [e.text for e in marks] == 2 * [f"cannot follow\n{reason}"]
     assert found[1].startswith(reason) and reason
+    # one ball in each pane; what its lines mean is said on a phone, too
+    balls = driver.execute_script(
+        "return repctl.own.arms.map(({ past, stop }) => [past, stop].filter((ball) =>"
+        " ball && ball.node.visible).length)"
+    )
+    assert balls == [1, 1]
+    schemes(driver, width=390, height=844)
+    driver.find_element("id", "noted").click()
+    notes = driver.find_element("id", "notes")
+    assert notes.is_displayed() and notes.text.startswith("Solid: the way that the hand took")
+    assert "red ball" not in notes.text
+    driver.find_element("id", "noted").click()
+    schemes(driver, width=900, height=700)
     # where the hand stopped, on the line that it was led along
     stop, stroke = driver.execute_script(
         "return [repctl.own.arms[0].stop.node.position.toArray(), repctl.own.missed]"
@@ -1379,6 +1404,23 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     driver.find_element("id", "back").click()
     assert said(driver).startswith("After 2 cycles the hand is back")
     assert driver.execute_script("return repctl.own.arms[0].stop") is None
+    assert errors(driver) == []
+
+
+@pytest.mark.slow
+def test_a_loop_that_was_not_followed_at_all_has_no_bars(driver: Any, page: Path) -> None:
+    """A way there and back: its bars and numbers were 0, as if a loop had been followed."""
+    open_page(driver, page)
+    driver.execute_script(
+        "const { own } = repctl, [x, y, z] = own.chain.homes[0];"
+        "own.grab(0, 7, null, 0); own.lead.queue.push([x + 9, y, z]);"
+        "own.processQueue(); own.release();"
+    )
+    assert said(driver).startswith("The arm cannot follow your loop beyond its first ")
+    read = "return [...document.querySelectorAll('.reading b')].map((one) => one.textContent)"
+    assert driver.execute_script(read) == 2 * ["–"]
+    driver.find_element("id", "back").click()
+    assert "–" not in driver.execute_script(read)
     assert errors(driver) == []
 
 

@@ -101,11 +101,18 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
         for time, (part, hand, reading, exact, when, bar, now) in zip(times, told, strict=True):
             done = int(time)
             at = [[np.interp(t, grid, q) for q in motion.q.T] for t in (time, time - done)]
-            # off from its start, at the end of the last cycle that is finished
-            value = off(motion.q[done * motion.steps], motion.q[0])[part_of].max()
             name = scene["part"] + (":" if scene["part"][-1].isdigit() else "")
-            said = {f"{name} {words}" for words in written(value)}
-            assert part[k] in said, (time, value)
+            if time == done:  # off from its start
+                value = off(motion.q[done * motion.steps], motion.q[0])[part_of].max()
+                said = {f"{name} {words}" for words in written(value)}
+                assert part[k] in said, (time, value)
+            else:  # off from the repeatable arm, now
+                other = study.row("repeatable").motion.q
+                grey = [np.interp(time, grid, q) for q in other.T] if k == 0 else at[0]
+                value = off(np.array(at[0]), np.array(grey))[part_of].max()
+                number, unit = part[k].removeprefix(f"{name} ").split() + ["mm"] * bool(value < 1e-4)
+                there = float(number) * {"m": 1, "cm": 1e-2, "mm": 1e-3}[unit]
+                assert there == pytest.approx(value, rel=0.06, abs=5e-4), (time, value)
             # a narrow pane leaves out what is free
             assert re.fullmatch(f"hand({free})? 0 from its start", hand[k]), hand[k]
             assert np.ptp(study.task.positions(np.array(at)), axis=0).max() < 1e-3

@@ -230,6 +230,14 @@ def test_what_is_not_checked_for_collisions_is_said() -> None:
     assert told.endswith("Collisions not checked: 1 body without a collision shape.")
 
 
+def test_a_collision_of_one_motion_is_a_note_that_no_page_hides() -> None:
+    """A phone showed it behind the button Notes only."""
+    hit = replace(USUAL, collision_cycle=3, near=("link 5", "link 7"), body_distance=-0.01)
+    note = next(one for one in headline_of([hit, CLOSED], 10).notes if "touch" in one.text)
+    assert note.text == "link 5 and link 7 touch in cycle 3 under the usual control."
+    assert note.tone == "bad collision"
+
+
 def test_a_lost_path_is_not_called_back() -> None:
     lost = replace(USUAL, path_loss=(3, 0.02, 0.0))
     sentence, notes = words(headline_of([lost, CLOSED], 10))

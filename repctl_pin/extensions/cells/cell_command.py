@@ -606,17 +606,18 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
     from ...show.plots.motions import png
     from .cell_design_result import slices
     from .show.cell_page import cell_page
-    from .show.cell_plots import around_maps, cell_figure
+    from .show.cell_plots import cell_figure, map_pictures
 
     cuts = slices(design)
     motions, notes = _tour(design)
-    picture, around = None, ""
+    picture, maps = b"", []
     if cuts:
         figure = cell_figure(design, cuts)
-        picture, around = png(figure), around_maps(figure)
-    page = cell_page(design, picture, motions, notes, around=around, command=command)
+        picture = png(figure)
+        maps = map_pictures(figure, picture)
+    page = cell_page(design, maps, motions, notes, command=command)
     files = [write_whole(folder / "cell.html", page)]
-    if picture is not None:
+    if picture:
         files.append(write_whole(folder / "cell.png", picture))
     return files, notes
 

@@ -492,7 +492,7 @@ def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
         Span(
             f"{' and '.join(one.near)} touch in cycle {one.collision_cycle} "
             f"under {under(one.label)}.",
-            "bad",
+            "bad collision",
         )
         for one in known
         if one.collision_cycle

@@ -26,6 +26,7 @@ class Span(NamedTuple):
     """Piece of text, its tone (``bad``, ``good``, ``near`` or none), and its exact value.
 
     A terminal and a page show a tone as colour; ``near`` marks small distances and gaps in checks.
+    A page never hides the tone ``bad collision``.
     The exact value belongs to a rounded text, such as ``elbow_link: 0.0321 m``; it can be empty.
     """
 

@@ -62,21 +62,30 @@ def range_phrase(cell: Cell, reaches: Mapping[str, float] | None = None) -> str:
     """
     if not isinstance(cell, Sector):
         return _box_phrase(cell)
-    found = dict(reaches or {})
     parts = [_radius_phrase(cell)]
     if cell.task.m > 2 and cell.widths[HEIGHT]:
         parts.insert(0, f"height {_inward(*_heights(cell, np.array([-1.0, 1.0])))} m")
     near = max(difference(cell.axis, VERTICAL)) <= NEAR
     around = "around the base" if near else "around the axis"
-    words = {"angle": f"{{}} {around}", "spin": "the tool turned through {}"}
-    for i, name in enumerate(cell.coordinate_names):
-        width = 2 * cell.widths[i]
-        if i in (RADIUS, HEIGHT) or not width:
-            continue
-        turn = min(width, found.get(name, width), 2 * np.pi)
-        degrees = f"{np.floor(np.degrees(turn) + 1e-6):.0f}°"
-        parts.append(words.get(name, f"{{}} of {name}").format(degrees))
+    words = {"angle": f"{{}}° {around}", "spin": "the tool turned through {}°"}
+    for name, turn in degrees_turned(cell, reaches).items():
+        parts.append(words.get(name, f"{{}}° of {name}").format(turn))
     return ", ".join(parts)
+
+
+def degrees_turned(sector: Sector, reaches: Mapping[str, float] | None = None) -> dict[str, int]:
+    """Compute the whole range of a sector's angle and of each rotation, in degrees, by name.
+
+    ``reaches`` are as in :func:`range_phrase`. A coordinate without a range is left out.
+    """
+    found = dict(reaches or {})
+    widths = {
+        name: 2 * sector.widths[i]
+        for i, name in enumerate(sector.coordinate_names)
+        if i not in (RADIUS, HEIGHT) and sector.widths[i]
+    }
+    turns = {name: min(width, found.get(name, width), 2 * np.pi) for name, width in widths.items()}
+    return {name: int(np.floor(np.degrees(turn) + 1e-6)) for name, turn in turns.items()}
 
 
 def _box_phrase(cell: Cell) -> str:

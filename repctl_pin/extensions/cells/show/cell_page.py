@@ -35,7 +35,7 @@ from ....show.text.lines import Span, capital
 from ..cell_design_result import NO_EXTRA_SPEED, CellDesign
 from ..evaluate.symmetric_coordinates import Turn
 from ..geometry.cell import Cell
-from ..geometry.ranges import range_phrase
+from ..geometry.ranges import degrees_turned, range_phrase
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 from .cell_loop import cell_loop
 from .cell_words import cell_uses, cell_words, shape_word, usual
@@ -72,7 +72,7 @@ def _cover_of(design: CellDesign) -> dict[str, Any] | None:
     """Describe the surface around a cell's positions, for the page's script; None without volume.
 
     A section between an inner and an outer side is shifted through a box, or turned around the axis
-    of a sector.
+    of a sector, whose angle and rotations have the ``turns``, in degrees.
     """
     cell = design.cell
     if isinstance(cell, Sector):
@@ -86,6 +86,7 @@ def _cover_of(design: CellDesign) -> dict[str, Any] | None:
         half = float(cell.widths[ANGLE])
         motion: dict[str, Any] = {"origin": _plain(origin), "axis": _plain(axis)}
         motion |= {"from": -half, "to": half}
+        motion["turns"] = degrees_turned(cell, _reaches(design))
     else:
         across = np.zeros((3, 3))
         rows = cell.task.rows[: len(cell.half_width)]
@@ -93,7 +94,7 @@ def _cover_of(design: CellDesign) -> dict[str, Any] | None:
         x, y, z = across
         corner = cell.placement.translation - x - y - z
         sides = [np.array([corner, corner + 2 * z]), np.array([corner, corner + 2 * z]) + 2 * x]
-        motion = {"shift": _plain(2 * y)}
+        motion = {"shift": _plain(2 * y), "turns": {}}
     inner, outer = (np.round(side, 4).tolist() for side in sides)
     return {"inner": inner, "outer": outer} | motion
 
@@ -122,11 +123,10 @@ def _edges(sector: Sector) -> Array:
 
 def cell_page(
     design: CellDesign,
-    slices: bytes | None,
+    maps: Sequence[tuple[bytes, str, str]],
     motions: Mapping[str, Motion],
     notes: Sequence[str] = (),
     *,
-    around: str = "",
     command: str | None = None,
 ) -> str:
     """Write the self-contained HTML page of a function over a cell.
@@ -135,15 +135,13 @@ def cell_page(
     ----------
     design
         The function and its figures of merit.
-    slices
-        PNG file of the figure of slices; None leaves the figure out.
+    maps
+        Maps of slices, see :func:`.cell_plots.map_pictures`.
     motions
         Motions along a sample path through the cell, by controller: the desired inverse, unless it
         failed, and the function.
     notes
         Notes on these motions.
-    around
-        CSS polygon of the figure without its maps, which dark mode inverts.
     command
         Command line that made the page.
     """
@@ -166,8 +164,8 @@ def cell_page(
         animation=animation.replace("<body>", '<body class="inside">', 1),
         still=still,
         tour=" ".join(legend),
-        slices=None if slices is None else framed(slices, _slice_words(design)),
-        around=around,
+        maps=[framed(cut, words) | {"around": around} for cut, around, words in maps],
+        slices=_slice_words(design),
         figures=design.figures(),
         dialog=dialog,
         command=command,
@@ -176,7 +174,7 @@ def cell_page(
 
 
 def _slice_words(design: CellDesign) -> str:
-    """Write the caption of the figure of slices, maps of the function over pairs of coordinates."""
+    """Write the caption of the slices, maps of the function over pairs of coordinates."""
     words = (
         f"Slices through the middle of the {shape_word(design)} (+). First: the smallest "
         f"joint-limit margin. Second: joint speed relative to the {usual(design)} control at the "
@@ -244,7 +242,7 @@ def _covered(design: CellDesign) -> str:
     This is the first sentence of the page.
     """
     found = design.evaluation
-    ranges = range_phrase(design.cell, {turn.coordinate: turn.reach for turn in found.turns})
+    ranges = range_phrase(design.cell, _reaches(design))
     if found.everywhere:
         return f"Same hand pose, same joints, however the hand gets there: {ranges}. "
     causes = [stop for stop in design.failures if stop.cause != "collision"]
@@ -252,6 +250,11 @@ def _covered(design: CellDesign) -> str:
     why = "" if most is None else f": {most.what}"
     shape = shape_word(design)
     return f"One function covers {found.covered}{why}. The {shape} asked for: {ranges}. "
+
+
+def _reaches(design: CellDesign) -> dict[str, float]:
+    """Return the whole range of angle and spin inside the limits of their joints, rad, by name."""
+    return {turn.coordinate: turn.reach for turn in design.evaluation.turns}
 
 
 def _cost(design: CellDesign) -> Span:

@@ -8,11 +8,15 @@ Extra joint speed is the joint speed relative to that of the desired inverse, su
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
+from math import ceil
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import BboxBase
+from PIL import Image
 
 from ....show.palette import INK, VERMILLION
 from ....show.plots.motions import titled
@@ -97,21 +101,72 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
     return figure
 
 
-def around_maps(figure: Figure) -> str:
-    """Return the CSS polygon of a figure without its maps and colour bars, after it was drawn.
+def map_pictures(figure: Figure, picture: bytes) -> list[tuple[bytes, str, str]]:
+    """Cut each map out of a figure of slices, beside the colour bar of its quantity.
 
-    The polygon is for the rule ``evenodd``: its corners are shares of the figure, from the left and
-    from the top. A page in dark mode inverts what is inside, the text, and keeps the colours.
+    ``picture`` is the figure as the bytes of a PNG file. Each map has three parts: its PNG file, a
+    CSS polygon, and a description. The polygon is the picture without map and colour bar, for the
+    rule ``evenodd``: its corners are shares of the picture, from the left and from the top. A page
+    in dark mode inverts what is inside, the text, and keeps the colours.
     """
-    whole = "0 0,0 100%,100% 100%,100% 0,0 0"
-    parts = [whole, *(_hole(ax) for ax in figure.axes)]
-    return f"polygon(evenodd,{','.join(parts)})"
+    whole = Image.open(io.BytesIO(picture))
+    scales = [_scale_of(ax) for ax in figure.axes]
+    found, bar = [], None
+    for ax, scale in zip(figure.axes, scales, strict=True):
+        if ax in scales:
+            continue
+        bar = bar if scale is None else scale  # one colour bar for all maps of a quantity
+        assert bar is not None
+        file = io.BytesIO()
+        cut, around = _beside(whole, ax, bar)
+        cut.save(file, format="png", compress_level=4)
+        words = f"{bar.get_ylabel()}, over {ax.get_xlabel()} and {ax.get_ylabel()}"
+        found.append((file.getvalue(), around, words))
+    return found
 
 
-def _hole(ax: Axes) -> str:
-    """Return the corners of axes in a CSS polygon, from and back to the corner of the figure."""
-    box = ax.get_position()
-    left, right = (f"{100 * x:.2f}%" for x in (box.x0, box.x1))
-    top, bottom = (f"{100 * (1 - y):.2f}%" for y in (box.y1, box.y0))
+def _scale_of(ax: Axes) -> Axes | None:
+    """Return the axes of the colour bar of a map; None if it has none of its own."""
+    bar = ax.collections[0].colorbar if ax.collections else None
+    return None if bar is None else bar.ax
+
+
+def _beside(whole: Image.Image, *axes: Axes) -> tuple[Image.Image, str]:
+    """Cut axes with their labels out of the picture of their figure, and put them side by side.
+
+    Return the picture, and the polygon of its text, see :func:`map_pictures`.
+    """
+    tight = [_pixels(whole, ax, ax.get_tightbbox()) for ax in axes]
+    top, bottom = min(box[1] for box in tight), max(box[3] for box in tight)
+    gap = whole.height // 40
+    width = sum(right - left + gap for left, _, right, _ in tight) - gap
+    made = Image.new(whole.mode, (width, bottom - top), "white")
+    corners = ["0 0,0 100%,100% 100%,100% 0,0 0"]
+    x = 0
+    for ax, (left, _, right, _) in zip(axes, tight, strict=True):
+        made.paste(whole.crop((left, top, right, bottom)), (x, 0))
+        hole = np.subtract(_pixels(whole, ax, ax.get_window_extent()), [left - x, top] * 2)
+        corners.append(_hole(*(hole / np.tile(made.size, 2))))
+        x += right - left + gap
+    return made, f"polygon(evenodd,{','.join(corners)})"
+
+
+def _pixels(whole: Image.Image, ax: Axes, box: BboxBase | None) -> tuple[int, int, int, int]:
+    """Return the left, top, right and bottom pixels of a box in the picture of a figure."""
+    figure = ax.get_figure(root=True)
+    assert figure is not None and box is not None
+    shares = np.array(box.transformed(figure.transFigure.inverted()).extents)
+    x0, y0, x1, y1 = shares.clip(0, 1)
+    width, height = whole.size
+    left, top = int(x0 * width), int((1 - y1) * height)
+    return left, top, max(ceil(x1 * width), left + 1), max(ceil((1 - y0) * height), top + 1)
+
+
+def _hole(x0: float, y0: float, x1: float, y1: float) -> str:
+    """Return the corners of a box in a CSS polygon, from and back to the corner of the picture.
+
+    The sides are shares of the picture, from the left and from the top.
+    """
+    left, top, right, bottom = (f"{100 * side:.2f}%" for side in (x0, y0, x1, y1))
     corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
     return ",".join(f"{x} {y}" for x, y in corners) + ",0 0"

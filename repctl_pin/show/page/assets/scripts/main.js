@@ -153,7 +153,8 @@ async function main() {
       setText(arm.notice, past && !box("callouts").checked ? broken.words : "");
       if (!arm.past) continue;
       // the place where a motion ends is marked from the beginning
-      arm.past.node.visible = past || arm.data.lost < Infinity;
+      // beside where a visitor's loop stops, it would be a second ball
+      arm.past.node.visible = !scene.failure && (past || arm.data.lost < Infinity);
       arm.mark(arm.past.node.position);
     }
     if (scene.live || leading) {

@@ -3,8 +3,10 @@
 
 import { Bodies } from "./bodies.js";
 import { tone } from "../dom.js";
+import { stepAbove } from "../numbers.js";
 
-const LEAST_FULL = 0.01; // m, from which on a run's largest drift has the full colour
+const LEAST_FULL = 0.05; // m off, of which colour and bars are full, at least
+const LEAST_ENLARGED = 1e-3; // the same where drift is drawn enlarged
 export const GAIN = 50; // how many times as large a small drift is drawn
 const SAME = 1e-4; // m, within which a body covers its ghost
 const OUTLINE = 1.6; // px, of a ghost, at least
@@ -579,8 +581,12 @@ export function displaced(arms) {
 // How far off a body of these arms is coloured in full, m: as far as one is after any cycle, also
 // one beside the arm, such as the head.
 export function fullDrift(arms) {
-  const most = Math.max(...arms.map((arm) => arm.mostOff()));
-  return arms[0].gain > 1 ? most : Math.max(most, LEAST_FULL);
+  return fullScale(arms[0].gain, ...arms.map((arm) => arm.mostOff()));
+}
+
+// The end of the scale of colours, or of bars, for these distances, m: a step of 1, 2 or 5.
+export function fullScale(gain, ...offs) {
+  return stepAbove(Math.max(gain > 1 ? LEAST_ENLARGED : LEAST_FULL, ...offs));
 }
 
 // Size of a pixel, in parts of half a pane: of width and of height.

@@ -1,7 +1,10 @@
 // What a function covers, in pale: a surface around its positions, and their edges.
 
+import { dots } from "./traces.js";
+
 const COLOUR = "#0072b2";
 const SECTIONS = 49;
+const EDGE = 400; // points of the line around what is covered at a height
 
 // `cover`: {inner, outer} sides of a section, points from below, and {shift}, which leads from the
 // first section to the last, or {origin, axis, from, to}, around which the section turns, rad.
@@ -31,6 +34,54 @@ export function drawCover(arms, { cover }, edges) {
         ),
       );
   }
+}
+
+// Where F ends at the height of a point: a closed line that follows it.
+export class EdgeLine {
+  constructor(parent, cover) {
+    const T = MeshCat.THREE;
+    this.cover = cover;
+    [this.inner, this.outer] = [cover.inner, cover.outer].map((side) =>
+      side.map((p) => new T.Vector3(...p)),
+    );
+    this.up = cover.shift
+      ? this.inner.at(-1).clone().sub(this.inner[0]).normalize()
+      : new T.Vector3(...cover.axis);
+    this.positions = new T.Float32BufferAttribute(3 * EDGE, 3);
+    const geometry = new T.BufferGeometry().setAttribute("position", this.positions);
+    const line = new T.LineLoop(geometry, new T.LineBasicMaterial({ color: COLOUR }));
+    parent.add(Object.assign(line, { frustumCulled: false }), dots(geometry, COLOUR));
+  }
+
+  show(point) {
+    const { inner, outer, up, positions } = this;
+    const height = point.clone().sub(inner[0]).dot(up);
+    const over = inner.findIndex((p, i) => i && p.clone().sub(inner[0]).dot(up) >= height);
+    const next = over < 0 ? inner.length - 1 : over;
+    const [low, high] = [next - 1, next].map((i) => inner[i].clone().sub(inner[0]).dot(up));
+    const share = Math.min(Math.max((height - low) / (high - low), 0), 1);
+    const ends = [inner, outer].map((side) => side[next - 1].clone().lerp(side[next], share));
+    const rows = sections(ends, this.cover);
+    const around = [...rows.map((row) => row[0]), ...rows.map((row) => row[1]).reverse()];
+    spaced(around, EDGE).forEach((p, i) => positions.setXYZ(i, p.x, p.y, p.z));
+    positions.needsUpdate = true;
+  }
+}
+
+// As many points at equal distances along a closed line.
+function spaced(line, count) {
+  const sizes = line.map((p, i) => p.distanceTo(line[(i + 1) % line.length]));
+  const step = sizes.reduce((sum, v) => sum + v, 0) / count;
+  const found = [];
+  let left = 0;
+  line.forEach((p, i) => {
+    const next = line[(i + 1) % line.length];
+    for (; left < sizes[i] && found.length < count; left += step)
+      found.push(p.clone().lerp(next, left / sizes[i]));
+    left -= sizes[i];
+  });
+  while (found.length < count) found.push(line[0]);
+  return found;
 }
 
 // The places of a line of points at each section.

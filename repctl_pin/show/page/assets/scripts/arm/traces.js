@@ -6,8 +6,9 @@ const RED = "#e00020"; // of what cannot be done
 const THICK = 0.0026; // of a way, in parts of the picture's extent
 
 export class Trace {
-  // cycles: arrays of points, one a cycle; shade(c, p): a colour
-  constructor(parent, cycles, radius, shade) {
+  // cycles: arrays of points, one a cycle; shade(c, p): a colour; `ends`: of many cycles, only the
+  // first and the last whole one are seen
+  constructor(parent, cycles, radius, shade, ends = false) {
     const T = MeshCat.THREE;
     const position = [];
     const color = [];
@@ -61,19 +62,26 @@ export class Trace {
       depthWrite: false,
     });
     for (const material of [plain, through]) {
-      const mesh = new T.Mesh(this.geometry, material);
+      const mesh = new T.Mesh(this.geometry, ends ? [material] : material);
       mesh.frustumCulled = false;
       mesh.renderOrder = material === through ? 5 : 1;
       parent.add(mesh);
     }
+    this.ends = ends;
     this.show(0, 0);
   }
 
   show(cycle, part) {
-    this.geometry.setDrawRange(
-      0,
-      cycle * this.perCycle + Math.floor(part * (this.perCycle / (SIDES * 6)) + 1e-9) * SIDES * 6,
-    );
+    const { ends, geometry, perCycle } = this;
+    const now = cycle * perCycle + Math.floor(part * (perCycle / (SIDES * 6)) + 1e-9) * SIDES * 6;
+    if (!ends) {
+      geometry.setDrawRange(0, now);
+      return;
+    }
+    const from = Math.max(perCycle, now - perCycle);
+    geometry.clearGroups();
+    geometry.addGroup(0, Math.min(perCycle, now), 0);
+    if (now > from) geometry.addGroup(from, now - from, 0);
   }
 }
 
@@ -106,7 +114,7 @@ export class Marker {
 }
 
 // The colour grows from pale to full with the drift, where there is any; an arm that does not drift
-// has one colour.
+// has one colour. Where only the first and the last cycle are seen, the first is pale.
 export function driftShade(arm, scene) {
   const T = MeshCat.THREE;
   const full = new T.Color(arm.color);
@@ -115,6 +123,7 @@ export function driftShade(arm, scene) {
   const mine = Math.max(...arm.drift);
   return (c, p) => {
     if (!(mine > 0.02 * largest)) return full;
+    if (scene.cover) return c ? full : pale;
     const n = scene.cycles[c];
     const before = n > 1 ? arm.drift[n - 2] : 0;
     const after = arm.drift[n - 1];
@@ -170,6 +179,7 @@ function dashes(line, long) {
 export function* drawTraces(arms, scene, extent) {
   const F = scene.perCycle;
   const thick = THICK * extent;
+  const ends = Boolean(scene.cover); // whose paths fill the space
   const lines = [];
   for (const arm of arms) {
     const shade = driftShade(arm.data, scene);
@@ -187,7 +197,7 @@ export function* drawTraces(arms, scene, extent) {
           arm,
           which,
           chain,
-          trace: new Trace(arm.traces, pieces(which, chain), width * thick, tint),
+          trace: new Trace(arm.traces, pieces(which, chain), width * thick, tint, ends),
           ball: new Marker(arm.traces, ball * thick, arm.data.color),
         });
         yield;

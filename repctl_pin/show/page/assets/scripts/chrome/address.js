@@ -39,7 +39,7 @@ function ownOf(points) {
     hand: Math.max(whole("hand") - 1, 0),
     mirrored: asked.has("mirror"),
     elbow: whole("elbow"),
-    level: Math.max(whole("level") - 1, 0),
+    level: asked.has("level") ? Math.max(whole("level") - 1, 0) : undefined,
   };
 }
 

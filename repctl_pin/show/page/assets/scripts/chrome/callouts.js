@@ -7,6 +7,7 @@ import { Room } from "./room.js";
 
 const PHONE = "(max-width: 640px)"; // where what a number is measured from has fewer words
 const SHORT = 420; // px, width of a pane below which these have fewer words, too
+const NOW = "now, from the grey arm";
 const RIM = 13; // px from the hand to the rim of its ring
 
 export class Callouts {
@@ -29,15 +30,17 @@ export class Callouts {
   }
 
   // Say how far they are from their starts after the cycles that are finished, as `times` says:
-  // of a shown cycle, at its beginning or end. Without these, how far they are off now.
+  // of a shown cycle, at its beginning or end. Within a cycle, and without these, how far they are
+  // off now.
   say(atEnd, times = "", [cycle, end] = []) {
     const { failure, leading, hands: names } = this.scene;
     this.sets.forEach(({ arm, part, hands, mark }, k) => {
       if (isStopped(this, k)) sayWhatStops(mark, failure);
       else sayWhatBreaks(mark, arm, leading, this.isNarrow(k));
       const short = this.isNarrow(k);
-      const off = times ? arm.ends[cycle][end] : arm.partOff();
-      const when = times && !(short && atEnd) ? times : this.measuredFrom(arm);
+      const off = times && atEnd ? arm.ends[cycle][end] : arm.partOff();
+      const finished = times && !short ? times : this.measuredFrom(arm);
+      const when = times && !atEnd ? NOW : finished;
       const lost = (Boolean(arm.lost) && !leading) || Boolean(failure);
       part.box.style.visibility = lost ? "hidden" : "";
       setText(part.note, when);

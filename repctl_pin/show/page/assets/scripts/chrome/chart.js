@@ -1,11 +1,11 @@
 // The time line over the slider: how far each arm is off at the end of each cycle, or the joints.
 
+import { fullScale } from "../arm/arm.js";
 import { byId, element, setAttribute, setText, sharp, sizeOf, tone } from "../dom.js";
-import { formatLength, formatNumber, stepAbove } from "../numbers.js";
+import { formatLength, formatNumber } from "../numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
 const CONTRAST = 3; // of a bar to the paper, at least, as WCAG 2 measures it
-const LEAST = 1e-3; // m, which the axis reaches up to at least
 
 export class Chart {
   // `seek`: goes to the end of a shown cycle
@@ -98,8 +98,9 @@ export class Chart {
       const { data } = arm;
       const off = this.after(arm, cycle, part);
       const known = off !== null;
-      setText(value, known ? formatLength(off) : "not known");
-      setAttribute(value, "class", known ? tint(off) : "");
+      const { idle } = this.scene;
+      setText(value, idle ? "–" : known ? formatLength(off) : "not known");
+      setAttribute(value, "class", known && !idle ? tint(off) : "");
       const drift = done ? data.drift[done - 1] : 0;
       const joints = `${drift < 1e-6 ? 0 : formatNumber(drift)} ${data.unit}`;
       setAttribute(
@@ -138,11 +139,17 @@ export class Chart {
     const group = Math.min(0.66 * pitch, 4.5 * em);
     const wide = group / arms.length;
     const offs = arms.flatMap(({ data }) => data.off.flat());
-    const top = stepAbove(Math.max(LEAST, ...offs));
+    const top = fullScale(this.gain, ...offs);
     const level = (v) => foot - (v / top) * room;
     draw.strokeStyle = tone("--edge");
     line(draw, INSET, foot + 0.5, width - INSET, foot + 0.5, []);
-    let legend = "";
+    let legend = this.scene.failure ? " · of the solid line" : "";
+    if (this.scene.idle) {
+      // a way there and back has nothing to show
+      textWithHalo(draw, "The loop was not followed: no bars.", INSET + 2, foot - 0.5 * em, em);
+      return;
+    }
+    let open = false;
     for (let c = 0; c < count; c++) {
       const finished = c < cycle || (c === cycle && part >= 1);
       arms.forEach((arm, k) => {
@@ -154,12 +161,12 @@ export class Chart {
         const across = Math.max(Math.floor(wide) - (wide > 4 ? 1 : 0), 1);
         draw.fillStyle = this.barColour(arm.data.color);
         draw.fillRect(x, foot - tall, across, tall);
-        if (!finished && hollow(draw, x, foot - tall, across, tall))
-          legend = " · hollow: still to come";
+        if (!finished && hollow(draw, x, foot - tall, across, tall)) open = true;
       });
     }
     this.number({ draw, height, em, count, pitch, at }, group);
     // under the line of the axis, or in it; the line then begins after the words
+    if (open) legend += " · hollow: still to come";
     const words = room > 0.8 * em ? formatLength(top) + legend : "";
     const inLine = room < 2 * em;
     const y = Math.max(level(top) + (inLine ? 0.3 : 0.95) * em, 0.75 * em);

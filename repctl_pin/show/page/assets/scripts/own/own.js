@@ -2,6 +2,7 @@
 // says what has happened. And the slider of the elbow, from where they then start.
 
 import { pointAt } from "../arm/arm.js";
+import { EdgeLine } from "../arm/cover.js";
 import { Chain } from "../arm/kinematics.js";
 import { Law, stepped } from "../arm/law.js";
 import { dots, Trail } from "../arm/traces.js";
@@ -25,6 +26,7 @@ import { bodiesOff, computed, drawnAt } from "./run.js";
 import { answer, failureWords, shortName, stated } from "./sentence.js";
 
 const CYCLES = 10;
+const TRIED = 6; // levels, of which the slider takes the one that moves most what drifts most
 const NEAR_LIMIT = 0.002; // rad or m, before which the hand stops
 const LEAST_MARGIN = 0.15; // of the leaf, below which it stops
 const DRAW = [["Draw a loop and let go. Both arms follow."]];
@@ -173,13 +175,23 @@ export class Own {
   slider() {
     const repeatable = this.laws.find(({ r }) => r);
     const input = byId("elbow");
+    this.first = 0; // the level that the slider changes at first
     this.level = 0;
     this.elbowAt = 0;
     if (!repeatable || this.scene.cover) return;
     const menu = byId("level");
-    for (let k = 1; k <= repeatable.r; k++)
-      menu.append(element("option", { value: k - 1 }, `level ${k} of ${repeatable.r}`));
-    menu.parentElement.hidden = repeatable.r < 2;
+    const { r } = repeatable;
+    const reached = Array.from({ length: r }, (_, k) => {
+      const words = `level ${k + 1} of ${r}`;
+      const option = element("option", { value: k }, words);
+      menu.append(option);
+      if (k >= TRIED) return 0;
+      this.stand(0, k);
+      option.textContent = `${this.part}: ${words}`;
+      return this.reached(this.scene.part);
+    });
+    this.first = reached.indexOf(Math.max(...reached));
+    menu.parentElement.hidden = r < 2;
     menu.addEventListener("change", () => {
       this.stand(0, Number(menu.value));
       this.settle();
@@ -193,7 +205,7 @@ export class Own {
     input.addEventListener("keydown", (event) => {
       if (/^(Arrow|Home|End|Page)/.test(event.key)) event.stopPropagation();
     });
-    this.stand(0, 0);
+    this.stand(0, this.first);
     byId("elbow-box").hidden = this.selves.qs.length < 4;
   }
 
@@ -245,6 +257,13 @@ export class Own {
     const most = arms[0].moving[off.indexOf(Math.max(...off))];
     this.part = most ? chain.links[most.shape][1] : "arm";
     byId("elbow-name").textContent = `Move ${shortName(this.part)}`;
+  }
+
+  // How far a part is from its start at the ends of the slider, m.
+  reached(part) {
+    const { chain, arms, selves } = this;
+    const ends = [selves.qs[0], selves.qs.at(-1)];
+    return Math.max(0, ...ends.flatMap((q) => bodiesOff(chain, arms[0], q, part)));
   }
 
   // How far that part is from where the study starts, at its farthest point, m.
@@ -308,7 +327,7 @@ export class Own {
   // Follow the loop, or the study's path, from where the slider stands.
   settle() {
     if (this.points) return this.follow(this.points, 1);
-    if (!this.elbowAt && !this.level) return this.leave();
+    if (!this.elbowAt && this.level === this.first) return this.leave();
     return this.studied ? this.follow(null, 1) : this.preset("circle");
   }
 
@@ -424,7 +443,7 @@ export class Own {
       arm.notice.textContent = "";
     }
     this.player.clear();
-    this.scene.failure = "";
+    Object.assign(this.scene, { failure: "", idle: false });
     this.state = "leading";
     document.body.classList.add("leading", "own");
     this.scene.leading = lead.slides ? "slides" : "leads";
@@ -447,7 +466,8 @@ export class Own {
         new Trail(piece, color),
         new Trail(arm.traces, color),
       ]);
-      return { line, trails };
+      const edge = this.scene.cover && new EdgeLine(piece, this.scene.cover);
+      return { line, trails, edge };
     });
   }
 
@@ -673,7 +693,8 @@ export class Own {
     const { lead } = this;
     const home = this.chain.homes[this.led];
     this.drawArms();
-    for (const { line } of lead.shown) {
+    for (const { line, edge } of lead.shown) {
+      if (edge) edge.show(this.onPiece(lead.hand));
       const { geometry } = line;
       const { position } = geometry.attributes;
       const count = Math.min(DOTS, Math.floor(gap(lead.hand, home) / (0.018 * this.extent)));
@@ -774,6 +795,7 @@ export class Own {
       whose: failure ? "the solid line" : points ? "your loop" : "the path",
     };
     this.scene.failure = failure ? failure.reason : "";
+    this.scene.idle = Boolean(failure) && !shape.encloses;
     Object.assign(this, { result, length: result.length, failure, shape, state: "own" });
     document.body.classList.add("own");
     byId("own").hidden = false;
@@ -831,6 +853,11 @@ export class Own {
       : `the study’s path${moved}`;
     if (failure) {
       notes.unshift([LINES], [sentence.map(([text]) => text).join("")]);
+      // its ball is not drawn: the one that is seen is where the loop stops
+      for (const note of notes)
+        note[0] = note[0]
+          .replaceAll(", at the red ball", "")
+          .replace("the red ball on", "there on");
       sentence.splice(0, Infinity, ...failureWords(chain, failure));
     }
     this.write(sentence, notes, title);
@@ -927,9 +954,9 @@ export class Own {
   leave(words) {
     this.before = null;
     this.endGesture();
-    this.stand(0, 0);
+    this.stand(0, this.first);
     Object.assign(this, { state: "study", points: null, missed: [] });
-    this.scene.failure = "";
+    Object.assign(this.scene, { failure: "", idle: false });
     document.body.classList.remove("own", "unfolded");
     byId("own").hidden = true;
     for (const [node, children] of this.texts) node.replaceChildren(...children);
@@ -976,7 +1003,7 @@ export class Own {
   }
 
   // The loop that an address asks for, after all its cycles; it may begin where the hand is not.
-  open({ points, missed = [], hand = 0, mirrored = false, elbow = 0, level = 0 }) {
+  open({ points, missed = [], hand = 0, mirrored = false, elbow = 0, level = this.first }) {
     const { chain } = this;
     this.endGesture();
     this.led = Math.min(hand, chain.frames.length - 1);
@@ -1017,7 +1044,7 @@ export class Own {
       points && led && `hand=${led + 1}`,
       points && mirrored && "mirror=1",
       elbowAt && `elbow=${elbowAt}`,
-      level && `level=${level + 1}`,
+      level !== this.first && `level=${level + 1}`,
     ].filter(Boolean);
   }
 
@@ -1058,7 +1085,7 @@ export class Own {
     const open = classList.contains("unfolded");
     const clear = () => notes.offsetTop + notes.scrollHeight <= this.head - HEAD_FOOT;
     header.classList.remove("cut");
-    const room = notes.offsetWidth && !classList.contains("noted");
+    const room = notes.offsetHeight && !classList.contains("noted");
     const folded = this.state !== "study" && this.head && room && !clear();
     header.classList.toggle("cut", Boolean(folded));
     more.textContent = open ? "Fewer notes" : "All notes";

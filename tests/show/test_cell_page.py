@@ -1,0 +1,146 @@
+"""The page of a function over a sector, as its reader sees it: real rectangles in a browser."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import asleep, errors, only_pictures_asked_for, schemes, wait_until_drawn
+from commands import main
+from selenium.webdriver.common.keys import Keys
+
+PHONE = {"width": 390, "height": 844}
+DESK = {"width": 1280, "height": 760}
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The page of a sector of a panda's workspace, whose radius depends on the height."""
+    folder = tmp_path_factory.mktemp("sector")
+    sizes = ["--radius", "0.08", "--height", "0.08", "--degree", "1", "--held-out", "64"]
+    ranges = ["--angle", "all", "--spin", "all"]
+    assert main(["cell", "panda", "--sector", *sizes, *ranges, "--out", str(folder)]) == 0
+    return folder / "cell.html"
+
+
+def opened(driver: Any, page: Path, **size: Any) -> None:
+    """Open the page and its animation, which stands at its end."""
+    schemes(driver, **size)
+    with asleep(driver):
+        driver.get(page.as_uri() + "#paused")
+        driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+        wait_until_drawn(driver, page.name)
+    only_pictures_asked_for(driver)
+    driver.switch_to.default_content()
+
+
+def box(driver: Any, selector: str) -> dict[str, float]:
+    found: dict[str, float] = driver.execute_script(
+        "return document.querySelector(arguments[0]).getBoundingClientRect().toJSON()", selector
+    )
+    return found
+
+
+@pytest.mark.slow
+def test_the_first_screen_of_a_phone_shows_the_arm(page: Path, driver: Any) -> None:
+    """The view began at 470 px, and the page was 6,500 px long; slices were cut."""
+    opened(driver, page, **PHONE)
+    whole = driver.execute_script("return document.documentElement.scrollHeight")
+    assert whole <= 4000
+    slices = driver.execute_script(
+        "return [...document.querySelectorAll('.maps img')].map((map) => {"
+        "const { left, right } = map.getBoundingClientRect(); return [left, right]; })"
+    )
+    assert len(slices) == 2 and all(0 <= left < right <= 390 for left, right in slices)
+    words = driver.execute_script("return document.body.textContent")
+    for kept in ("σ_min(J)", "Held-out poses", "@software", "not proved", "Joint speed"):
+        assert kept in words, kept
+    notes, frame = box(driver, "#notes span"), box(driver, "iframe")
+    assert notes["top"] >= frame["bottom"]
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    stage = box(driver, "#stage")
+    top = frame["top"] + stage["top"]
+    assert top < 260 and min(top + stage["height"], 844) - top > 0.45 * 844
+    assert errors(driver) == []
+
+
+@pytest.mark.slow
+def test_on_a_wide_screen_the_slices_leave_no_part_empty(page: Path, driver: Any) -> None:
+    """Maps stand side by side, and their words beside them where these have room."""
+    opened(driver, page, **DESK)
+    edges = driver.execute_script(
+        "const row = [...document.querySelector('.maps').children].map((e) =>"
+        " e.getBoundingClientRect()); const [{ bottom }] = row;"
+        "return row.filter(({ top }) => top < bottom).map(({ right }) => right)"
+    )
+    assert len(edges) > 1 and max(edges) > 1280 * 2 / 3
+    frame = box(driver, "iframe")
+    assert frame["bottom"] <= 760 < box(driver, "#slices")["bottom"]
+    assert driver.execute_script(
+        "return [...document.querySelectorAll('section > .fold')].every((fold) => fold.open)"
+    )
+
+
+@pytest.mark.slow
+def test_where_f_ends_is_seen_while_a_hand_is_led(page: Path, driver: Any) -> None:
+    """A line at the hand's height, on the edges of the sector; it was not drawn."""
+    opened(driver, page, **DESK)
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    ring = driver.find_element("css selector", ".ring")
+    for key in (2 * [Keys.ARROW_UP], [Keys.ARROW_RIGHT]):
+        ring.send_keys(*key)
+    found = driver.execute_script(
+        "repctl.own.processQueue(); repctl.own.draw(); const { lead, scene } = repctl.own;"
+        "const { positions } = lead.shown[1].edge;"
+        "return [repctl.own.onPiece(lead.hand).toArray(), [...positions.array], scene.cover]"
+    )
+    hand, line, cover = np.array(found[0]), np.reshape(found[1], (-1, 3)), found[2]
+    assert np.abs(line[:, 2] - hand[2]).max() < 1e-4
+    inner, outer = (np.array(cover[side])[:, :2] for side in ("inner", "outer"))
+    radii = np.linalg.norm(line[:, :2], axis=1)
+    assert radii.min() == pytest.approx(np.linalg.norm(inner[0]), abs=2e-3)
+    assert radii.max() == pytest.approx(np.linalg.norm(outer[0]), abs=2e-3)
+    gaps = np.linalg.norm(np.roll(line, -1, axis=0) - line, axis=1)
+    assert gaps.max() < 2.5 * np.median(gaps)  # one closed line
+    words = driver.find_element("css selector", "#legend .edge")
+    assert words.is_displayed() and "edge of F" in words.text
+    ring.send_keys(Keys.ESCAPE)
+    assert not words.is_displayed()
+
+
+@pytest.mark.slow
+def test_angle_and_spin_are_drawn_as_arcs(page: Path, driver: Any) -> None:
+    """With the degrees of the sentence; they were numbers only."""
+    opened(driver, page, **PHONE)
+    sentence = driver.find_element("id", "verdict").text
+    turns = re.findall(r"(\d+)°", sentence)
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    arcs = driver.execute_script(
+        "return [...document.querySelectorAll('.dial')].map((dial) =>"
+        "[dial.querySelector('[pathLength]').getAttribute('stroke-dasharray'),"
+        " dial.parentElement.textContent, dial.getBoundingClientRect().width])"
+    )
+    assert [arc[0] for arc in arcs] == [f"{turn} 360" for turn in turns]
+    assert [arc[1] for arc in arcs] == [f"angle {turns[0]}°", f"spin {turns[1]}°"]
+    assert all(arc[2] > 15 for arc in arcs)
+
+
+@pytest.mark.slow
+def test_of_many_cycles_two_leave_traces(page: Path, driver: Any) -> None:
+    """The first and the last whole one: those of ten were a tangle."""
+    opened(driver, page, **DESK)
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    drawn = driver.execute_script(
+        "const { children } = repctl.own.arms[0].traces;"
+        "const trace = children.find((mesh) => mesh.geometry?.groups.length);"
+        "return [0.5, 1.25, 6.5].map((time) => { repctl.seek(time);"
+        "return trace.geometry.groups.map(({ start, count }) => [start, count]); })"
+    )
+    whole = drawn[1][0][1]
+    assert [len(groups) for groups in drawn] == [1, 2, 2]
+    assert drawn[0] == [[0, pytest.approx(whole / 2, rel=0.02)]]
+    assert drawn[1][1] == [whole, pytest.approx(whole / 4, rel=0.05)]
+    assert drawn[2] == [[0, whole], [pytest.approx(5.5 * whole, rel=0.01), whole]]
