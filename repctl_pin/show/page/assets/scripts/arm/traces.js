@@ -5,6 +5,8 @@ const LONGEST = 6000; // points of a trail
 const RED = "#e00020"; // of what cannot be done
 const THICK = 0.0026; // of a way, in parts of the picture's extent
 
+let traceMaterials; // of all traces: what is set up once for several is drawn in less time
+
 export class Trace {
   // cycles: arrays of points, one a cycle; shade(c, p): a colour; `ends`: of many cycles, only the
   // first and the last whole one are seen
@@ -52,19 +54,21 @@ export class Trace {
     this.geometry.setAttribute("position", new T.Float32BufferAttribute(position, 3));
     this.geometry.setAttribute("color", new T.Float32BufferAttribute(color, 3));
     this.geometry.setIndex(index);
-    const plain = new T.MeshBasicMaterial({ vertexColors: true, side: T.DoubleSide });
     // where a body stands in front, the trace shines through
-    const through = new T.MeshBasicMaterial({
-      vertexColors: true,
-      transparent: true,
-      opacity: 0.5,
-      depthFunc: T.GreaterDepth,
-      depthWrite: false,
-    });
-    for (const material of [plain, through]) {
+    traceMaterials ||= [
+      new T.MeshBasicMaterial({ vertexColors: true, side: T.DoubleSide }),
+      new T.MeshBasicMaterial({
+        vertexColors: true,
+        transparent: true,
+        opacity: 0.5,
+        depthFunc: T.GreaterDepth,
+        depthWrite: false,
+      }),
+    ];
+    for (const material of traceMaterials) {
       const mesh = new T.Mesh(this.geometry, ends ? [material] : material);
       mesh.frustumCulled = false;
-      mesh.renderOrder = material === through ? 5 : 1;
+      mesh.renderOrder = material.transparent ? 5 : 1;
       parent.add(mesh);
     }
     this.ends = ends;
