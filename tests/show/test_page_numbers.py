@@ -110,7 +110,7 @@ def compare(driver: Any, study: rp.Study, page: Path, times: list[float]) -> Non
                 other = study.row("repeatable").motion.q
                 grey = [np.interp(time, grid, q) for q in other.T] if k == 0 else at[0]
                 value = off(np.array(at[0]), np.array(grey))[part_of].max()
-                number, unit = part[k].removeprefix(f"{name} ").split() + ["mm"] * bool(value < 1e-4)
+                number, unit = f"{part[k].removeprefix(name)} m".split()[:2]  # a 0 has no unit
                 there = float(number) * {"m": 1, "cm": 1e-2, "mm": 1e-3}[unit]
                 assert there == pytest.approx(value, rel=0.06, abs=5e-4), (time, value)
             # a narrow pane leaves out what is free
