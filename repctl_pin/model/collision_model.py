@@ -169,6 +169,11 @@ class _CollisionModel:
                     found[start + k] = any(self._is_nearer(i, distance) for i in doubtful)
         return found
 
+    def bounds(self, Q: Array) -> Array:
+        """Compute a lower bound on the minimum distance at every row of Q (K, N): (K,), m."""
+        blocks = (self._telling(block).min(axis=1, initial=np.inf) for *_, block in self._bounded(Q))
+        return np.concatenate([np.zeros(0), *blocks])
+
     def lowest(self, Q: Array) -> Array:
         """Compute lower bounds on the distances of all pairs at Q (K, N): (K, P), m.
 

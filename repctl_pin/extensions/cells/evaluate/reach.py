@@ -26,7 +26,7 @@ from ....redundancy import nullspace
 from ....solvers import newton_rows
 from ....strategies.strategy import Inverse
 from ..geometry.cell import Cell
-from ..geometry.kinematics import inverses, null_bases, placed
+from ..geometry.kinematics import inverses, null_bases, placed, regular
 
 EXACT = 1e-9
 """Norm of the task error, m and rad, below which a pose is reached."""
@@ -163,9 +163,9 @@ def rays(desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int 
     on = np.arange(K)
     for ahead in [*np.linspace(0, 1, steps + 1)[1:], 1.0, 1.0, 1.0]:
         p, R, J = placed(task, Q[on])
-        N[on], s = null_bases(J, N[on])
+        N[on] = null_bases(J, N[on])
         least[on] = np.minimum(least[on], cell.limit_margin(Q[on]).min(axis=1))
-        good = s[:, -1] > SINGULAR * s[:, 0]
+        good = regular(J, SINGULAR)
         on, p, R, J = on[good], p[good], R[good], J[good]
         if not len(on):
             break
