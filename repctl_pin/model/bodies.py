@@ -285,8 +285,7 @@ class Bodies:
 
         ``pairs`` (K,) are the indices of these pairs, one per row.
         """
-        rows = zip(self._drive.joints(Q), pairs, strict=True)
-        return np.array([self._model.some_distances(q, one[None])[0] for q, one in rows])
+        return np.asarray(self._model.pair_distances(self._drive.joints(Q), pairs))
 
     def _moved_by(self, joint: int) -> NDArray[np.bool_]:
         """Return a mask (P,) of the pairs whose two bodies a joint moves relative to each other.

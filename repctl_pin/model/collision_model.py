@@ -165,13 +165,17 @@ class _CollisionModel:
                 self._ask(distance)
                 for k in np.flatnonzero(counts).tolist():
                     self._move(block[k])
-                    doubtful = nearest_first[k, : counts[k]].tolist()
-                    found[start + k] = any(self._is_nearer(i, distance) for i in doubtful)
+                    for i in nearest_first[k, : counts[k]].tolist():
+                        if self._is_nearer(i, distance):
+                            found[start + k] = True
+                            break
         return found
 
     def bounds(self, Q: Array) -> Array:
         """Compute a lower bound on the minimum distance at every row of Q (K, N): (K,), m."""
-        blocks = (self._telling(block).min(axis=1, initial=np.inf) for *_, block in self._bounded(Q))
+        blocks = (
+            self._telling(block).min(axis=1, initial=np.inf) for *_, block in self._bounded(Q)
+        )
         return np.concatenate([np.zeros(0), *blocks])
 
     def lowest(self, Q: Array) -> Array:
@@ -236,6 +240,20 @@ class _CollisionModel:
                 elif found[i] <= 0 and (exact or self._only_contact[k]):
                     found[i] = self._exact_distance(k)
         return np.array(found)
+
+    def pair_distances(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
+        """Compute the bound of :meth:`some_distances` on one pair at each row of Q (K, N): (K,), m.
+
+        ``pairs`` (K,) are the indices of these pairs.
+        """
+        found = np.empty(len(Q))
+        with self._lock:
+            for i, (q, k) in enumerate(zip(Q, pairs.tolist(), strict=True)):
+                self._move(q)
+                found[i] = self._apart(k)
+                if found[i] <= 0 and self._only_contact[k]:
+                    found[i] = self._exact_distance(k)
+        return found
 
     def blocks(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
         """Yield (index of the first row, bounds, distances) for blocks of B rows of Q (K, N).

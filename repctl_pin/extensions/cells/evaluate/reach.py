@@ -104,11 +104,10 @@ def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) 
     most ``count`` are taken. ``norm`` is the order of the norm of the difference of two rows.
     """
     kept: list[int] = []
-    for k, row in enumerate(rows):
-        if len(kept) == count:
-            break
-        if (np.linalg.norm(rows[kept] - row, norm, axis=1) > distance).all():
-            kept.append(k)
+    left = np.arange(len(rows))
+    while len(left) and len(kept) < count:
+        kept.append(int(left[0]))
+        left = left[np.linalg.norm(rows[left] - rows[left[0]], norm, axis=1) > distance]
     return kept
 
 
