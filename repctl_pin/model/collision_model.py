@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from pathlib import Path
 from threading import Lock, RLock
 from typing import Any
@@ -640,8 +640,7 @@ class _CollisionModel:
             self._shapes.addCollisionPair(pin.CollisionPair(a, b))
         self._placed = pin.GeometryData(self._shapes)
         self._asked = 0.0
-        for request in (*self._placed.distanceRequests, *self._placed.collisionRequests):
-            _without_memory(request)
+        _without_memory([*self._placed.distanceRequests, *self._placed.collisionRequests])
         measured = [body.measured for body in self._bodies]
         self._bounds = BodyBounds(self._model, self._joint, self._place, measured, pairs)
         self._strokes = strokes(self._model, self._joints)
@@ -684,8 +683,8 @@ class _CollisionModel:
         return at_reference, count / len(Q), overlaps
 
 
-def _without_memory(request: Any) -> None:
-    """Let a request of coal begin each test anew, so that results do not depend on earlier ones.
+def _without_memory(requests: Sequence[Any]) -> None:
+    """Let requests of coal begin each test anew, so that results do not depend on earlier ones.
 
     By default, Pinocchio's requests begin where the last test of the pair ended. This saves no
     time, and changes distances by up to 1e-6 m.
@@ -693,7 +692,8 @@ def _without_memory(request: Any) -> None:
     with warnings.catch_warnings():
         # its successor, gjk_initial_guess, has no effect while this one is True
         warnings.simplefilter("ignore", DeprecationWarning)
-        request.enable_cached_gjk_guess = False
+        for request in requests:
+            request.enable_cached_gjk_guess = False
 
 
 def _sample_configurations(task: Task) -> Array:

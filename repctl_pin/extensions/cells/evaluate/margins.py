@@ -334,7 +334,7 @@ def leaf_margins(chart: Chart, at: Points, N: Array | None = None) -> Array:
     The orthonormal columns of N span the null space of J, those of V̂ the gradients of the chart's
     potentials, and G is the inverse that holds these potentials constant. The reciprocal of the
     margin, minus 1, is the extra joint speed of G relative to J⁺ in the worst direction of ẋ. The
-    margin is 0 where there is no point, or J loses rank. N (K, n, r) is computed if it is not given.
+    margin is 0 where there is no point, or J loses rank. N (K, n, r) is computed if not given.
     """
     margin = np.zeros(len(at.U))
     rows = np.flatnonzero(at.found)
@@ -393,10 +393,10 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
 
 
 def _nearest_hulls(bodies: Bodies, Q: Array) -> Array:
-    """Compute distances of hulls (K,), m, at Q (K, n): of the nearest hulls, and of all that overlap.
+    """Compute the smallest distance of hulls at Q (K, n), and all that are negative: (K,), m.
 
-    The others are only found to be farther apart, which takes a fraction of the time; the result is
-    then a lower bound, above the smallest distance.
+    Others are only found to be larger, which takes a fraction of the time; the result is then a
+    lower bound, above the smallest distance.
     """
     first = np.argsort(bodies._hull_bounds(Q))[:_TESTED]
     hulls = np.full(len(Q), np.inf)
