@@ -35,7 +35,7 @@ from ....solvers import StepLengths, descend_in_box
 from ..chart.chart import Chart, Points
 from ..chart.monomials import Monomials
 from ..geometry.cell import Cell
-from ..geometry.kinematics import null_bases, regular, rows_of
+from ..geometry.kinematics import null_bases, placed, regular, rows_of, singular_values
 from .reach import unlike_rows
 
 _DIFFERENCE = 3e-4
@@ -314,7 +314,7 @@ def singular_values_of(task: Task, required: float = 0.0) -> Margin:
     """Make the margin of singularities: σ_min of J, which shall be at least ``required``."""
 
     def measure(Q: Array) -> Array:
-        return np.asarray(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float)
+        return singular_values(placed(task, Q)[2])[:, -1:]
 
     return Margin("singularities", measure, required, 0.25, watched=2048, starts=24, violators=96)
 
