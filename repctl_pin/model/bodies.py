@@ -269,6 +269,10 @@ class Bodies:
         Q = as_configurations(Q, self.task.n, repr(self.task))
         return np.asarray(self._model.nearer(self._drive.joints(Q), distance, among))
 
+    def _hull_bounds(self, Q: Array) -> Array:
+        """Compute a lower bound on :meth:`hull_distances` at every row of Q (K, n): (K,), m."""
+        return np.asarray(self._model.bounds(self._drive.joints(Q)))
+
     def _pair_bounds(self, Q: Array) -> Array:
         """Compute lower bounds on the distances of all P pairs at Q (K, n): (K, P), m.
 
@@ -281,8 +285,7 @@ class Bodies:
 
         ``pairs`` (K,) are the indices of these pairs, one per row.
         """
-        rows = zip(self._drive.joints(Q), pairs, strict=True)
-        return np.array([self._model.some_distances(q, one[None])[0] for q, one in rows])
+        return np.asarray(self._model.pair_distances(self._drive.joints(Q), pairs))
 
     def _moved_by(self, joint: int) -> NDArray[np.bool_]:
         """Return a mask (P,) of the pairs whose two bodies a joint moves relative to each other.
@@ -337,6 +340,10 @@ class _NoBodies:
     def least(self, Q: Array, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Return the distance inf and the pair −1 for every row of Q (K, N)."""
         return np.full(len(Q), np.inf), np.full(len(Q), -1)
+
+    def bounds(self, Q: Array) -> Array:
+        """Return the bound inf for every row of Q (K, N)."""
+        return np.full(len(Q), np.inf)
 
     def lowest(self, Q: Array) -> Array:
         """Return lower bounds on the distances of all pairs, of which there are none: (K, 0).

@@ -104,7 +104,7 @@ def rotation_vectors(R: Array) -> Array:
 
 def skew(omega: Array) -> Array:
     """Return the skew-symmetric matrices (K, 3, 3) of the cross products with ω (K, 3)."""
-    x, y, z = np.moveaxis(omega, -1, 0)
+    x, y, z = omega[..., 0], omega[..., 1], omega[..., 2]
     zero = np.zeros_like(x)
     return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(
         *omega.shape[:-1], 3, 3

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import warnings
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from pathlib import Path
 from threading import Lock, RLock
 from typing import Any
@@ -165,9 +165,18 @@ class _CollisionModel:
                 self._ask(distance)
                 for k in np.flatnonzero(counts).tolist():
                     self._move(block[k])
-                    doubtful = nearest_first[k, : counts[k]].tolist()
-                    found[start + k] = any(self._is_nearer(i, distance) for i in doubtful)
+                    for i in nearest_first[k, : counts[k]].tolist():
+                        if self._is_nearer(i, distance):
+                            found[start + k] = True
+                            break
         return found
+
+    def bounds(self, Q: Array) -> Array:
+        """Compute a lower bound on the minimum distance at every row of Q (K, N): (K,), m."""
+        blocks = (
+            self._telling(block).min(axis=1, initial=np.inf) for *_, block in self._bounded(Q)
+        )
+        return np.concatenate([np.zeros(0), *blocks])
 
     def lowest(self, Q: Array) -> Array:
         """Compute lower bounds on the distances of all pairs at Q (K, N): (K, P), m.
@@ -231,6 +240,20 @@ class _CollisionModel:
                 elif found[i] <= 0 and (exact or self._only_contact[k]):
                     found[i] = self._exact_distance(k)
         return np.array(found)
+
+    def pair_distances(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
+        """Compute the bound of :meth:`some_distances` on one pair at each row of Q (K, N): (K,), m.
+
+        ``pairs`` (K,) are the indices of these pairs.
+        """
+        found = np.empty(len(Q))
+        with self._lock:
+            for i, (q, k) in enumerate(zip(Q, pairs.tolist(), strict=True)):
+                self._move(q)
+                found[i] = self._apart(k)
+                if found[i] <= 0 and self._only_contact[k]:
+                    found[i] = self._exact_distance(k)
+        return found
 
     def blocks(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
         """Yield (index of the first row, bounds, distances) for blocks of B rows of Q (K, N).
@@ -617,8 +640,7 @@ class _CollisionModel:
             self._shapes.addCollisionPair(pin.CollisionPair(a, b))
         self._placed = pin.GeometryData(self._shapes)
         self._asked = 0.0
-        for request in (*self._placed.distanceRequests, *self._placed.collisionRequests):
-            _without_memory(request)
+        _without_memory([*self._placed.distanceRequests, *self._placed.collisionRequests])
         measured = [body.measured for body in self._bodies]
         self._bounds = BodyBounds(self._model, self._joint, self._place, measured, pairs)
         self._strokes = strokes(self._model, self._joints)
@@ -661,8 +683,8 @@ class _CollisionModel:
         return at_reference, count / len(Q), overlaps
 
 
-def _without_memory(request: Any) -> None:
-    """Let a request of coal begin each test anew, so that results do not depend on earlier ones.
+def _without_memory(requests: Sequence[Any]) -> None:
+    """Let requests of coal begin each test anew, so that results do not depend on earlier ones.
 
     By default, Pinocchio's requests begin where the last test of the pair ended. This saves no
     time, and changes distances by up to 1e-6 m.
@@ -670,7 +692,8 @@ def _without_memory(request: Any) -> None:
     with warnings.catch_warnings():
         # its successor, gjk_initial_guess, has no effect while this one is True
         warnings.simplefilter("ignore", DeprecationWarning)
-        request.enable_cached_gjk_guess = False
+        for request in requests:
+            request.enable_cached_gjk_guess = False
 
 
 def _sample_configurations(task: Task) -> Array:

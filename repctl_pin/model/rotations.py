@@ -101,4 +101,4 @@ def _matrices(quaternions: Array) -> Array:
     R[[0, 1, 2], [0, 1, 2]] = squares[:, 0] + squares[:, 1] + squares[:, 2] + squares[:, 3]
     R[[0, 2, 1], [1, 0, 2]] = 2 * (products - with_w)
     R[[1, 0, 2], [0, 2, 1]] = 2 * (products + with_w)
-    return np.ascontiguousarray(np.moveaxis(R, -1, 0))
+    return np.ascontiguousarray(R.transpose(2, 0, 1))

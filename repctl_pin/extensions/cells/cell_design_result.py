@@ -21,14 +21,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.arguments import Array, ratio_in_percent, read_only
+from ...base.arguments import Array, ratio_in_percent, read_only, unwritable
 from ...base.certificate import CELL_THEOREM, Proof, fingerprint, own_proof, proved_words
 from ...design.fingerprint import rounded, task_parts
 from ...model.bodies import bodies_of
@@ -51,6 +51,10 @@ from .geometry.sector import Sector
 
 _WAVES, _POINTS, _REACH = 3, 721, 0.9
 """Number of waves of a random path, of its points that are compared, and the largest coordinate."""
+
+_REMEMBERED = 4096
+"""Number of points of a random path that are kept: position and rotation, velocity and angular
+velocity are asked for separately, by each strategy that follows the path."""
 
 NO_EXTRA_SPEED = 1e-5
 """Extra joint speed below which it is written as 0."""
@@ -498,7 +502,7 @@ def tour(cell: Cell) -> TaskPath:
     moved = cell.moved
 
     def at(s: float) -> Array:
-        """Evaluate the coordinates u (1, k) of the sample path at the path parameter s."""
+        """Evaluate the coordinates u (1, k) at the path parameter s."""
         return np.asarray(a @ np.cos(k * s) + b @ np.sin(k * s), float)[None]
 
     def twists(U: Array) -> Array:
@@ -508,16 +512,23 @@ def tour(cell: Cell) -> TaskPath:
         """
         return cell._frame_twists(cell.spread(U))[0][:, moved]
 
+    @lru_cache(_REMEMBERED)
     def twist(s: float) -> Array:
         """Evaluate the frame's velocity (v, ω), base axes, per unit of the path parameter: (6,)."""
         du = b @ (k * np.cos(k * s)) - a @ (k * np.sin(k * s))
-        return np.asarray(twists(at(s)) @ (cell.widths[moved] * du), float)
+        return unwritable(np.asarray(twists(at(s)) @ (cell.widths[moved] * du), float))
+
+    @lru_cache(_REMEMBERED)
+    def placed(s: float) -> tuple[Array, Array]:
+        """Evaluate the frame's position (3,), m, and rotation (3, 3) at the path parameter s."""
+        p, R = cell.placements(at(s))
+        return unwritable(p[0]), unwritable(R[0])
 
     turns = cell.task.kind.turns and bool(twists(np.zeros((1, cell.k)))[3:].any())
     return TaskPath(
         "tour 0 of the cell",
-        lambda s: cell.placements(at(s))[0][0],
+        lambda s: placed(s)[0],
         lambda s: twist(s)[:3],
-        (lambda s: cell.placements(at(s))[1][0]) if turns else cell.placement.rotation,
+        (lambda s: placed(s)[1]) if turns else cell.placement.rotation,
         spin=(lambda s: twist(s)[3:]) if turns else None,
     )

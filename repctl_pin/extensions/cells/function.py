@@ -322,7 +322,7 @@ class InverseFunction:
         while ((step > 1e-9) & (done < np.pi)).any():
             ahead = np.minimum(done + step, np.pi)
             points = self.chart.solve(U, ahead[:, None] * ways, Q)
-            leaf = leaf_margin(null_bases(points.J, points.n_ref)[0], points.n_ref)
+            leaf = leaf_margin(null_bases(points.J, points.n_ref), points.n_ref)
             margin = task.limit_margin(points.Q + shift).min(axis=1)
             good = points.found & (margin >= 0) & (leaf > _LEAST)
             good &= np.abs(points.Q - Q).max(axis=1) < 1.0

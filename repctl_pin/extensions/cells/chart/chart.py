@@ -73,12 +73,15 @@ class Rates(NamedTuple):
         ∂x/∂u; None in an axis task, in which it depends on the rotation of the frame.
     C : (K, k + l, k + l) array
         (EᵀE)^(−1/2).
+    E_C : (K, m, k + l) array or None
+        E C.
     slopes : (K, n, k) and (K, n, r, k) arrays
         ∂q_ref/∂u and ∂n_ref/∂u.
     """
 
     E: Array | None
     C: Array
+    E_C: Array | None
     slopes: tuple[Array, Array]
 
 
@@ -302,7 +305,8 @@ class Chart:
         """Evaluate what does not depend on configurations in derivatives at the poses U (K, k)."""
         cell = self.cell
         E = None if cell.task.kind == "axis" else cell.twists(U, cell.placements(U)[1])
-        return Rates(E, cell.speeds(U), self.slopes(U))
+        C = cell.speeds(U) if E is None else unit_speeds(E)
+        return Rates(E, C, None if E is None else E @ C, self.slopes(U))
 
     def derivative(
         self,
@@ -379,12 +383,13 @@ class Chart:
         B : (K, n, r) array
             ∂F/∂s.
         """
-        E, C, slopes = (None, None, None) if rates is None else rates
+        E, C, E_C, slopes = (None, None, None, None) if rates is None else rates
         E = self.cell.twists(at.U, at.R) if E is None else E
         if C is None:
             C = self.cell.speeds(at.U) if self.cell.task.kind == "axis" else unit_speeds(E)
+        E_C = E @ C if E_C is None else E_C
         dF, B = self.derivative(at, ds, E, slopes)
-        return dF @ C, desired.batch(at.Q, at.J) @ E @ C, B
+        return dF @ C, desired.batch(at.Q, at.J) @ E_C, B
 
 
 class Points(NamedTuple):

@@ -54,11 +54,11 @@ class Monomials:
 
     def values(self, U: Array) -> Array:
         """Evaluate the monomials at every row of U (K, k): (K, N)."""
-        T = np.ones((len(U), self.size))
+        T, u = np.ones((self.size, len(U))), np.ascontiguousarray(U.T)
         for d in range(1, self.degree + 1):
             part = slice(self.starts[d], self.starts[d + 1])
-            T[:, part] = T[:, self.parent[part]] * U[:, self.variable[part]]
-        return T
+            np.multiply(T[self.parent[part]], u[self.variable[part]], out=T[part])
+        return np.ascontiguousarray(T.T)
 
     def slopes(self, T: Array) -> Array:
         """Evaluate the derivatives (K, N, k) of the monomials with respect to u at K points.

@@ -41,7 +41,7 @@ from ....redundancy import leaf_margin
 from ....strategies.strategy import Inverse
 from ..chart.chart import Chart, Points
 from ..geometry.cell import Cell
-from ..geometry.kinematics import joined, null_bases, rows_of, solved
+from ..geometry.kinematics import joined, null_bases, regular, rows_of, singular_values, solved
 from .cell_failures import FailureReason, broken_limit, folded, touching, unreached
 from .margins import (
     CandidateFunction,
@@ -70,8 +70,8 @@ _SPEED_STARTS = 16
 _SPREAD = 0.3
 """Minimum distance in u between the starting poses of these searches."""
 
-_REGULAR = 1e-10
-"""Value of (σ_min / σ_max)² of J above which joint speeds are evaluated in a search."""
+_REGULAR = 1e-5
+"""Value of σ_min / σ_max of J above which joint speeds are evaluated in a search."""
 
 _FOLDED = 0.05
 """Value of σ_min(Nᵀ n̂_ref) below which a function counts as folded."""
@@ -250,7 +250,7 @@ def _block(
     sign are beyond a fold. ``directions`` is that of :func:`sampled`.
     """
     chart, at = candidate.chart, candidate.at(U)
-    N, s = null_bases(at.J, at.n_ref)
+    N, s = null_bases(at.J, at.n_ref), singular_values(at.J)
     upright = leaf_margin(N, at.n_ref)  # 0 where the function folds
     sound = at.found & (s[:, -1] > 1e-5 * s[:, 0]) & (upright > 1e-6)
     squares, leaf = np.full((4, len(U)), np.nan), np.full(len(U), np.nan)
@@ -264,7 +264,7 @@ def _block(
     sheet = ok & (_sides(at) == side) & (upright > _FOLDED)
     margin = chart.cell.limit_margin(at.Q).min(axis=1)
     if directions:
-        leaf = leaf_margins(chart, at, (N, s))
+        leaf = leaf_margins(chart, at, N)
     figures = at.Q, at.residual, margin, *squares, s[:, -1], leaf, ok, sheet
     return Sample._make([U, *figures])
 
@@ -307,8 +307,8 @@ class _SpeedRatio(Quantity):
         The ratio is also infinite where J is singular.
         """
         ratio = np.full(len(at.U), np.inf)
-        squares = np.linalg.eigvalsh(at.J @ np.swapaxes(at.J, 1, 2))
-        found = np.flatnonzero(at.found & (squares[:, 0] > _REGULAR * squares[:, -1]))
+        found = np.flatnonzero(at.found)
+        found = found[regular(at.J[found], _REGULAR)]
         if not len(found):
             return ratio
         own, desired, _ = self.chart.joint_speeds(self.desired, rows_of(at, found))

@@ -35,7 +35,7 @@ from ....solvers import StepLengths, descend_in_box
 from ..chart.chart import Chart, Points
 from ..chart.monomials import Monomials
 from ..geometry.cell import Cell
-from ..geometry.kinematics import null_bases, rows_of
+from ..geometry.kinematics import null_bases, placed, regular, rows_of, singular_values
 from .reach import unlike_rows
 
 _DIFFERENCE = 3e-4
@@ -57,6 +57,9 @@ _HALVINGS = 6
 _LENGTHS = StepLengths(first=0.2, longest=0.5, shortest=1e-4, longer=1.5, shorter=3.0, steps=25)
 """Step lengths of the search for small margins, in coordinates u of the cell."""
 
+_RANK = 1e-12
+"""Value of σ_min / σ_max at or below which J has lost rank."""
+
 _JUMP = 1.0
 """Change of a joint in one step of u, rad or m, from which on the step is taken for a jump to a
 different solution branch."""
@@ -66,6 +69,10 @@ _TESTED, _AT_ONCE = 32, 8
 """Numbers of configurations with overlapping convex hulls at which the bodies themselves are tested
 for collision: to estimate the fraction that collides, and per step in the search for the
 minimum."""
+
+_SURELY = 1e-5
+"""Distance above the smallest one, m, beyond which hulls are not measured; tests whether hulls are
+nearer are accurate to 1e-6."""
 
 
 _SAMPLED, _EDGES, _LIKELY = 4096, 1 / 3, 128
@@ -307,7 +314,7 @@ def singular_values_of(task: Task, required: float = 0.0) -> Margin:
     """Make the margin of singularities: σ_min of J, which shall be at least ``required``."""
 
     def measure(Q: Array) -> Array:
-        return np.asarray(np.linalg.svd(task.jacobians(Q), compute_uv=False)[:, -1:], float)
+        return singular_values(placed(task, Q)[2])[:, -1:]
 
     return Margin("singularities", measure, required, 0.25, watched=2048, starts=24, violators=96)
 
@@ -321,22 +328,21 @@ def potential_gradients(chart: Chart, at: Points) -> Array:
     return chart.gradients(at.U, dU, at.J, at.n_ref, at.Q - at.q_ref)
 
 
-def leaf_margins(chart: Chart, at: Points, null: tuple[Array, Array] | None = None) -> Array:
+def leaf_margins(chart: Chart, at: Points, N: Array | None = None) -> Array:
     """Evaluate the leaf margin ``σ_min(Nᵀ V̂) = 1 / ‖I − G J‖₂`` (K,) at points of a chart's leaf.
 
     The orthonormal columns of N span the null space of J, those of V̂ the gradients of the chart's
     potentials, and G is the inverse that holds these potentials constant. The reciprocal of the
     margin, minus 1, is the extra joint speed of G relative to J⁺ in the worst direction of ẋ. The
-    margin is 0 where there is no point, or J loses rank. ``null`` has N (K, n, r) and the singular
-    values (K, m) of J, if they are known.
+    margin is 0 where there is no point, or J loses rank. N (K, n, r) is computed if not given.
     """
     margin = np.zeros(len(at.U))
     rows = np.flatnonzero(at.found)
     if len(rows):
         on = rows_of(at, rows)
-        N, s = null_bases(on.J, on.n_ref) if null is None else (each[rows] for each in null)
-        values = leaf_margin(N, potential_gradients(chart, on))
-        margin[rows] = np.where(s[:, -1] > 1e-12 * s[:, 0], np.nan_to_num(values), 0.0)
+        bases = null_bases(on.J, on.n_ref) if N is None else N[rows]
+        values = leaf_margin(bases, potential_gradients(chart, on))
+        margin[rows] = np.where(regular(on.J, _RANK), np.nan_to_num(values), 0.0)
     return margin
 
 
@@ -361,12 +367,12 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
     """Compute body distances (K,), m, at Q (K, n), and the fraction of rows in collision.
 
     Only the smallest distance is exact, as from :meth:`Bodies.distances`; a row without a collision
-    has the distance of convex hulls of the bodies, a lower bound. Where hulls overlap, the bodies
+    has a lower bound, such as the distance of convex hulls. Where hulls overlap, the bodies
     must be tested, which takes forty times as long. So two groups of these rows are tested: a
     sample, from which the fraction is estimated, and the deepest, until no other row can be deeper.
     The distance of the rest is set to 0. With ``quick``, only the 8 deepest are tested.
     """
-    hulls = bodies.hull_distances(Q)
+    hulls = _nearest_hulls(bodies, Q)
     overlap = np.flatnonzero(hulls < 0)
     overlap = overlap[np.argsort(hulls[overlap])]
     distances = np.maximum(hulls, 0.0)
@@ -384,6 +390,23 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
         distances[rows] = bodies.distances(Q[rows])
     collide = (distances[some] < 0).sum() / max(1, len(some))
     return distances, float(collide * len(overlap) / len(Q))
+
+
+def _nearest_hulls(bodies: Bodies, Q: Array) -> Array:
+    """Compute the smallest distance of hulls at Q (K, n), and all that are negative: (K,), m.
+
+    Others are only found to be larger, which takes a fraction of the time; the result is then a
+    lower bound, above the smallest distance.
+    """
+    first = np.argsort(bodies._hull_bounds(Q))[:_TESTED]
+    hulls = np.full(len(Q), np.inf)
+    hulls[first] = bodies.hull_distances(Q[first])
+    rest = np.flatnonzero(hulls == np.inf)
+    enough = max(0.0, hulls.min(initial=np.inf)) + _SURELY
+    near = bodies._nearer(Q[rest], enough)
+    hulls[rest] = enough
+    hulls[rest[near]] = bodies.hull_distances(Q[rest[near]])
+    return hulls
 
 
 def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) -> Array:

@@ -26,7 +26,7 @@ from ....redundancy import nullspace
 from ....solvers import newton_rows
 from ....strategies.strategy import Inverse
 from ..geometry.cell import Cell
-from ..geometry.kinematics import inverses, null_bases, placed
+from ..geometry.kinematics import inverses, null_bases, placed, regular
 
 EXACT = 1e-9
 """Norm of the task error, m and rad, below which a pose is reached."""
@@ -104,11 +104,10 @@ def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) 
     most ``count`` are taken. ``norm`` is the order of the norm of the difference of two rows.
     """
     kept: list[int] = []
-    for k, row in enumerate(rows):
-        if len(kept) == count:
-            break
-        if (np.linalg.norm(rows[kept] - row, norm, axis=1) > distance).all():
-            kept.append(k)
+    left = np.arange(len(rows))
+    while len(left) and len(kept) < count:
+        kept.append(int(left[0]))
+        left = left[np.linalg.norm(rows[left] - rows[left[0]], norm, axis=1) > distance]
     return kept
 
 
@@ -163,9 +162,9 @@ def rays(desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int 
     on = np.arange(K)
     for ahead in [*np.linspace(0, 1, steps + 1)[1:], 1.0, 1.0, 1.0]:
         p, R, J = placed(task, Q[on])
-        N[on], s = null_bases(J, N[on])
+        N[on] = null_bases(J, N[on])
         least[on] = np.minimum(least[on], cell.limit_margin(Q[on]).min(axis=1))
-        good = s[:, -1] > SINGULAR * s[:, 0]
+        good = regular(J, SINGULAR)
         on, p, R, J = on[good], p[good], R[good], J[good]
         if not len(on):
             break

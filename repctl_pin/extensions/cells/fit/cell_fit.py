@@ -261,7 +261,7 @@ class CellFit:
         U = np.concatenate([cell.sample(count, self.seed + 1), cell.corners()])
         points = chart.solve(U)
         on = rows_of(points, points.found)
-        if len(on.U) == len(U) and _follows(chart, U, null_bases(on.J, on.n_ref)[0]):
+        if len(on.U) == len(U) and _follows(chart, U, null_bases(on.J, on.n_ref)):
             return chart
         more = rays(self.desired, cell, q, U)
         more = rows_of(more, more.reached == 1)
@@ -358,7 +358,9 @@ class CellFit:
             terms = Monomials(cell.k, d)
             nodes = _nodes(U, terms)
             below = best[-1].a if best else np.zeros((0, cell.task.r))
-            best.append(_fit(Cost(self.desired, chart, terms, nodes), padded(below, terms)))
+            cost = richest if richest and d == highest else None
+            cost = cost or Cost(self.desired, chart, terms, nodes)
+            best.append(_fit(cost, padded(below, terms)))
             tried.append((d, best[-1].value.nearness))
             if best[-1].value.nearness < _NOTHING * best[-1].value.desired_square:
                 break
@@ -458,7 +460,7 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, qui
         U = cell._dense_at_edges(count, 7)
         points = CandidateFunction(chart, terms, descent.a).at(U)
         good = points.found
-        N = null_bases(points.J[good], points.n_ref[good])[0]
+        N = null_bases(points.J[good], points.n_ref[good])
         found = Chart.fitted(cell, U[good], points.Q[good], N, d)
         close = np.abs(found.reference(U[good])[0] - points.Q[good]).max() < _CLOSE or d >= degree
         follows = _follows(found, U[good], N)

@@ -749,7 +749,8 @@ class Cell:
         Task coordinates that do not belong to u are included, with their values in the middle.
         """
         (U,) = as_matrices(("U", U, f"K {self.k}"), exact=True, finite=False)
-        Y = np.tile(self._offset, (len(U), 1))
+        Y = np.empty((len(U), len(self.widths)))
+        Y[:] = self._offset
         Y[:, self._active] += U * self._active_widths
         return Y
 

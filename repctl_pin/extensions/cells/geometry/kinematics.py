@@ -24,11 +24,12 @@ from ....redundancy import align
 from ....strategies.native_arm import library_arm
 
 _REGULAR = 1e-6
-"""Value of (σ_min / σ_max)² of J above which J Jᵀ gives the null space to an accuracy of 1e-10."""
+"""Value of (σ_min / σ_max)² of J above which J Jᵀ gives the singular values to a relative accuracy
+of 1e-10."""
 
 _LONG = 0.5
-"""Minimum length of the projection of a unit vector onto the null space from which the unit null
-vector is computed by normalising."""
+"""Minimum length of the projection of reference vectors onto the null space from which a basis is
+computed from linear equations."""
 
 Record = TypeVar("Record", bound=tuple[Any, ...])
 """A named tuple of arrays with K rows each."""
@@ -158,25 +159,62 @@ def inverses(J: Array) -> tuple[Array, Array]:
     return G, s[:, ::-1]
 
 
-def null_bases(J: Array, near: Array) -> tuple[Array, Array]:
-    """Evaluate null-space bases N, aligned to ``near``, both (K, n, r), and singular values (K, m).
+def null_bases(J: Array, near: Array) -> Array:
+    """Evaluate null-space bases N (K, n, r) of J (K, m, n), orthonormal and nearest to ``near``.
 
-    The bases are orthonormal. For r = 1 this takes half the time: N is then the normalised
-    projection of ``near`` onto the null space, computed from the eigenvectors of J Jᵀ. Near
-    singularities, and where the projection is short, a singular value decomposition is used.
+    The solution X of ``J X = 0``, ``nearᵀ X = I`` spans the null space, and ``N = X (XᵀX)^(−1/2)``.
+    Where the projection of ``near`` (K, n, r) onto the null space is short, a singular value
+    decomposition is used.
     """
-    if near.shape[2] > 1:
-        return bases(J, near)[1:]
-    squares, U = np.linalg.eigh(J @ np.swapaxes(J, 1, 2))
-    s = np.sqrt(np.maximum(squares[:, ::-1], 0.0))
-    part = np.swapaxes(U, 1, 2) @ (J @ near) / np.maximum(squares, 1e-18)[:, :, None]
-    N = near - np.swapaxes(J, 1, 2) @ (U @ part)
-    length = np.linalg.norm(N, axis=1, keepdims=True)
-    poor = (squares[:, 0] < _REGULAR * squares[:, -1]) | (length[:, 0, 0] < _LONG)
-    N /= np.maximum(length, _LONG)
+    K, m, n = J.shape
+    J_V = np.concatenate([J, np.swapaxes(near, 1, 2)], axis=1)
+    onto = np.zeros((K, n, n - m))
+    onto[:, m:] = np.eye(n - m)
+    X = solved(J_V, onto)
+    poor = ~((X**2).sum(axis=1) < 1 / _LONG**2).all(axis=1)  # also where X is NaN
+    X[poor] = np.eye(n, n - m)
+    N = _orthonormal(X)
     if poor.any():
-        _, N[poor], s[poor] = bases(J[poor], near[poor])
-    return N, s
+        N[poor] = bases(J[poor], near[poor])[1]
+    return N
+
+
+def _orthonormal(X: Array) -> Array:
+    """Evaluate ``X (XᵀX)^(−1/2)`` of matrices X (K, n, r) with independent columns."""
+    if X.shape[2] == 1:
+        return X / np.linalg.norm(X, axis=1, keepdims=True)
+    squares, V = np.linalg.eigh(np.swapaxes(X, 1, 2) @ X)
+    return X @ (V / np.sqrt(squares)[:, None]) @ np.swapaxes(V, 1, 2)
+
+
+def singular_values(J: Array) -> Array:
+    """Evaluate the singular values (K, m) of J (K, m, n), the largest first.
+
+    They are the square roots of the eigenvalues of J Jᵀ or, near a singularity, those of a singular
+    value decomposition, which takes twice as long.
+    """
+    squares = np.linalg.eigvalsh(J @ np.swapaxes(J, 1, 2))[:, ::-1]
+    s = np.sqrt(np.maximum(squares, 0.0))
+    poor = squares[:, -1] < _REGULAR * squares[:, 0]
+    if poor.any():
+        s[poor] = np.linalg.svd(J[poor], compute_uv=False)
+    return s
+
+
+def regular(J: Array, ratio: float) -> NDArray[np.bool_]:
+    """Test of which of K Jacobians J (K, m, n) the ratio σ_min / σ_max exceeds ``ratio``: (K,).
+
+    Most pass a faster test, because ``(σ_max / σ_min)² ≤ tr(J Jᵀ) tr((J Jᵀ)⁻¹)``.
+    """
+    JJ = J @ np.swapaxes(J, 1, 2)
+    inverse = solved(JJ, np.broadcast_to(np.eye(JJ.shape[1]), JJ.shape))
+    squares = np.trace(JJ, axis1=1, axis2=2) * np.trace(inverse, axis1=1, axis2=2)
+    passed = (squares > 0) & (squares * max(ratio**2, _REGULAR) < 1)
+    rest = np.flatnonzero(~passed)
+    if len(rest):
+        s = np.linalg.svd(J[rest], compute_uv=False)
+        passed[rest] = s[:, -1] > ratio * s[:, 0]
+    return passed
 
 
 def left_jacobian(omega: Array) -> Array:

@@ -270,7 +270,7 @@ class Sector(Cell):
         rho, z = self.middle
         y = _all_six(Y)
         outward, _, a = self.directions
-        bend, stretch, *_ = self._profiled(y[:, HEIGHT])
+        bend, stretch = self._profiled(y[:, HEIGHT])
         radius = (rho + bend + stretch * y[:, RADIUS])[:, None]
         height = z + y[:, HEIGHT, None]
         p = radius * outward + height * a
@@ -292,7 +292,7 @@ class Sector(Cell):
         x, y, height = ((p - self.axis[0]) @ self.directions.T).T
         Y = np.zeros((len(p), 6))
         Y[:, HEIGHT], Y[:, ANGLE] = height - z, np.arctan2(y, x)
-        bend, stretch, *_ = self._profiled(Y[:, HEIGHT])
+        bend, stretch = self._profiled(Y[:, HEIGHT])
         Y[:, RADIUS] = (np.hypot(x, y) - rho - bend) / stretch
         if self.task.kind.turns:
             back = exp3(-Y[:, ANGLE, None] * self.axis[1])
@@ -317,8 +317,9 @@ class Sector(Cell):
         if turning:
             round_about = exp3(y[:, ANGLE, None] * a)
             R, radial, around = (round_about @ each for each in (R, radial, around))
-        bend, stretch, *slopes = (each[:, None] for each in self._profiled(y[:, HEIGHT]))
-        y_rho = y[:, RADIUS, None]
+        eta, y_rho = y[:, HEIGHT], y[:, RADIUS, None]
+        bend, stretch = (each[:, None] for each in self._profiled(eta))
+        slopes = [each[:, None] for each in self.profile.slopes(eta, self._half_height)]
         T[:, :3, RADIUS] = stretch * radial
         T[:, :3, ANGLE] = (self.middle[0] + bend + stretch * y_rho) * around
         T[:, :3, HEIGHT] = a + (slopes[0] + slopes[1] * y_rho) * radial
@@ -342,14 +343,18 @@ class Sector(Cell):
             offset[SPIN] = self.spin_middle
         return offset
 
-    def _profiled(self, eta: Array) -> tuple[Array, Array, Array, Array]:
-        """Evaluate bend b, stretch s, ∂b/∂η and ∂s/∂η at heights η (K,), m: four arrays (K,).
+    def _profiled(self, eta: Array) -> tuple[Array, Array]:
+        """Evaluate bend b, m, and stretch s at heights η (K,), m: two arrays (K,).
 
-        η is the height above the middle of the sector. The bend b, m, shifts the range of radius
-        there, and s scales it.
+        η is the height above the middle of the sector. The bend shifts the range of radius there,
+        and s scales it.
         """
-        half = self.widths[HEIGHT] * (1 + EDGE) if self.task.m > 2 else 0.0
-        return self.profile.at(eta, half)
+        return self.profile.at(eta, self._half_height)
+
+    @property
+    def _half_height(self) -> float:
+        """Half-width of the height, m, with the tolerance at the edge; 0 without a height."""
+        return float(self.widths[HEIGHT]) * (1 + EDGE) if self.task.m > 2 else 0.0
 
     def radii(self, z: ArrayLike) -> Array:
         """Return the smallest and the largest radius (…, 2), m, at heights z (…), m.
@@ -357,7 +362,7 @@ class Sector(Cell):
         Heights are measured along the sector's axis from its point ``axis[0]``.
         """
         rho, middle = self.middle
-        bend, stretch, *_ = self._profiled(np.asarray(z, float) - middle)
+        bend, stretch = self._profiled(np.asarray(z, float) - middle)
         ends = self.widths[RADIUS] * np.array([-1.0, 1.0])
         return np.asarray(rho + bend[..., None] + stretch[..., None] * ends)
 
@@ -367,7 +372,7 @@ class Sector(Cell):
         The radius also depends on the height.
         """
         values = super()._values(Y)
-        bend, stretch, *_ = self._profiled(_all_six(Y)[:, HEIGHT])
+        bend, stretch = self._profiled(_all_six(Y)[:, HEIGHT])
         values[:, RADIUS] = self.middle[0] + bend + stretch * Y[:, RADIUS]
         return values
 
@@ -375,7 +380,7 @@ class Sector(Cell):
         """Return the half-widths (k,), m and rad, at u (k,): the radius' varies with the height."""
         widths = super()._widths_at(u).copy()
         if RADIUS in self.moved:
-            _, stretch, *_ = self._profiled(_all_six(self.spread(u[None]))[:, HEIGHT])
+            _, stretch = self._profiled(_all_six(self.spread(u[None]))[:, HEIGHT])
             widths[0] *= stretch[0]
         return widths
 
@@ -572,7 +577,8 @@ class Sector(Cell):
 
 def _all_six(Y: Array) -> Array:
     """Append 0 to Y (K, m) for the coordinates that the task does not command: (K, 6)."""
-    return np.pad(Y, ((0, 0), (0, 6 - Y.shape[1])))
+    missing = 6 - Y.shape[1]
+    return np.concatenate([Y, np.zeros((len(Y), missing))], axis=1) if missing else Y
 
 
 def _tilt_vectors(y: Array) -> Array:

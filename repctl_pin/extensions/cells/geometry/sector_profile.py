@@ -43,17 +43,21 @@ class Profile(NamedTuple):
         """Degree D of the polynomials; 0 if the range of radius is the same at all heights."""
         return len(self.bend) - 1
 
-    def at(self, eta: Array, half: float) -> tuple[Array, Array, Array, Array]:
-        """Evaluate b, s, ∂b/∂η and ∂s/∂η at heights η (K,): four arrays (K,).
+    def at(self, eta: Array, half: float) -> tuple[Array, Array]:
+        """Evaluate b and s at heights η (K,): two arrays (K,).
 
         Above and below the sector, whose half-width of the height is ``half``, m, b and s are
         constant. So they are continuous, and the stretch is positive everywhere.
         """
         inside = np.clip(eta, -half, half)
         b, s = (_value(each, inside) for each in self)
-        within = np.abs(eta) <= half
+        return b, s
+
+    def slopes(self, eta: Array, half: float) -> tuple[Array, Array]:
+        """Evaluate ∂b/∂η and ∂s/∂η at heights η (K,): two arrays (K,), 0 beyond ±``half``, m."""
+        inside, within = np.clip(eta, -half, half), np.abs(eta) <= half
         db, ds = (_value(_derivative(each), inside) * within for each in self)
-        return b, s, db, ds
+        return db, ds
 
     def moved(self, y: float, eta: float) -> tuple[Profile, float]:
         """Return the profile relative to another middle, and a factor.
