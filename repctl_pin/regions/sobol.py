@@ -66,7 +66,7 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
     return np.multiply(points, 2.0**-_BITS, dtype=np.float64)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def _scrambling_of_seed(n: int, seed: int) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
     """Draw the scrambling of a seed, cached, because a design draws the same nodes many times."""
     return _scrambling(n, np.random.default_rng(seed).spawn(1)[0])  # as scipy does with rng=
