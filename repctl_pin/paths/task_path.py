@@ -229,7 +229,7 @@ def renamed(path: TaskPath, **names: Any) -> TaskPath:
 
     ``dataclasses.replace`` would check the same curve again, and drop ``arc``.
     """
-    copy = object.__new__(TaskPath)
+    copy = object.__new__(type(path))
     vars(copy).update(vars(path) | names)
     return copy
 
