@@ -43,14 +43,28 @@ def pytest_configure() -> None:
     gc.set_threshold(100_000, 20, 20)
 
 
+def all_tests(config: pytest.Config) -> bool:
+    """Whether this run was asked for the folder of tests, and not for some of its files."""
+    return [Path(given).resolve() for given in config.args] == [TESTS]
+
+
+def pytest_pycollect_makeitem(collector: pytest.Collector, name: str, obj: Any) -> list | None:
+    """Leave functions that are marked slow out of a quick run of all tests: making thousands of
+    items that are deselected takes a second in each worker."""
+    config = collector.config
+    if config.option.markexpr != "not slow" or not all_tests(config):
+        return None
+    marks = getattr(obj, "pytestmark", ()) if name.startswith("test_") else ()
+    return [] if any(mark.name == "slow" for mark in marks) else None
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection(session: pytest.Session) -> None:
     """Compile each file of tests in one worker only; the others read what it wrote.
 
     On a fresh checkout that takes two thirds of the time of collecting all tests."""
     worker = getattr(session.config, "workerinput", None)
-    whole = [Path(given).resolve() for given in session.config.args] == [TESTS]
-    if worker is None or sys.dont_write_bytecode or not whole:
+    if worker is None or sys.dont_write_bytecode or not all_tests(session.config):
         return
     number, count = int(worker["workerid"].removeprefix("gw")), worker["workercount"]
     for file in sorted(TESTS.rglob("test_*.py"))[number::count]:

@@ -297,13 +297,12 @@ def flag(value: Any, name: str) -> bool:
     raise InputError(f"must be True or False, not {shown(value)}", argument=name)
 
 
-def flag_or_function(value: Any, name: str, what: str, takes: int) -> Any:
-    """Require True, False, or a function of ``takes`` positional arguments."""
-    return (
-        function(value, name, f"True, False or {what}", takes)
-        if callable(value)
-        else flag(value, name)
-    )
+def progress_option(value: Any) -> Any:
+    """Require True, False, or a function of two positional arguments, as ``progress``."""
+    if not callable(value):
+        return flag(value, "progress")
+    what = "True, False or a function of the step (text) and the fraction done"
+    return function(value, "progress", what, 2)
 
 
 def list_of(values: Any, name: str, what: str) -> list[Any]:

@@ -5,9 +5,11 @@ BLAS is the library of matrix operations that NumPy calls; BLAS starts threads o
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
@@ -28,11 +30,9 @@ def one_blas_thread() -> Iterator[None]:
     the context restores the previous limit.
     """
     global _working, _limits
-    from threadpoolctl import threadpool_limits
-
     with _lock:
         if _working == 0:
-            _limits = threadpool_limits(1, user_api="blas")
+            _limits = _blas_libraries(len(sys.modules)).limit(limits=1, user_api="blas")
         _working += 1
     try:
         yield
@@ -41,6 +41,18 @@ def one_blas_thread() -> Iterator[None]:
             _working -= 1
             if _working == 0:
                 _limits.restore_original_limits()
+
+
+@lru_cache(maxsize=1)
+def _blas_libraries(modules: int) -> Any:
+    """Find the BLAS libraries of this process, which takes milliseconds.
+
+    They are searched again after each import, which can load another one. ``modules`` is the number
+    of imported modules.
+    """
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
 
 
 class PerThread(threading.local, Generic[T]):

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ..base import progress as reporting
-from ..base.arguments import MOST_NODES, as_int, flag, flag_or_function, require_type, shown
+from ..base.arguments import MOST_NODES, as_int, flag, progress_option, require_type, shown
 from ..base.errors import InputError, SingularityError
 from ..base.fit_options import FitOptions, fit_options
 from ..base.threads import one_blas_thread
@@ -112,9 +112,7 @@ def nearest_repeatable(
     if options.held_out is not None:
         as_int(options.held_out, "held_out", 2 * REPLICATES, MOST_NODES)
     shrink = flag(shrink, "shrink")
-    progress = flag_or_function(
-        progress, "progress", "a function of the step (text) and the fraction done", 2
-    )
+    progress = progress_option(progress)
     _check(desired, potentials, region, degree)
     if potentials is None:
         potentials = _polynomial(region, 1 if degree == "auto" else degree)

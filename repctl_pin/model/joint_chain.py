@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pinocchio as pin
@@ -172,11 +173,10 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
     """
     if isinstance(task, SeveralFrames):
         return _native_frames(task)
-    chain = joint_chain(task)
+    chain, R, p = _chain_along_z(task)
     joints = len(chain.axes)
     if max(joints, task.n) > _MOST:
         return None
-    R, p = along_z(chain)
     sizes = {"n": task.n, "m": task.m, "joints": joints, "frames": 1}
     coupled = not np.array_equal(chain.S, np.eye(task.n)) or chain.offset.any()
     return filled_struct(
@@ -192,6 +192,20 @@ def native_chain(task: Task) -> tuple[Any, list[NDArray[np.generic]]] | None:
         },
         sizes | {"kind": {"pose": 0, "axis": 1}.get(task.kind, 2), "coupled": int(coupled)},
     )
+
+
+_chains: WeakKeyDictionary[Task, tuple[JointChain, Array, Array]] = WeakKeyDictionary()
+
+
+def _chain_along_z(task: Task) -> tuple[JointChain, Array, Array]:
+    """Return the chain of a task, and R and p of :func:`along_z`; once per task.
+
+    A study makes several controllers of one task, each with a struct of its own.
+    """
+    if task not in _chains:
+        chain = joint_chain(task)
+        _chains[task] = (chain, *along_z(chain))
+    return _chains[task]
 
 
 def _native_frames(task: SeveralFrames) -> tuple[Any, list[NDArray[np.generic]]] | None:

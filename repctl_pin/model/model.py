@@ -32,8 +32,9 @@ def frame_id(model: pin.Model, name: str) -> int:
     name it returns an id that causes a crash later, and it fails if a joint and a link share a
     name.
     """
-    ids = {f.name: i for i, f in reversed(list(enumerate(model.frames)))}
-    ids |= link_ids(model)
+    ids = link_ids(model)
+    if name not in ids:
+        ids = {f.name: i for i, f in reversed(list(enumerate(model.frames)))}
     if name not in ids:
         raise unknown("frame", name, link_frames(model))
     return ids[name]

@@ -421,15 +421,10 @@ class Robot(Mechanism):
         description = self.description
         collisions = (shape.filename for shape in description.collisions if shape.filename)
         drawn = description.meshes
-        found = {
-            name: find_mesh(name, description.path, self.package_dirs)
-            for name in dict.fromkeys([*drawn, *collisions])
-        }
-        by_end = [
-            name
-            for name, file in found.items()
-            if file and not named_mesh(name, description.path, self.package_dirs)
-        ]
+        where = description.path, self.package_dirs
+        named = {name: named_mesh(name, *where) for name in [*drawn, *collisions]}
+        found = {name: file or find_mesh(name, *where) for name, file in named.items()}
+        by_end = [name for name, file in found.items() if file and not named[name]]
         missing = [name for name in drawn if found[name] is None]
         notes = []
         if by_end:

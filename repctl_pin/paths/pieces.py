@@ -88,11 +88,14 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **attributes: Any) -> Task
         for piece in pieces
     ]
 
+    series = [_columns(piece.coefficients) for piece in pieces]
+    slope_series = [_columns(slope) for slope in slopes]
+
     def at(s: float, *, slope: bool = False) -> Array:
         i = min(int(np.searchsorted(ends, s, side="right")), len(pieces) - 1)
         piece = pieces[i]
-        u = (2 * s - piece.begin - piece.end) / (piece.end - piece.begin)
-        return np.asarray(chebyshev.chebval(u, slopes[i] if slope else piece.coefficients))
+        u = (2 * float(s) - piece.begin - piece.end) / (piece.end - piece.begin)
+        return _clenshaw(u, slope_series[i] if slope else series[i])
 
     def spin(s: float) -> Array:
         """Evaluate ω(s) (3,), rad per cycle: the vector part of ``2 p′ p* / |p|²``.
@@ -109,6 +112,26 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **attributes: Any) -> Task
         point=lambda s: at(s)[:3], slope=lambda s: at(s, slope=True)[:3], **turning, **attributes
     )
     return with_arc(path, _arc(ends, slopes, at))
+
+
+def _columns(coefficients: Array) -> list[list[float]]:
+    """List the Chebyshev coefficients (d, k) of k series, those of each from the last to c₀."""
+    padding = np.zeros((max(2 - len(coefficients), 0), coefficients.shape[1]))
+    return np.vstack([coefficients, padding])[::-1].T.tolist()
+
+
+def _clenshaw(u: float, columns: list[list[float]]) -> Array:
+    """Evaluate k Chebyshev series at u: (k,), to the bit as NumPy's ``chebval`` does.
+
+    At a single u, Clenshaw's recurrence takes a fifth of the time on lists.
+    """
+    values = []
+    twice = 2 * u
+    for c1, c0, *lower in columns:
+        for c in lower:
+            c0, c1 = c - c1, c0 + c1 * twice
+        values.append(c0 + c1 * u)
+    return np.array(values)
 
 
 def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> ArcBound:

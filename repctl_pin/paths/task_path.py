@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -227,9 +227,11 @@ def with_arc(path: TaskPath, arc: ArcBound | None) -> TaskPath:
 def renamed(path: TaskPath, **names: Any) -> TaskPath:
     """Copy a path with another ``name``, ``spec``, ``plane`` or ``corners``, and with its ``arc``.
 
-    ``dataclasses.replace`` alone would drop ``arc``, which is valid only for the same curve.
+    ``dataclasses.replace`` would check the same curve again, and drop ``arc``.
     """
-    return with_arc(replace(path, **names), path.arc)
+    copy = object.__new__(type(path))
+    vars(copy).update(vars(path) | names)
+    return copy
 
 
 def _check(path: TaskPath) -> None:

@@ -5,7 +5,7 @@ That class needs all of ``scipy.stats``, which takes longer to import than a sma
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,20 +56,32 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
         from scipy.stats import qmc
 
         return qmc.Sobol(n, scramble=True, rng=seed).random_base2(power)
-    random = seed
-    if not isinstance(random, np.random.Generator):
-        random = np.random.default_rng(seed).spawn(1)[0]  # as scipy does with rng=
-    shift_bits = random.integers(2, size=(n, _BITS), dtype=np.uint32)
-    matrix = np.tril(random.integers(2, size=(n, _BITS, _BITS), dtype=np.uint32))
-    matrix |= np.eye(_BITS, dtype=np.uint32)
-    places = 2 ** np.arange(_BITS, dtype=np.uint32)
-    shift = shift_bits @ places  # (n,)
-    digits = matrix @ _direction_digits()[:n] % 2  # (n, BITS, BITS)
-    directions = np.einsum("i,nij->jn", places[::-1], digits)  # (BITS, n)
+    if isinstance(seed, np.random.Generator):
+        shift, directions = _scrambling(n, seed)
+    else:
+        shift, directions = _scrambling_of_seed(n, seed)
     points = shift[None]
     for direction in directions[:power]:  # Gray code: reflected, with one more digit
         points = np.concatenate([points, points[::-1] ^ direction])
     return np.multiply(points, 2.0**-_BITS, dtype=np.float64)
+
+
+@lru_cache(maxsize=256)
+def _scrambling_of_seed(n: int, seed: int) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+    """Draw the scrambling of a seed, cached, because a design draws the same nodes many times."""
+    return _scrambling(n, np.random.default_rng(seed).spawn(1)[0])  # as scipy does with rng=
+
+
+def _scrambling(
+    n: int, random: np.random.Generator
+) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+    """Draw a digital shift (n,), and scramble the direction numbers (30, n) by a random matrix."""
+    shift_bits = random.integers(2, size=(n, _BITS), dtype=np.uint32)
+    matrix = np.tril(random.integers(2, size=(n, _BITS, _BITS), dtype=np.uint32))
+    matrix |= np.eye(_BITS, dtype=np.uint32)
+    places = 2 ** np.arange(_BITS, dtype=np.uint32)
+    digits = matrix @ _direction_digits()[:n] % 2  # (n, BITS, BITS)
+    return shift_bits @ places, np.einsum("i,nij->jn", places[::-1], digits)
 
 
 @cache

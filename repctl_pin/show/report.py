@@ -130,8 +130,8 @@ def _figures(study: Study, maps: ReportMaps | None) -> Iterable[tuple[str, dict[
     on = [m for m in moved if m[2] != COLOURS["posture_off"]]
     yield "Drift", picture(drift_figure(moved, ""), captions.drift_words(study))
     yield "Joints", picture(joints_figure(moved, ""), captions.joints_words(study))
-    yield ("Orbits in joint space", picture(orbits_figure(on, ""), captions.orbits_words(study)))
-    yield ("Speed and limits", picture(cycle_figure(moved, ""), captions.cycles_words(study)))
+    yield ("Orbits in joint space", picture(orbits_figure(on), captions.orbits_words(study)))
+    yield ("Speed and limits", picture(cycle_figure(moved), captions.cycles_words(study)))
     if maps is not None:
         yield (
             "The design over two joints",

@@ -3,13 +3,16 @@ closed path."""
 
 from __future__ import annotations
 
+import copyreg
 from collections.abc import Callable
+from itertools import product
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from arms import named_path
 from controls import some
+from numpy.polynomial import chebyshev
 from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
@@ -375,3 +378,22 @@ def test_a_study_takes_the_words_of_a_path() -> None:
     found = rp.study(rp.Problem("planar3r", path="circle:0.3"), cycles=1, steps=60, degree=1)
     assert found.path.spec.startswith("circle:0.3:") and found.path.plane == "xy"
     assert found.path.name == "circle of radius 0.3 m in xy"
+
+
+def test_a_path_of_pieces_has_the_bits_of_numpy(panda_pose, q_panda) -> None:
+    """Pickled and saved paths are Chebyshev series of any degree, of three or seven columns."""
+    rng = np.random.default_rng(5)
+    for path in (
+        rp.circle(panda_pose, q_panda, 0.1),
+        rp.circle(panda_pose, q_panda, 0.05, normal="x", rotation="tangent"),
+        rp.polygon(panda_pose, q_panda, [[0.1, 0, 0], [0.1, 0.1, 0]]),
+    ):
+        make, (series, rotation) = copyreg.dispatch_table[rp.TaskPath](path)
+        of_pieces = make(series, rotation)
+        for one, s in product(series, rng.uniform(0, 1, 10)):
+            if not one.begin <= s < one.end:
+                continue
+            u = (2 * s - one.begin - one.end) / (one.end - one.begin)
+            slope = chebyshev.chebder(one.coefficients) * (2 / (one.end - one.begin))
+            for found, known in ((of_pieces.point, one.coefficients), (of_pieces.slope, slope)):
+                assert np.array_equal(found(s), chebyshev.chebval(u, known)[:3])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from itertools import product
 
 import numpy as np
 import pytest
@@ -230,13 +231,12 @@ def test_a_workspace_box_out_of_reach_is_refused() -> None:
         rp.WorkspaceBox(task, [5.0, 0.0, 1.0], 0.1, within=rp.Box([0.2, 1.2, 0.9], 0.5))
 
 
-@pytest.mark.parametrize("n", [1, 2, 7, 8, 31, 32, 33, 40])
 @pytest.mark.parametrize("seed", [0, 3, 20_000])
-def test_sobol_points_are_those_of_scipy(n: int, seed: int) -> None:
+def test_sobol_points_are_those_of_scipy(seed: int) -> None:
     from scipy.stats import qmc
 
-    box = rp.Box(np.zeros(n), 0.5)
-    for power in (1, 5, 10):
+    for n, power in product((1, 2, 7, 8, 31, 32, 33, 40), (1, 5, 10)):
+        box = rp.Box(np.zeros(n), 0.5)
         ours = box.random(2**power, seed) + 0.5
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -3,10 +3,12 @@ form."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 
 import numpy as np
 import pytest
+import threadpoolctl
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import repctl_pin as rp
@@ -56,6 +58,26 @@ def test_a_workspace_box_weighs_by_the_coarea_formula() -> None:
     Q = region.random(64, 0)
     volume = [np.sqrt(np.linalg.det(J @ J.T)) for J in task.jacobians(Q)]
     assert region.weights(Q) == pytest.approx(np.array(volume) / np.sum(volume))
+
+
+def test_blas_libraries_are_searched_again_after_an_import(monkeypatch: pytest.MonkeyPatch) -> None:
+    searched: list[int] = []
+
+    class Counted(threadpoolctl.ThreadpoolController):
+        def __init__(self) -> None:
+            searched.append(len(sys.modules))
+            super().__init__()
+
+    def limited() -> None:
+        with pytest.raises(rp.InputError):
+            rp.nearest_repeatable(None, None, None)  # type: ignore[arg-type]
+
+    limited()  # imports all that it needs
+    monkeypatch.setattr(threadpoolctl, "ThreadpoolController", Counted)
+    for name in ("one more", "one more", "two more"):
+        monkeypatch.setitem(sys.modules, name, threadpoolctl)
+        limited()
+    assert len(searched) == 2
 
 
 def test_blas_keeps_to_one_thread_and_is_given_back() -> None:

@@ -22,7 +22,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ...base.arguments import Array, as_numbers, flag_or_function, positive, read_only, require_type
+from ...base.arguments import Array, as_numbers, positive, progress_option, read_only, require_type
 from ...base.errors import InputError
 from ...base.progress import reporter
 from ...model.chain_formulas import Placement, as_placements
@@ -168,9 +168,7 @@ def motion_between(
     >>> rp.motion_between(F, poses, rp.Limits(acceleration=5.0, jerk=100.0)).lines
     ('tool',)
     """
-    progress = flag_or_function(
-        progress, "progress", "a function of the step (text) and the fraction done", 2
-    )
+    progress = progress_option(progress)
     if not isinstance(F, ToolFunction):
         what = "a function of a cell, such as design.function"
         require_type(F, InverseFunction, "F", what)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base import progress as reporting
-from ...base.arguments import Array, file_name, flag_or_function, read_only, require_type, vector
+from ...base.arguments import Array, file_name, progress_option, read_only, require_type, vector
 from ...base.errors import InputError
 from ...base.fit_options import FitOptions, fit_options
 from ...base.tables import write_table
@@ -363,9 +363,7 @@ def relabel(
     require_type(recording, Recording, "recording", what)
     options = fit_options(options)
     options.require_only(("samples", "held_out", "seed"), "relabel")
-    progress = flag_or_function(
-        progress, "progress", "a function of the step (text) and the fraction done", 2
-    )
+    progress = progress_option(progress)
     if leaf is not None:
         leaf = vector(np.atleast_1d(leaf), recording.task.r, "leaf", "")
     with reporting.reporter(progress) as report:

@@ -113,13 +113,13 @@ def _least_in_cycles(values: np.ndarray, motion: Motion) -> np.ndarray:
     return np.array([values[k * steps : (k + 1) * steps + 1].min() for k in range(motion.cycles)])
 
 
-def cycle_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
+def cycle_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
     """Draw the figure of joint speed, limit margins and, if there are bodies, body distance.
 
     ``motions`` lists the label, motion and colour of each controller.
     """
     bodies = np.isfinite(motions[0][1].clearance.distance)
-    figure = titled(12 if bodies else 10, 4.0, title)
+    figure = titled(12 if bodies else 10, 4.0, "")
     left, right, *third = figure.subplots(1, 3 if bodies else 2)
     for ax in third:
         _bodies_over_cycles(ax, motions).set_title("body distance", fontsize=9, loc="left")
@@ -159,14 +159,14 @@ def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upw
     return quiet(ax)
 
 
-def orbits_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Figure:
+def orbits_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
     """Draw the figure of orbits: the three joints that drift most, pair by pair in three panels.
 
     ``motions`` lists the label, motion and colour of each controller. The orbit of a repeatable
     motion is one closed curve.
     """
     i, j, k = liveliest_joints(motions)
-    figure = titled(10, 3.9, title)
+    figure = titled(10, 3.9, "")
     axes = figure.subplots(1, 3)
     for ax, (across, upward) in zip(axes, ((i, j), (i, k), (j, k)), strict=True):
         orbit(ax, motions, across, upward)

@@ -23,8 +23,8 @@ from ....base import progress as reporting
 from ....base.arguments import (
     Array,
     as_int,
-    flag_or_function,
     positive,
+    progress_option,
     require_choice,
     require_type,
 )
@@ -177,9 +177,7 @@ def nearest_inverse_function(
         samples = as_int(samples, "samples", 16, _MOST_SAMPLES)
     held_out = _HELD_OUT if options.held_out is None else options.held_out
     require_choice(incomplete, ("refuse", "shrink", "keep"), "way to treat an incomplete cell")
-    progress = flag_or_function(
-        progress, "progress", "a function of the step (text) and the fraction done", 2
-    )
+    progress = progress_option(progress)
     cell = _reduced(cell, desired, body_distance)
     fit = CellFit(
         desired,

@@ -108,7 +108,7 @@ def export_c(
         require_type(region, Region, "region", A_REGION)
     if closes is not None:
         require_type(closes, ClosingRadius, "closes", "design.proof.closes")
-    source = write_source(control, name, region, governor=True, closes=closes)
+    source = write_source(control, name, region, closes=closes)
     texts = _texts(control, name, source, region)
     where = Path(folder)
     for other in where.glob("*.hpp"):

@@ -48,14 +48,14 @@ _MEANING = {
 class Source(NamedTuple):
     """Texts of the C header ``header`` and the C source file ``code``, and parts of the C++ header.
 
-    The parts are classes of the governor, ``governor``, and of the closing radius, ``closing``;
-    empty texts if they are not exported.
+    The parts are classes of the governor, ``governor``, and of the closing radius, ``closing``; the
+    latter is empty if the radius is not exported.
     """
 
     header: str
     code: str
-    governor: str = ""
-    closing: str = ""
+    governor: str
+    closing: str
 
 
 def write_source(
@@ -63,7 +63,6 @@ def write_source(
     name: str,
     region: Region | None = None,
     *,
-    governor: bool = False,
     closes: ClosingRadius | None = None,
 ) -> Source:
     """Write a repeatable inverse or a cell function as C with the prefix ``name_``.
@@ -81,8 +80,6 @@ def write_source(
     region
         Design region Ω, which ``name_inside`` checks; by default that of the inverse, or the cell
         of a cell function. Without a region, every q is inside.
-    governor
-        True to write the governor, too.
     closes
         Closing radius, which ``name_within_closing_radius`` checks; None to leave it out.
 
@@ -123,7 +120,7 @@ def write_source(
         "stays": "stay_inside = 1" if cell else "stay_inside = 0",
     }
     # sections that are optional
-    governed = governor_source(task, name) if governor else ("", "", "")
+    governed = governor_source(task, name)
     closing = _closing_source(closes, task, name)
     sections = {
         "torque": torque_code(task, name),
