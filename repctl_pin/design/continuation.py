@@ -39,8 +39,8 @@ from ..regions import Region
 from ..strategies.strategy import Inverse
 from . import criterion
 from .batches import BarrierCost
-from .coefficients import Descent, Start, descend, start
 from .criterion import named
+from .gauss_newton import Descent, Start, descend, start
 from .independence import Independent
 from .singularity_search import LeafMargin, Lowest, SingularRegionError, refuse_singular, search
 

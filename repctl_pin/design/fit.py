@@ -31,11 +31,11 @@ from ..potentials.basis import PotentialBasis
 from ..strategies.repeatable import RepeatableInverse
 from . import criterion
 from .batches import BarrierCost, Batches
-from .coefficients import Descent
 from .continuation import Continuation, FitProblem
 from .criterion import Builder, evaluate, oriented_nullspace
 from .design_result import Design
 from .evaluation import evaluate_design
+from .gauss_newton import Descent
 from .independence import Independent, independent
 from .singularity_search import SEARCHED, Dexterity, SingularRegionError, refuse_singular, search
 

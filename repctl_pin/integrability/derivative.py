@@ -158,9 +158,9 @@ def require_inverse(strategy: Inverse) -> Inverse:
 def _rounding(matrix: Array, dG: Array, L: Array) -> Array:
     """Estimate the maximum rounding error of the entries of ∂G/∂q_k, for each joint k: (K, n).
 
-    ``matrix`` is the matrix that the formula inverts: J (K, m, n), or J_V (K, n, n). The error is
-    proportional to its condition number. ``dG`` (K, n, m, n) is ∂G/∂q, and ``L`` (n,) the unit of
-    each joint, 1 rad or the arm length in m.
+    ``matrix`` is the matrix that the formula inverts: J (K, m, n) for J⁺, or J_V (K, n, n), J above
+    the gradients of the r potentials. The error is proportional to its condition number. ``dG`` (K,
+    n, m, n) is ∂G/∂q, and ``L`` (n,) the unit of each joint, 1 rad or the arm length in m.
     """
     values = np.linalg.svd(matrix * L, compute_uv=False)
     condition = values[:, 0] / values[:, -1]

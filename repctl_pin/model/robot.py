@@ -344,7 +344,8 @@ class Robot(Mechanism):
     def _frame_spec(self, given: Any, kind: KindName | Kind) -> FrameSpec:
         """Check one entry of a list of frames, and complete it: its kind, base and joints.
 
-        ``kind`` is used if the frame is given without one.
+        ``given`` is a name, (name, kind) or (name, kind, base); without a kind, ``kind`` is used.
+        Without a base, the frame is measured from the fixed base. Its joints are all that move it.
         """
         from .several_frames import FrameSpec
 

@@ -190,8 +190,8 @@ def followed(
     Each cycle has ``steps`` steps, and the duration ``period``, s, by default that of the path.
     ``integrator`` is ``"euler"``, ``"rk4"`` (Runge–Kutta), or a :class:`LeafLock`, which corrects
     the pose and the level at each step in place of integration. ``feedback`` is the gain of the
-    task error, 1/s. All arguments are checked but the start's pose; InputError is raised if it is
-    not that of the path and there is no feedback.
+    task error, 1/s. The caller has checked the arguments. Only the pose at q0 is checked
+    here: InputError is raised if it is not the start of the path and there is no feedback.
     """
     task = strategy.task
     period = period or path.period or PERIOD
@@ -392,10 +392,10 @@ def _integrated(
 def _velocity(
     strategy: Strategy, path: TaskPath, feedback: float
 ) -> Callable[[Array, Array, float], Array]:
-    """Create the function (q, velocity of the path, s) → q̇, with the gain ``feedback``, 1/s.
+    """Create the function (q, velocity of the path, s) → q̇.
 
-    The velocity of the path is ẋ (m,). For an axis task, whose ẋ depends on q, it is the twist
-    (v, ω).
+    ``feedback`` is the gain of the task error, 1/s. The velocity of the path is ẋ (m,). For an axis
+    task, whose ẋ depends on q, it is the twist (v, ω).
     """
     task, own = strategy.task, strategy.velocity
     turning = task.kind.tool_axes

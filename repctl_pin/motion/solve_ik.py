@@ -281,7 +281,7 @@ def check_reach(task: Task, q0: ArrayLike, path: TaskPath) -> None:
 def _with_corner(
     error: InputError, task: Task, start: Array, q: Array, path: TaskPath, s: float
 ) -> InputError:
-    """Return an error, extended by the path's name, the corner at or after s, and a hint.
+    """Return an error, extended by the path's name, the corner at or after s, and a remedy.
 
     ``error`` is raised at the path parameter s, 0 to 1. ``start`` (n,) is the start of the path and
     ``q`` (n,) the last configuration on it. For a path without named corners, the error is returned

@@ -157,7 +157,7 @@ def test_steps_by_conjugate_gradients_end_at_the_same_cost(
     options = rp.FitOptions(samples=2048, held_out=256)
     found = []
     for most in (np.inf, 0):
-        monkeypatch.setattr("repctl_pin.design.coefficients._DENSE", most)
+        monkeypatch.setattr("repctl_pin.design.gauss_newton._DENSE", most)
         found.append(
             rp.nearest_repeatable(rp.Pseudoinverse(task), None, box, degree=2, options=options)
         )

@@ -135,7 +135,7 @@ def test_times_increase_within_a_session(panda_pose: rp.Task, joints: np.ndarray
         ({}, "a recording needs joints= or poses="),
         ({"joints": np.zeros((4, 6))}, r"takes Q as an array \(K, 7\)"),
         ({"poses": np.zeros((4, 3))}, r"poses must be numbers \(K, 4, 4\) or \(K, 7\)"),
-        ({"poses": np.full((4, 7), np.nan)}, "a pose is not finite"),
+        ({"poses": np.full((4, 7), np.nan)}, "pose 0 is not finite; correct or remove it"),
         ({"poses": np.zeros((0, 7))}, "at least one frame"),
     ],
 )

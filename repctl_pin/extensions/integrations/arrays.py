@@ -913,7 +913,7 @@ def _within(xp: Namespace, task: Task, q: Numbers) -> Numbers:
 
 
 def _cross(xp: Namespace, a: Numbers, b: Numbers, axis: int = 0) -> Numbers:
-    """Evaluate cross products along one axis of three."""
+    """Evaluate cross products along an axis of length 3."""
     a, b = _unstack(a, axis=axis), _unstack(b, axis=axis)
     turns = ((1, 2), (2, 0), (0, 1))
     return xp.stack([a[i] * b[j] - a[j] * b[i] for i, j in turns], axis=axis)

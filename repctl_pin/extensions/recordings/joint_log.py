@@ -379,7 +379,7 @@ def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
         listed = "; ".join(f"{names[0]} to {names[-1]}" for names in found)
         raise InputError(
             f"several columns may be the joint positions: {listed}",
-            remedy=f"name the right columns {', '.join(joints)}",
+            remedy=f"rename the right ones to {', '.join(joints)}",
         )
     return list(found[0])
 

@@ -317,8 +317,8 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
     wrong = ~np.isfinite(X.reshape(len(X), -1)).all(axis=1)
     if wrong.any():
         raise InputError(
-            "a pose is not finite",
-            remedy="correct that row, or remove it",
+            f"pose {np.argmax(wrong)} is not finite",
+            remedy="correct or remove it",
             at=int(np.argmax(wrong)),
         )
     if X.ndim == 3:
@@ -448,7 +448,9 @@ def _joint_columns(
     if not missing:
         if given is not None:
             raise InputError(
-                ": each joint has a column of its own", argument="joints", remedy="omit joints="
+                ": in this table, each joint already has a column of its own",
+                argument="joints",
+                remedy="omit joints=",
             )
         return list(task.joint_names), None
     if len(missing) < task.n:

@@ -402,15 +402,15 @@ def _describe(
     """Describe an arm in plain types for the page's script, and append its arrays to ``parts``.
 
     ``frames`` are the samples of its motion, ``library`` has the number of each body in the
-    viewer's library by its :data:`~.meshes.Key`, and ``link`` is the link of the part that the page
-    marks. ``rides`` (S,) is True for shapes that can move, even if they do not move in this motion.
-    The keys of the result are the names by which the script reads them, such as ``label``,
-    ``drift`` (one number per cycle) and ``shapes`` (a list of dictionaries).
+    viewer's library by its :data:`~.meshes.Key`, and ``link`` is the link whose largest drift the
+    page states. ``rides`` (S,) is True for those of the S shapes that can move, even if they do not
+    move in this motion. The keys of the result are the names by which the script reads them, such
+    as ``label``, ``drift`` (one number per cycle) and ``shapes`` (a list of dictionaries).
 
     The first appended array has the poses of the M moving shapes (T, M, 7), then that of a moving
-    workpiece: x, y, z, qx, qy, qz, qw. Tips and elbows (T, K, 3) of K chains follow, then the
-    origin of a violation (T, 3), if there is one, and the points (P, 3) of each moving shape in one
-    row.
+    workpiece: x, y, z, qx, qy, qz, qw. Tips and elbows (T, K, 3) of K chains follow, then, if a
+    limit is violated or bodies collide, the origin (T, 3) of the link that is marked for it. Last
+    comes an array for each moving shape: its points (P, 3), as one row.
     """
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)

@@ -111,9 +111,10 @@ class ActiveConstraint:
     def _shortage(self, chart: Chart, at: Points, near: Array) -> tuple[Array, Array]:
         """Evaluate what the penalty asks for at points ``at``, and by how much they fall short.
 
-        ``near`` (K,) are the margins there, the smallest first. The results (L,) are those of the
-        first L points. The others can neither be too short, if none of these is, nor be among the
-        worst ``violators``. They are left out, because the search for what is attainable is slow.
+        ``near`` (K,) are the margins there; both are sorted, the smallest margin first. The results
+        are those of the first points only, because the search for what is attainable is slow. The
+        others can neither be too short, if none of these is, nor be among the
+        ``margin.violators`` worst points, to which the penalty is then extended.
         """
         margin, count = self.margin, self.margin.violators
         most = margin.required - near  # no more than the required margin is asked for

@@ -124,11 +124,11 @@ def grid_around(
     rho: Array,
     z: Array,
 ) -> Table:
-    """Create a table of radii and heights, m, up to the largest of ``rho`` and the ends of ``z``.
+    """Create a table that spans the radii ``rho`` and heights ``z`` of K configurations, m.
 
-    ``rho`` and ``z`` are (K,) each. Heights outside ``heights`` (lowest, highest) are left out. The
-    first of the ``symmetries`` is that of the joint that turns the arm about ``line``. Limits of
-    the joints of symmetries are not checked in floods.
+    ``rho`` and ``z`` are (K,) each. Radii begin at 0.06 m. Heights outside ``heights`` (lowest,
+    highest) are left out. The first of the ``symmetries`` is that of the joint that turns the arm
+    about ``line``. Limits of the joints of symmetries are not checked in floods.
     """
     low, high = max(heights[0], z.min()), min(heights[1], z.max())
     counted = np.ones(task.n, bool)

@@ -293,10 +293,10 @@ class Straight:
         return found
 
     def or_larger(self, other: CellDesign) -> CellDesign:
-        """Return the function if its area or worth is not below that of ``other``, else ``other``.
+        """Return the function if it exceeds ``other`` in both area and worth, else ``other``.
 
-        A quick design shows which part of a sector is left. The function of full accuracy is
-        designed only where this part may be as large as ``other``.
+        A quick design shows which part of a sector a function can cover. The function of full
+        accuracy is designed only where this part may have the area or the worth of ``other``.
         """
         ranked, limits = self._ranking
         if not ranked:

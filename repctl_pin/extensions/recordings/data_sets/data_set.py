@@ -62,7 +62,10 @@ class DataSet(Table):
     @property
     @abstractmethod
     def clock(self) -> Array:
-        """Time of each frame, s, with the demonstrations one after the other: (K,)."""
+        """Time of each frame, s, from the frame rate: (K,), rising over all demonstrations.
+
+        An InputError is raised if the data set gives no rate.
+        """
 
     @abstractmethod
     def write(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> None:

@@ -132,7 +132,10 @@ class LeRobotData(DataSet):
 
     @property
     def clock(self) -> Array:
-        """Time of each frame, s, with the demonstrations one after the other: (K,)."""
+        """Time of each frame, s, from the frame rate: (K,), rising over all demonstrations.
+
+        An InputError is raised if the data set gives no rate.
+        """
         fps = self._info.get("fps")
         if isinstance(fps, bool) or not isinstance(fps, (int, float)) or not fps > 0:
             raise InputError(
@@ -141,7 +144,7 @@ class LeRobotData(DataSet):
         return np.arange(int(self._ends[-1])) / fps
 
     def column(self, name: str) -> Column:
-        """Return a column of all files, one after the other."""
+        """Return a column by its name, as an array (K,) or (K, width), joined from all files."""
         parts = []
         for file in self._files:
             table = _opened(file)

@@ -80,7 +80,10 @@ class RobomimicData(DataSet):
 
     @property
     def clock(self) -> Array:
-        """Time of each frame, s, with the demonstrations one after the other: (K,)."""
+        """Time of each frame, s, from the frame rate: (K,), rising over all demonstrations.
+
+        An InputError is raised if the data set gives no rate.
+        """
         rate = self._arguments.get("control_freq")
         if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not rate > 0:
             raise InputError(

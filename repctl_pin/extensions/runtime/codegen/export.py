@@ -32,9 +32,10 @@ from ...cells.chart.chart import CellPotentials
 from ...cells.function import InverseFunction
 from ...cells.geometry.cell import Cell
 from ...cells.geometry.sector import Sector
+from .c_names import checked_name
 from .kdl import kdl_header, quoted
 from .source import Source, about, region_of, write_source
-from .text import checked_name, filled, initialiser
+from .text import filled, initialiser
 from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
 
 _SIGNED = "written by repctl_pin"

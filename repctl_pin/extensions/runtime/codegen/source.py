@@ -76,7 +76,7 @@ def write_source(
         Inverse with potentials that are polynomials, Fourier series, or their sums; or a cell
         function, which is written together with its inverse.
     name
-        Prefix, which must be valid (see :func:`.text.checked_name`).
+        Prefix, which must be valid (see :func:`.c_names.checked_name`).
     region
         Design region Ω, which ``name_inside`` checks; by default that of the inverse, or the cell
         of a cell function. Without a region, every q is inside.

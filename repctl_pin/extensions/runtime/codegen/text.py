@@ -1,4 +1,4 @@
-"""Text of exported C code: names, numbers, structs as constants, comments, and templates.
+"""Text of exported C code: numbers, structs as constants, comments, and templates.
 
 A template is a C file in the folder ``templates`` with placeholders for the parts that differ from
 export to export. Names of robots and files can contain any characters, such as ``*/``, so they are
@@ -17,53 +17,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ....base.errors import InputError
-
 _PLAIN = re.compile(r"[A-Za-z0-9 ,.;:+=()<>\[\]_-]")
 _LONGEST = 80
 
 _TYPES = {"frame": "Arm"}
 """Types of the members that do not bear their type's name."""
-
-_VARIANT = re.compile(r"(_r|_t|_np|f?(32|64|128)x?|f|l)$")
-"""Ending of variants of a name of the C library, such as ``sinf`` and ``gamma_r``."""
-
-_FAMILY = re.compile(
-    "(aio|atomic|clock|cnd|fmaximum|fminimum|ifr|inet|inet6|int|m|mq|mtx|posix|pthread|re|sched|sem"
-    "|si|tcp|thrd|timer|tss|uint)_|(pri|scn)[dioux]"
-)
-"""Beginning of names that POSIX and the C library keep for themselves."""
-
-
-def checked_name(name: Any) -> str:
-    """Check the name that becomes the prefix of all names and files of the C code; return it.
-
-    Raises
-    ------
-    InputError
-        If the name is not an identifier, has capitals only, or is reserved.
-        ``reserved_names.txt`` lists keywords of C and C++, names of headers of C and POSIX and of
-        what they declare, macros that compilers predefine, and names of the other exported files.
-    """
-    plain = isinstance(name, str) and re.fullmatch(
-        r"[A-Za-z][A-Za-z0-9]*(_[A-Za-z0-9]+)*", name, re.ASCII
-    )
-    if not plain or len(name) > 40:
-        raise InputError(
-            "the name of the C code must be a letter followed by letters, digits and single _, "
-            f"at most 40 characters, not {name!r:.60}"
-        )
-    if name.isupper():
-        raise InputError(
-            f"{name!r} could be a macro, because it has capitals only; use lower-case letters"
-        )
-    low, taken = name.lower(), _template("reserved_names.txt").split()
-    if low in taken or _VARIANT.sub("", low) in taken or _FAMILY.match(low):
-        raise InputError(
-            f"{name!r} is reserved in C, C++, POSIX or the export; choose another name, such as "
-            f"'my_{low[:30].rstrip('_')}'"
-        )
-    return name
 
 
 def comment(text: str) -> str:
@@ -156,7 +114,7 @@ def _array(held: Any, member: str, name: str) -> Iterator[str]:
     yield f"static const {kind} {name}[{len(held)}] = {{{', '.join(entries)}}};"
 
 
-def _template(file: str) -> str:
+def template(file: str) -> str:
     """Return the text of ``templates/FILE.in``, whose placeholders are not yet filled."""
     return (files(__package__) / "templates" / f"{file}.in").read_text(encoding="utf-8")
 
@@ -187,7 +145,7 @@ def filled(file: str, name: str, parts: Mapping[str, object]) -> str:
     Each ``@part`` becomes ``parts["part"]``. ``arm`` and ``ARM`` become ``name``, which is the
     prefix of all exported names, in lower and in upper case.
     """
-    text = re.sub(r"\bARM_", f"{name.upper()}_", _template(file))
+    text = re.sub(r"\bARM_", f"{name.upper()}_", template(file))
     text = re.sub(r"\barm(?=_|\.(?:h|hpp|c)\b)|(?<=namespace )arm\b", name, text)
     return re.sub(r"@([a-z]+)", lambda found: str(parts[found[1]]), text)
 
