@@ -918,6 +918,19 @@ def test_a_loop_is_drawn_with_either_hand(
     assert side in ("left", "right") and slider.startswith(f"Move the {side} ")
     assert first == int(np.argmax(reached)) and min(reached) < max(reached)
     assert offered[first].startswith(f"{side} ") and offered[first].endswith("of 2")
+    # an address names the level where it is not the one that is meant without a name: the first
+    # with a moved slider, as in addresses from before the slider chose
+    written = driver.execute_script(
+        "const { own } = repctl, found = [], { state } = own;"
+        "for (const elbow of [0, 2]) for (const level of [0, 1]) {"
+        "  own.state = 'own'; own.stand(elbow, level);"
+        "  const part = own.addressParts().find((word) => word.startsWith('level='));"
+        "  const read = part ? Number(part.slice(6)) - 1 : own.unnamed(elbow);"
+        "  found.push([elbow, level, read, !part]);"
+        "} own.state = state; own.stand(0, own.first); return found"
+    )
+    assert all(level == read for _, level, read, _ in written)
+    assert [unnamed for elbow, level, _, unnamed in written if elbow and not level] == [True]
     # at the end of a cycle each hand has its distance, and within one none
     for cycles, seen in ((2, True), (1.5, False)):
         driver.execute_script("repctl.seek(arguments[0]); repctl.placed()", cycles)

@@ -1003,14 +1003,14 @@ export class Own {
   }
 
   // The loop that an address asks for, after all its cycles; it may begin where the hand is not.
-  open({ points, missed = [], hand = 0, mirrored = false, elbow = 0, level = this.first }) {
+  open({ points, missed = [], hand = 0, mirrored = false, elbow = 0, level }) {
     const { chain } = this;
     this.endGesture();
     this.led = Math.min(hand, chain.frames.length - 1);
     this.mirrored = mirrored && chain.frames.length > 1;
     chain.led = this.led;
     byId("mirror").checked = this.mirrored;
-    this.stand(elbow, level);
+    this.stand(elbow, level ?? this.unnamed(elbow));
     return points ? this.run(this.opening(points, missed)) : this.settle();
   }
 
@@ -1044,8 +1044,13 @@ export class Own {
       points && led && `hand=${led + 1}`,
       points && mirrored && "mirror=1",
       elbowAt && `elbow=${elbowAt}`,
-      level !== this.first && `level=${level + 1}`,
+      level !== this.unnamed(elbowAt) && `level=${level + 1}`,
     ].filter(Boolean);
+  }
+
+  // The level of the slider in an address without one: the first if the slider is moved.
+  unnamed(elbow) {
+    return elbow ? 0 : this.first;
   }
 
   // The loop as a file of waypoints: columns x,y,z, or those of each frame that moves.
