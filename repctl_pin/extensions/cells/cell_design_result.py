@@ -493,12 +493,7 @@ def tour(cell: Cell) -> TaskPath:
     path parameter from 0 to 1. a and b are drawn from a fixed random seed, and scaled so that the
     maximum of every |u_i| is 0.9.
     """
-    rng = np.random.default_rng(0)
-    k = 2 * np.pi * np.arange(1, _WAVES + 1)
-    a, b = rng.normal(size=(2, cell.k, _WAVES)) / np.arange(1, _WAVES + 1)
-    s = np.linspace(0, 1, _POINTS)[:, None]
-    most = np.abs(np.cos(k * s) @ a.T + np.sin(k * s) @ b.T).max(axis=0)
-    a, b = _REACH * a / most[:, None], _REACH * b / most[:, None]
+    k, a, b = _waves(cell.k)
     moved = cell.moved
 
     def at(s: float) -> Array:
@@ -532,3 +527,16 @@ def tour(cell: Cell) -> TaskPath:
         (lambda s: placed(s)[1]) if turns else cell.placement.rotation,
         spin=(lambda s: twist(s)[3:]) if turns else None,
     )
+
+
+def _waves(count: int) -> tuple[Array, Array, Array]:
+    """Draw the J waves of :func:`tour`: their numbers 2πj (J,), and a and b (count, J).
+
+    ``count`` is the number of coordinates. The waves are always the same ones.
+    """
+    rng = np.random.default_rng(0)
+    k = 2 * np.pi * np.arange(1, _WAVES + 1)
+    a, b = rng.normal(size=(2, count, _WAVES)) / np.arange(1, _WAVES + 1)
+    s = np.linspace(0, 1, _POINTS)[:, None]
+    most = np.abs(np.cos(k * s) @ a.T + np.sin(k * s) @ b.T).max(axis=0)[:, None]
+    return k, _REACH * a / most, _REACH * b / most

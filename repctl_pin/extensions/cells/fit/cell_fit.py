@@ -352,24 +352,27 @@ class CellFit:
         highest = min(2, self._highest(cell)) if quick else self._highest(cell)
         best: list[Descent] = []
         tried: list[tuple[int, float]] = []
-        most, richest = Monomials(cell.k, highest), None
+
+        def cost_of(degree: int) -> Cost:
+            terms = Monomials(cell.k, degree)
+            return Cost(self.desired, chart, terms, _nodes(U, terms))
+
+        richest = None
         for d in [highest] if self.degree != "auto" or quick else range(1, highest + 1):
             self.report(f"degree {d}", 0.2 + 0.3 * d / highest)
-            terms = Monomials(cell.k, d)
-            nodes = _nodes(U, terms)
             below = best[-1].a if best else np.zeros((0, cell.task.r))
-            cost = richest if richest and d == highest else None
-            cost = cost or Cost(self.desired, chart, terms, nodes)
-            best.append(_fit(cost, padded(below, terms)))
+            cost = richest if richest and d == highest else cost_of(d)
+            best.append(_fit(cost, padded(below, cost.terms)))
             tried.append((d, best[-1].value.nearness))
             if best[-1].value.nearness < _NOTHING * best[-1].value.desired_square:
                 break
             if d < highest and self.degree == "auto" and not quick:
-                richest = richest or Cost(self.desired, chart, most, _nodes(U, most))
-                if predicted_gain(richest, padded(best[-1].a, most)) < _WORTHWHILE:
+                richest = richest or cost_of(highest)
+                if predicted_gain(richest, padded(best[-1].a, richest.terms)) < _WORTHWHILE:
                     break
+        terms = cost.terms
         penalties = PenaltyMethod(
-            self.desired, chart, nodes, self._constraints(cell, edge, quick), rounds
+            self.desired, chart, _nodes(U, terms), self._constraints(cell, edge, quick), rounds
         )
         kept = penalties.kept(
             best, terms, self.report, enough=1e-2 if quick else 1e-3, guess=_labels(guess, chart, U)

@@ -293,7 +293,7 @@ class Straight:
         return found
 
     def or_larger(self, other: CellDesign) -> CellDesign:
-        """Return the function if it exceeds ``other`` in both area and worth, else ``other``.
+        """Return ``other`` if it exceeds the function in both area and worth, else the function.
 
         A quick design shows which part of a sector a function can cover. The function of full
         accuracy is designed only where this part may have the area or the worth of ``other``.
@@ -419,10 +419,10 @@ def _at_least_locked(
     larger = larger_arm(table, locked, design, limits)
     if larger is not None:
         place = _larger_place(table, line, symmetries, larger)
-        useful = partial(_can_exceed, other=design)
-        found = _farther_from_bodies(fit, place, limits, None, useful)
-        if found is not None and _larger_of(found, design) is found:
-            design, larger = found, larger_arm(table, locked, found, limits)
+        found = _larger_design(_away(fit, limits), [place], limits, design)
+        if found is not design:
+            larger = larger_arm(table, locked, found, limits)
+        design = found
     return design, None if larger is None else larger.arm
 
 
@@ -833,11 +833,16 @@ def _farther_from_bodies(
     ends at bodies. The better one has the larger worth. The function is not designed over parts of
     the place that are not ``useful``.
     """
-    away = replace(fit, body_distance=_AWAY * limits.distance)
-    other = _first_design(away, [place._replace(design=None)], limits, useful)
+    place = place._replace(design=None)
+    other = _first_design(_away(fit, limits), [place], limits, useful)
     if other is None or design is None:
         return other or design
     return max(design, other, key=_worth)
+
+
+def _away(fit: CellFit, limits: Required) -> CellFit:
+    """Return the arguments of designs that keep farther from bodies than their sectors must."""
+    return replace(fit, body_distance=_AWAY * limits.distance)
 
 
 def _worth(design: CellDesign) -> float:
