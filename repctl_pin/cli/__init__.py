@@ -21,7 +21,7 @@ from .._version import __version__
 from ..base.errors import RepctlError
 from ..base.plugins import all_extensions
 from ..base.threads import BLAS_THREADS
-from ..show.text.lines import capital
+from ..show.text.coloured_text import capital
 from . import animate, check, design, follow, inspect, robots, study
 from .exit_codes import exit_code
 from .options import Parser

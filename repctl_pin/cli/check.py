@@ -18,7 +18,7 @@ import repctl_pin as rp
 
 from ..base.defaults import REGION
 from ..base.errors import InputError
-from ..show.text.lines import fitted
+from ..show.text.coloured_text import fitted
 from ..show.text.numbers import row
 from .exit_codes import proof_code
 from .options import Parser

@@ -20,7 +20,7 @@ import repctl_pin as rp
 from ..base.defaults import NODES, REGION
 from ..base.errors import InputError
 from ..base.files import write_whole, written_together
-from ..show.text.lines import fitted, noted
+from ..show.text.coloured_text import fitted, noted
 from ..show.text.numbers import row
 from .exit_codes import proof_code
 from .options import Parser

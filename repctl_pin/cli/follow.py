@@ -27,7 +27,7 @@ import repctl_pin as rp
 from ..base.defaults import REGION, STEPS
 from ..base.errors import InputError, needed
 from ..base.files import write_whole
-from ..show.text.lines import fitted, noted
+from ..show.text.coloured_text import fitted, noted
 from ..show.text.numbers import metres, number, row
 from .options import Parser
 from .parsed_options import Options, integer, positive, with_options

@@ -8,7 +8,7 @@ from typing import Any
 
 import repctl_pin as rp
 
-from ..show.text.lines import fitted, noted
+from ..show.text.coloured_text import fitted, noted
 from .options import Parser
 from .parsed_options import Options
 from .terminal import report

@@ -6,7 +6,7 @@ import argparse
 from typing import Any, NoReturn
 
 from ..base.errors import printable, unknown
-from ..show.text.lines import fitted, terminal_width
+from ..show.text.coloured_text import fitted, terminal_width
 from .parsed_options import Options, positive
 
 KINDS = "pose, axis, position, xy, xz or yz"

@@ -6,7 +6,7 @@ from typing import Any
 
 import repctl_pin as rp
 
-from ..show.text.lines import fitted
+from ..show.text.coloured_text import fitted
 from .options import Parser
 from .parsed_options import Options
 from .terminal import progress, report

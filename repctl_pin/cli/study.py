@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from ..design.design_map import ReportMaps
-    from ..show.text.lines import Span
+    from ..show.text.coloured_text import Span
 
 HELP = "measure an arm's drift on a closed path, and design a controller without it"
 _DEGREE = "use --frame with fewer joints, --lock some, or --degree with a lower degree"

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ..base.errors import printable
-from ..show.text.lines import Span, coloured, fitted, on_terminal
+from ..show.text.coloured_text import Span, coloured, fitted, on_terminal
 
 
 def progress(quiet: bool) -> Callable[[str], None]:

@@ -18,7 +18,7 @@ from two_armed import two_armed
 
 import repctl_pin as rp
 from repctl_pin.extensions.integrations.servo import Servo, State
-from repctl_pin.extensions.integrations.servo_inputs import SteadyTime
+from repctl_pin.extensions.integrations.steady_time import SteadyTime
 
 Q0, RATE, A, J = np.array([0.3, 0.8, 0.8]), 200.0, 6.0, 400.0
 FEW = rp.FitOptions(samples=64, held_out=64)

@@ -14,8 +14,8 @@ from terminals import terminal_of
 
 import repctl_pin as rp
 from repctl_pin.show.text import numbers
+from repctl_pin.show.text.coloured_text import Span, coloured, fitted, wrapped
 from repctl_pin.show.text.headline import headline_of
-from repctl_pin.show.text.lines import Span, coloured, fitted, wrapped
 from repctl_pin.show.text.motion_summary import MotionSummary
 from repctl_pin.show.text.parts import part_name
 

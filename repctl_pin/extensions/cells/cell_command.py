@@ -34,7 +34,7 @@ from ...cli.parsed_options import (
     require_proofs,
 )
 from ...cli.terminal import in_percent, page_lines, progress, report
-from ...show.text.lines import Span, fitted, noted, wrapped
+from ...show.text.coloured_text import Span, fitted, noted, wrapped
 
 if TYPE_CHECKING:
     from .table.whole_table import WholeTable

@@ -33,7 +33,8 @@ from ..cells.cell_design_result import CellDesign
 from ..runtime.clutch import Clutch
 from ..runtime.governor import Governor, Status
 from .elbow_thread import ElbowSearch
-from .servo_inputs import SAME, JointReadings, SteadyTime, clock_difference, target_of
+from .servo_inputs import SAME, JointReadings, clock_difference, target_of
+from .steady_time import SteadyTime
 
 _ROOM = 0.02
 """Distance from the joint limits that the level for an elbow keeps, rad or m."""

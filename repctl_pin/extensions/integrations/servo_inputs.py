@@ -1,4 +1,4 @@
-"""Inputs of a :class:`Servo` from messages: time, measured joint positions by name, and targets.
+"""Inputs of a :class:`Servo` from messages: measured joint positions by name, and targets.
 
 Messages can be late, incomplete or stamped by another clock. A stamp is the time of origin that a
 message states.
@@ -26,43 +26,6 @@ _UNIT = 1e-3
 
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)
 """Quaternion of no rotation."""
-
-
-class SteadyTime:
-    """Time that never runs backwards, and advances at every tick, whatever the clock does.
-
-    Time-outs must end even if a clock is set, or the clock of a simulation stops or restarts.
-
-    Parameters
-    ----------
-    dt
-        Period of the ticks, s, by which the time advances if the clock stopped or stepped back.
-    """
-
-    def __init__(self, dt: float) -> None:
-        self._dt = dt
-        self._clock = self._time = self._last_tick = 0.0
-
-    def at(self, now: float) -> float:
-        """Convert a clock reading ``now``, s, to steady time, s: the sum of all forward steps.
-
-        A reading that does not exceed the last one adds nothing.
-        """
-        step = now - self._clock
-        if np.isfinite(step):
-            self._clock = now
-            self._time += max(step, 0.0)
-        return self._time
-
-    def tick(self, now: float) -> float:
-        """Compute the steady time, s, of a tick at which the clock reads ``now``, s.
-
-        A tick less than half a period after the last one counts as a whole period.
-        """
-        if self.at(now) - self._last_tick < self._dt / 2:
-            self._time = self._last_tick + self._dt
-        self._last_tick = self._time
-        return self._time
 
 
 class JointReadings:

@@ -16,7 +16,7 @@ from ...base.files import write_whole
 from ...cli.options import Parser
 from ...cli.parsed_options import Options, positive
 from ...cli.terminal import in_percent, progress, report
-from ...show.text.lines import fitted, noted
+from ...show.text.coloured_text import fitted, noted
 from ...show.text.numbers import counted, metres
 
 if TYPE_CHECKING:

@@ -25,8 +25,8 @@ from ...motion.joint_motion import JointMotion
 from ...show.page.playback import Playback, playback_page, traced_chains
 from ...show.palette import GREY, INK, PURPLE, SKY, VERMILLION
 from ...show.plots.motions import plain, png, quiet, titled
+from ...show.text.coloured_text import Span, capital, fitted, wrapped
 from ...show.text.headline import Headline, hands_are
-from ...show.text.lines import Span, capital, fitted, wrapped
 from ...show.text.numbers import metres, number
 from ...show.text.parts import part_name
 from ...show.text.table import table

@@ -13,7 +13,7 @@ from ...base.files import write_whole, written_together
 from ...cli.options import KINDS, Parser
 from ...cli.parsed_options import Options, integer, natural, numbers_of
 from ...cli.terminal import in_percent, progress, report
-from ...show.text.lines import fitted
+from ...show.text.coloured_text import fitted
 
 HELP = "give recorded poses or joints one configuration per pose, and report the difference"
 EXAMPLE = """examples:

@@ -43,7 +43,8 @@ from numpy.typing import NDArray
 from ...base.arguments import Array, read_only
 from ...base.errors import InputError
 from ...motion.limits import JointLimits
-from .speed_profile import Segment, most_used, torques_along, used_fractions
+from .limits_along_path import torques_along
+from .speed_profile import Segment, most_used, used_fractions
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -22,8 +22,8 @@ from ...motion import Motion
 from ...motion.joint_motion import TOO_FAST
 from ...studies.study_notes import violation_texts
 from ...studies.study_result import Row, Study
+from .coloured_text import COLUMNS, Span, fitted, noted, wrapped
 from .headline import end_name, ends_off, off_of, stopped_cell, study_headline
-from .lines import COLUMNS, Span, fitted, noted, wrapped
 from .motion_summary import MotionSummary, row_summary
 from .numbers import counted, displacement, metres, number, percent
 from .table import NARROW, outside_words, table_spans

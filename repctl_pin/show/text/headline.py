@@ -21,7 +21,7 @@ from ...motion.joint_motion import TOO_FAST
 from ...motion.motion import ON_PATH
 from ...paths.winding import winding_words
 from ...studies.study_result import Row, Study
-from .lines import Span, capital
+from .coloured_text import Span, capital
 from .motion_summary import SMALL, TURNED, MotionSummary, row_summary
 from .numbers import counted, displacement, metres, percent, radians
 

@@ -22,8 +22,8 @@ from ...base.arguments import percentage, ratio_in_percent
 from ...model.bodies import bodies_of
 from ...strategies import Pseudoinverse
 from ...studies.quantities import JOINTS, LABELS, QUANTITIES, SHARE, Quantity
+from .coloured_text import Span, fitted, noted, terminal_width
 from .headline import stopped_cell, study_headline
-from .lines import Span, fitted, noted, terminal_width
 from .numbers import number
 
 if TYPE_CHECKING:

@@ -30,8 +30,8 @@ from ....show.page.playback import TracedChain, playback_of, playback_page
 from ....show.page.snapshot import still_figure
 from ....show.palette import BLUE, VERMILLION
 from ....show.report import framed, picture, versions
+from ....show.text.coloured_text import Span, capital
 from ....show.text.headline import NEAR, Headline
-from ....show.text.lines import Span, capital
 from ..cell_design_result import NO_EXTRA_SPEED, CellDesign
 from ..evaluate.symmetric_coordinates import Turn
 from ..geometry.cell import Cell

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ....motion import Motion
-from ....show.text.lines import capital
+from ....show.text.coloured_text import capital
 from ....strategies import Pseudoinverse
 from ..cell_design_result import CellDesign
 from ..geometry.sector import Sector

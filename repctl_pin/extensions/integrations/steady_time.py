@@ -1,0 +1,42 @@
+"""Time of a :class:`Servo` that never runs backwards, made from a clock that may."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+class SteadyTime:
+    """Time that never runs backwards, and advances at every tick, whatever the clock does.
+
+    Time-outs must end even if a clock is set, or the clock of a simulation stops or restarts.
+
+    Parameters
+    ----------
+    dt
+        Period of the ticks, s, by which the time advances if the clock stopped or stepped back.
+    """
+
+    def __init__(self, dt: float) -> None:
+        self._dt = dt
+        self._clock = self._time = self._last_tick = 0.0
+
+    def at(self, now: float) -> float:
+        """Convert a clock reading ``now``, s, to steady time, s: the sum of all forward steps.
+
+        A reading that does not exceed the last one adds nothing.
+        """
+        step = now - self._clock
+        if np.isfinite(step):
+            self._clock = now
+            self._time += max(step, 0.0)
+        return self._time
+
+    def tick(self, now: float) -> float:
+        """Compute the steady time, s, of a tick at which the clock reads ``now``, s.
+
+        A tick less than half a period after the last one counts as a whole period.
+        """
+        if self.at(now) - self._last_tick < self._dt / 2:
+            self._time = self._last_tick + self._dt
+        self._last_tick = self._time
+        return self._time
