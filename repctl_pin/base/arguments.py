@@ -1,8 +1,8 @@
 """Argument validation: convert the value, or raise a one-line InputError.
 
 The error names the argument and the remedy. ``name`` is the argument's name in the message, and
-``each`` or ``what`` describes the required value there. Each function returns the checked or
-converted value.
+``each`` or ``what`` describes the required value there; ``unit`` is that of the value. Each
+function returns the checked or converted value.
 """
 
 from __future__ import annotations

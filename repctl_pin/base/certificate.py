@@ -502,8 +502,9 @@ def length_below(value: float) -> str:
 def proved_words(proof: Proof | None) -> str:
     """Write whether a leaf margin is proved, with its bound, or only found by a search.
 
-    Without a proof (None) or a proved bound, it is only the smallest value among the samples of a
-    search; a smaller one may exist.
+    The text is such as ``proved > 0.12`` or ``found, not proved``. Without a proof (None) or a
+    proved bound, it is only the smallest value among the samples of a search; a smaller one may
+    exist.
     """
     return f"proved > {below(proof.leaf_margin)}" if proof else "found, not proved"
 

@@ -500,7 +500,7 @@ class _Arrays(Table):
             )
 
     def column(self, name: str) -> Column:
-        """Return an array of the file."""
+        """Return the array of that name, with one row per frame."""
         return np.asarray(self._arrays[name])
 
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:

@@ -135,7 +135,11 @@ def evaluate_design(
 
 
 def _batches(count: int, seed: int) -> list[range]:
-    """List the seeds of all replicates, of ``count`` nodes each, in batches evaluated at once."""
+    """List the seeds of the 32 replicates, in batches of replicates that are evaluated at once.
+
+    ``count`` is the number of nodes of a replicate, and ``seed`` the random seed of the evaluation,
+    from which the 32 seeds follow.
+    """
     seeds = range(seed * REPLICATES, (seed + 1) * REPLICATES)
     at_once = max(1, _BATCH // count)
     return [seeds[first : first + at_once] for first in range(0, REPLICATES, at_once)]

@@ -497,7 +497,7 @@ def tour(cell: Cell) -> TaskPath:
     moved = cell.moved
 
     def at(s: float) -> Array:
-        """Evaluate the coordinates u (1, k) at the path parameter s."""
+        """Evaluate the coordinates u (1, k) of the sample path at s, from 0 to 1 in a cycle."""
         return np.asarray(a @ np.cos(k * s) + b @ np.sin(k * s), float)[None]
 
     def twists(U: Array) -> Array:
@@ -530,9 +530,10 @@ def tour(cell: Cell) -> TaskPath:
 
 
 def _waves(count: int) -> tuple[Array, Array, Array]:
-    """Draw the J waves of :func:`tour`: their numbers 2πj (J,), and a and b (count, J).
+    """Draw J waves: their wave numbers 2πj (J,), and cosine and sine coefficients (count, J) each.
 
-    ``count`` is the number of coordinates. The waves are always the same ones.
+    Their sums over j are the ``count`` coordinates of the sample path, see :func:`tour`. The waves
+    are always the same ones.
     """
     rng = np.random.default_rng(0)
     k = 2 * np.pi * np.arange(1, _WAVES + 1)

@@ -426,8 +426,9 @@ class Sector(Cell):
     def _profiled_by(self, coefficients: Array) -> Sector:
         """Return the sector with another profile.
 
-        ``coefficients`` (2, D + 1), from a file, are those of the bend and of the stretch, see
-        :class:`.Profile`. InputError is raised if they are invalid.
+        ``coefficients`` (2, D + 1), from a file, are those of the bend and of the stretch,
+        polynomials of degree D in the height, see :class:`.Profile`. InputError is raised if they
+        are invalid.
         """
         good = coefficients.ndim == 2 and len(coefficients) == 2 and self.widths[HEIGHT:3].any()
         good = good and coefficients.shape[1] <= MOST_DEGREE + 1

@@ -127,10 +127,11 @@ def tool_symmetry(task: Task) -> Symmetry | None:
 def _found(
     task: Task, coordinate: int, joints: range, turned: Callable[[pin.SE3, float], pin.SE3]
 ) -> Symmetry | None:
-    """Find the first joint that moves the frame as ``turned`` does; None if there is none.
+    """Find the first of the ``joints`` that moves the frame as ``turned`` does, else None.
 
-    ``turned(x, angle)`` is the placement x with the coordinate number ``coordinate`` increased by
-    an angle, rad. It is compared with a joint step at a few random configurations.
+    ``joints`` are the indices to try. ``turned(x, angle)`` is the placement x with the coordinate
+    number ``coordinate`` increased by an angle, rad. It is compared with a joint step at a few
+    random configurations.
     """
     rng = np.random.default_rng(0)
     Q = task.reference + rng.uniform(-1.0, 1.0, (_CONFIGURATIONS, task.n))

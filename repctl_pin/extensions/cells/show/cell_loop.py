@@ -82,7 +82,11 @@ def _described(design: CellDesign) -> dict[str, Any]:
 
 
 def _removed(cell: Cell) -> list[dict[str, Any]]:
-    """Describe the coordinates that symmetries remove, and where each ends; None: at a limit."""
+    """Describe the coordinates that symmetries remove, one dictionary for each.
+
+    Its keys are the number of the coordinate (``i``), the ``joint`` that alone moves the frame
+    along it, the ``sign``, and ``most``, the half-width, rad; None if a joint limit ends the range.
+    """
     return [
         {
             "i": one.coordinate,

@@ -152,7 +152,10 @@ def _beside(whole: Image.Image, *axes: Axes) -> tuple[Image.Image, str]:
 
 
 def _pixels(whole: Image.Image, ax: Axes, box: BboxBase | None) -> tuple[int, int, int, int]:
-    """Return the left, top, right and bottom pixels of a box in the picture of a figure."""
+    """Return the left, top, right and bottom pixels of a box in the picture ``whole``.
+
+    The picture shows the figure of the axes ``ax``; ``box`` is in Matplotlib's display coordinates.
+    """
     figure = ax.get_figure(root=True)
     assert figure is not None and box is not None
     shares = np.array(box.transformed(figure.transFigure.inverted()).extents)

@@ -81,11 +81,11 @@ def collision_free(
 ) -> Grown:
     """Search for middles at which the bodies are apart at the rim of the largest box, best first.
 
-    Reach and limits alone order the middles ``found``, so that bodies may collide at the rims of
-    all the best, or these may have few branches of inverse kinematics. So ``drawn`` random
-    configurations are tried at their places. Then boxes grow beside the best ``parents`` middles,
-    and after self-motions there, in rounds; the body distance at the rim comes before the limit
-    margin. The result is empty if bodies collide at the rims of all boxes. ``at`` is that of
+    The middles ``found`` were ordered by reach and limits alone, so bodies may collide at the rims
+    of the best ones. So ``drawn`` random configurations are tried at their positions, which adds
+    branches of inverse kinematics. Then boxes grow beside the best middles, at most ``parents`` of
+    them, and after self-motions there, in rounds; the body distance at the rim comes before the
+    limit margin. The result is empty if bodies collide at the rims of all boxes. ``at`` is that of
     :func:`ordered`.
     """
     places = unlike_rows(found.p, _APART_AT * box.half_width.max(), _PLACES)

@@ -165,7 +165,7 @@ class _Nodes:
     distance
         Distance that bodies must keep, m.
     doubtful : (K,) array of bool
-        Nodes at which bodies can be near at every angle.
+        Nodes at which it is not yet known whether bodies are near at every angle.
 
     Attributes
     ----------
