@@ -329,7 +329,7 @@ def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
 def freeze(made: object, /, **values: Any) -> None:
     """Set the attributes ``values`` of a frozen dataclass object; arrays become read-only views.
 
-    ``made`` is the object, while it is created. The caller's own arrays stay writable.
+    ``made`` is the object; its ``__post_init__`` calls this. The caller's own arrays stay writable.
     """
     for name, value in values.items():
         kept = unwritable(value) if isinstance(value, np.ndarray) else value

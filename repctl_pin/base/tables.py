@@ -119,7 +119,7 @@ class Table(ABC):
         return values
 
     def where(self, row: int) -> str:
-        """Name a row, counted from 0, for a message: the file, with the CSV line or the frame."""
+        """Name the file and a row, counted from 0: ``run.csv, line 3`` or ``run.npz, frame 1``."""
         return f"{self.file}, frame {row}"
 
 
@@ -309,7 +309,7 @@ class CsvTable(Table):
         return values
 
     def where(self, row: int) -> str:
-        """Name the line of a row, counted from 0, for a message."""
+        """Name the file and the line of a row, counted from 0: ``run.csv, line 3``."""
         return f"{self.file}, line {next(islice(self.rows(), row, None))[0]}"
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:

@@ -238,7 +238,7 @@ def _in_planes(drift: Any, task: rp.Task) -> _Drift:
 def _as_dict(
     case: _Case, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> dict[str, Any]:
-    """Convert the result of a test to plain Python types, for the output of ``--json``.
+    """Convert the result of a test to plain Python types: the figures by the keys of ``--json``.
 
     ``verdict`` is the test's result: the defect, and whether it is 0. ``drift`` is the joint drift,
     rad or m, per m² of a small loop, by plane such as ``xy``. ``surfaces`` are the stable surfaces;

@@ -343,7 +343,7 @@ def _potentials(task: rp.Task, region: Region, degree: Any, fourier: int | None)
 
 
 def _as_dict(made: _Made) -> dict[str, Any]:
-    """Convert the result to plain Python types, for the output of ``--json``."""
+    """Convert the design and its report to plain Python types, by the keys of ``--json``."""
     from ..studies.study_result import picked, region_dict
 
     design = made.design

@@ -58,11 +58,12 @@ def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) ->
     Returns
     -------
     dict
-        ``robot``, ``file``, ``links`` (their number), ``joints`` (with limits), ``locked`` (with
-        the reason), ``driven`` (joints that mimic another), ``default_frame``, ``frames`` (each
-        with the joints that move it, its position at the reference pose, m, and its redundancy),
-        ``frames_left_out`` (number of other movable frames), ``meshes``, ``collision`` (number of
-        links with a collision body, and of all links) and ``warnings``.
+        ``robot`` and ``file`` (names), ``links`` (their number), ``joints`` (with limits),
+        ``locked`` (with the reason), ``driven`` (joints that mimic another), ``default_frame``,
+        ``frames`` (each with the joints that move it, its position at the reference pose, m, and
+        its redundancy), ``frames_left_out`` (number of other movable frames), ``meshes`` (their
+        number), ``collision`` (number of links with a collision body, and of all links) and
+        ``warnings``.
     """
     positions = robot.reference_positions()
     joints = {joint.name: joint for joint in robot.description.joints}

@@ -677,7 +677,7 @@ def _widths(cell: rp.Cell) -> dict[str, Any]:
 
 
 def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
-    """Convert the design of a cell's function to plain Python types, for JSON output."""
+    """Convert the design of a cell's function to plain Python types, by the keys of ``--json``."""
     from ...studies.study_result import picked
 
     figures = asdict(design.evaluation)
@@ -698,7 +698,7 @@ def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
 
 
 def _proof(proof: rp.Proof) -> dict[str, Any]:
-    """Convert a certificate to plain Python types, for JSON.
+    """Convert a certificate to plain Python types, by the names of its attributes, for JSON.
 
     ``extra_speed_direction`` is added: a bound, proved over the whole cell, on the extra joint
     speed relative to J⁺ in the worst direction of motion; 0.05 is 5 % more than J⁺.

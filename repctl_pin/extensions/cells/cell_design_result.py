@@ -294,7 +294,10 @@ class CellDesign:
         return f"{bodies}\nnot checked: {unchecked}" if unchecked else bodies
 
     def _speed_words(self) -> str:
-        """Write the extra joint speed: on average, at its worst, and its proved bound."""
+        """Write the extra joint speed, such as ``1.2 % on average, 3 % at the worst pose``.
+
+        Further lines give that in the worst single direction, and the proved bound, if known.
+        """
         j = self.evaluation
         every = [j.extra_speed, j.extra_speed_worst]
         every += [j.extra_speed_direction] if np.isfinite(j.extra_speed_direction) else []

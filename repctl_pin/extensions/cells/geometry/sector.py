@@ -557,7 +557,10 @@ class Sector(Cell):
         return text
 
     def symmetry(self) -> str:
-        """Write which symmetries of the arm are used, and how many coordinates remain."""
+        """Write which joint turns the arm or the tool, and how many coordinates remain.
+
+        The text is ``not used`` if the symmetries are not used, and ``none`` if there are none.
+        """
         names = self.task.joint_names
         words = {
             ANGLE: "{} turns the whole arm about the axis",

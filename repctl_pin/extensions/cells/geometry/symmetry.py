@@ -108,7 +108,7 @@ def difference(one: Array, other: Array) -> tuple[float, float]:
 
 
 def difference_words(one: Array, other: Array) -> str:
-    """Write the angle and the distance between two axes (2, 3); empty if the axes coincide."""
+    """Write how two axes (2, 3) differ: ``tilted by 0.1 rad and 0.02 m away``; empty if equal."""
     tilt, away = difference(one, other)
     parts = [f"tilted by {tilt:.2g} rad"] if tilt > _TOLERANCE else []
     parts += [f"{away:.2g} m away"] if away > _TOLERANCE else []

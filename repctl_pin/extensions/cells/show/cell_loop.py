@@ -28,8 +28,9 @@ _MOST_NUMBERS = 4000
 def cell_loop(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, Any] | None:
     """Collect the numbers for the page, with the coefficients as the array ``weights``.
 
-    The result is None if the page cannot compute the motions: the tool tilts in the cell, the
-    desired inverse is not J⁺, or the chart has more than 4000 coefficients.
+    They describe the arm, the motions, and the chart of the function, by the keys that the page's
+    scripts read. The result is None if the page cannot compute the motions: the tool tilts in the
+    cell, the desired inverse is not J⁺, or the chart has more than 4000 coefficients.
     """
     chart = design.function.chart
     cell = chart.cell
@@ -99,7 +100,11 @@ def _removed(cell: Cell) -> list[dict[str, Any]]:
 
 
 def _sector(cell: Sector) -> dict[str, Any]:
-    """Describe the cylindrical coordinates of a sector."""
+    """Describe the cylindrical coordinates of a sector by the keys that the page's scripts read.
+
+    They are the axis and its directions, radius and height of the middle, half the height, m, the
+    profile (``bend`` and ``stretch``), the tool's x and y axes, and the middle of the spin, rad.
+    """
     radius, height = cell.middle
     whole = cell.whole
     spins = cell.task.kind == "pose" and bool(whole.widths[SPIN])

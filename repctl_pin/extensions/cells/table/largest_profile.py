@@ -226,10 +226,16 @@ def affordable_between(
 
 
 def most_between(mask: NDArray[np.bool_]) -> float:
-    """Bound from above the area of any range of radius by height in a mask (I, J), in spacings²."""
+    """Compute an upper bound of the area of any range of radius in a mask (I, J), in spacings².
+
+    The range may depend on the height; a spacing is the distance of neighbouring nodes.
+    """
     return float(np.maximum(mask.sum(axis=0) - 1, 0).sum())
 
 
 def more_between(mask: NDArray[np.bool_], least: float) -> bool:
-    """Test whether a range of radius by height in a mask may exceed an area, in spacings²."""
+    """Test whether a range of radius in a mask (I, J) can exceed the area ``least``, in spacings².
+
+    The range may depend on the height; a spacing is the distance of neighbouring nodes.
+    """
     return most_between(mask) > least
