@@ -685,7 +685,7 @@ def _parquet_bytes(table: Any) -> bytes:
 
 
 def _arrow_columns(columns: Mapping[str, Column]) -> dict[str, Any]:
-    """Convert columns to Arrow arrays; several numbers per row become lists of equal length."""
+    """Convert columns, by name, to Arrow arrays; several numbers per row become lists."""
     import pyarrow
 
     made = {}

@@ -314,7 +314,7 @@ class CellDesign:
     def _ranges(self) -> dict[str, str]:
         """Return the ranges of the coordinates as text, by display name, one row for a box.
 
-        Ranges along a symmetry of the arm are followed by how far the function goes.
+        The range of a symmetric coordinate is followed by the range that the function reaches.
         """
         rows = range_rows(self.cell)
         for turn in self.evaluation.turns:

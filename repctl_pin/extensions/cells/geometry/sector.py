@@ -531,7 +531,10 @@ class Sector(Cell):
         return ", ".join(parts)
 
     def _radius_words(self) -> str:
-        """Format the half-width of the radius; if it depends on the height, the range by height."""
+        """Format the half-width of the radius: ``radius ±0.17 m``.
+
+        If the range of radius depends on the height, the ranges at three heights are given.
+        """
         if not self.profile.degree:
             return f"radius ±{self.widths[RADIUS]:.3g} m"
         z, half = self.middle[1], self.widths[HEIGHT]
@@ -540,7 +543,7 @@ class Sector(Cell):
         return f"radius {', '.join(words)} m at the lowest, middle and highest height"
 
     def _range(self, i: int) -> str:
-        """Format the range of the coordinate with index ``i``, such as ``±0.3 rad``."""
+        """Format the range of coordinate i, ``±0.3 rad`` or ``as far as the joints go``."""
         if i in self.free and self.widths[i] == np.pi:
             return "as far as the joints go"
         return f"±{self.widths[i]:.3g} rad"

@@ -52,7 +52,7 @@ def cell_loop(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, An
 
 
 def _turns_along(cell: Cell) -> TypeGuard[Sector]:
-    """Test whether the tool turns with the angle, as in a sector of poses without spin."""
+    """Test whether the tool turns with the angle: in a sector for a pose task, without spin."""
     pose = cell.task.kind == "pose" and isinstance(cell, Sector)
     return pose and not cell.whole.widths[SPIN]
 

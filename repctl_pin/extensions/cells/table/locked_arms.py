@@ -61,7 +61,7 @@ class LockedJoints(NamedTuple):
         Extra joint speed relative to J⁺, as a fraction, on average and at the worst node.
     area : float
         Area of radius and height, m², that the arm covers without collision: its largest rectangle
-        in a given sector, or its own sector.
+        in a design's sector or, for an arm that covers more, its own sector.
     """
 
     joints: tuple[str, ...]

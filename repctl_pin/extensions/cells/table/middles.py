@@ -102,10 +102,11 @@ def collision_free(
 
 
 def _tested(box: Cell, found: Grown, steps: int) -> Grown:
-    """Compute the body distances at the rims of boxes that grew by ``steps`` or more.
+    """Select boxes that grew by ``steps`` or more, and compute the body distances at their rims.
 
-    Left out are smaller boxes, and those with a point of the rim that is not reached exactly inside
-    the limits: a box grows even if it misses the points by a fraction of a step.
+    The distances, m, are ``distance`` of the result. Left out are smaller boxes, and those with a
+    point of the rim that is not reached exactly inside the limits: a box grows even if it misses
+    the points by a fraction of a step.
     """
     found = rows_of(found, np.flatnonzero(found.steps >= steps))
     rim, R = box.placements(box.rim())
