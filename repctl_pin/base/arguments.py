@@ -298,7 +298,7 @@ def flag(value: Any, name: str) -> bool:
 
 
 def progress_option(value: Any) -> Any:
-    """Require True, False, or a function of two positional arguments, as ``progress``."""
+    """Require True, False, or a function of two arguments, for ``progress``; return the value."""
     if not callable(value):
         return flag(value, "progress")
     what = "True, False or a function of the step (text) and the fraction done"

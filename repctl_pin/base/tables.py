@@ -619,7 +619,7 @@ def _changed(column: Any, values: Column, cells: NewCells) -> Any:
 
 
 def _item(kind: Any) -> Any:
-    """Return the type of the items of an Arrow list; None for another type."""
+    """Return the type of the items if ``kind`` is the type of an Arrow list, else None."""
     from pyarrow import types
 
     lists = (types.is_list, types.is_large_list, types.is_fixed_size_list)

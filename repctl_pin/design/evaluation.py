@@ -170,8 +170,8 @@ def _evaluated(
 ) -> list[_Replicate]:
     """Evaluate G_r at sets of ``count`` nodes of the region, each drawn with one of the ``seeds``.
 
-    ``measure`` is the leaf margin of the inverse. A SingularRegionError is raised if it is 0 or
-    below, its sign beyond an algorithmic singularity, at some node.
+    ``measure`` is the leaf margin of the inverse. A SingularRegionError is raised if it is 0 at
+    some node, or negative, as beyond an algorithmic singularity.
     """
     task = inverse.task
     sets = [region.random(count, seed) for seed in seeds]
@@ -195,7 +195,7 @@ def _evaluated(
 
 
 def _split(values: Array, sets: list[Array]) -> list[Array]:
-    """Split ``values`` at the nodes of all sets, one after the other, into those of each set."""
+    """Split ``values``, one for each node of all ``sets`` in order, into those of each set."""
     return np.split(values, np.cumsum([len(nodes) for nodes in sets])[:-1])
 
 

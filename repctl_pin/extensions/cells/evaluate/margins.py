@@ -530,7 +530,7 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
     def least(which: NDArray[np.intp], at: Points) -> Array:
         """Evaluate one quantity at each of K points: (K,).
 
-        ``which`` (K,) has for each point the index of its quantity in ``quantities``.
+        ``which`` (K,) has for each point the index of its quantity in ``starts``.
         """
         values = np.empty(len(which))
         for i, quantity in enumerate(quantities):

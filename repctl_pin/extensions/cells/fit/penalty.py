@@ -141,7 +141,8 @@ class ActiveConstraint:
     def _too_short(self, short: Array, asked: Array) -> NDArray[np.bool_]:
         """Test which shortages ``short`` (K,) are too large, relative to ``asked``: (K,).
 
-        They may be up to ``margin.slack`` times the margin ``asked`` (K,).
+        Up to ``margin.slack`` times the margin ``asked`` (K,), or 10 % of the required margin if
+        that is more, a shortage (K,) is small enough.
         """
         margin = self.margin
         return short > np.maximum(margin.slack * asked, _NEARLY * margin.required)

@@ -494,7 +494,7 @@ def _tried(fit: CellFit, box: Cell, found: Grown) -> Grown:
 
 
 def _strict(fit: CellFit, box: Cell, found: Grown) -> Grown:
-    """Select middles with unlike configurations from whose middle J⁺ reaches the whole box.
+    """Select middles with unlike configurations, from which J⁺ reaches the whole box.
 
     The box is that which grew there; J⁺ must reach its corners inside the limits and without
     collisions. Among middles with similar configurations, only the first is taken.
@@ -611,7 +611,7 @@ def _best_of(
 
 
 def _repeats(task: Task, one: Candidate, others: list[Candidate]) -> bool:
-    """Test whether some of ``others`` has nearly these joints and no smaller limit margin.
+    """Test whether one of ``others`` has nearly the joints of ``one``, and no smaller limit margin.
 
     All are in the middle of the same box. Joints are compared up to full turns of revolute ones,
     which make no difference to the function, only to the limit margin.
