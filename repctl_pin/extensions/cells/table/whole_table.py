@@ -843,7 +843,7 @@ def _farther_from_bodies(
 
 
 def _away(fit: CellFit, limits: Required) -> CellFit:
-    """Return the arguments ``fit`` with a larger body distance to keep than that of ``limits``."""
+    """Return the arguments ``fit`` with twice the body distance of ``limits`` to keep."""
     return replace(fit, body_distance=_AWAY * limits.distance)
 
 
