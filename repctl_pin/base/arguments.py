@@ -1,8 +1,8 @@
 """Argument validation: convert the value, or raise a one-line InputError.
 
 The error names the argument and the remedy. ``name`` is the argument's name in the message, and
-``each`` or ``what`` describes the required value there. Each function returns the checked or
-converted value.
+``each`` or ``what`` describes the required value there; ``unit`` is that of the value. Each
+function returns the checked or converted value.
 """
 
 from __future__ import annotations
@@ -298,7 +298,7 @@ def flag(value: Any, name: str) -> bool:
 
 
 def progress_option(value: Any) -> Any:
-    """Require True, False, or a function of two positional arguments, as ``progress``."""
+    """Require True, False, or a function of two arguments, for ``progress``; return the value."""
     if not callable(value):
         return flag(value, "progress")
     what = "True, False or a function of the step (text) and the fraction done"
@@ -329,7 +329,7 @@ def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
 def freeze(made: object, /, **values: Any) -> None:
     """Set the attributes ``values`` of a frozen dataclass object; arrays become read-only views.
 
-    ``made`` is the object, while it is created. The caller's own arrays stay writable.
+    ``made`` is the object; its ``__post_init__`` calls this. The caller's own arrays stay writable.
     """
     for name, value in values.items():
         kept = unwritable(value) if isinstance(value, np.ndarray) else value

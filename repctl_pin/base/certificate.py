@@ -4,8 +4,9 @@ A design is a controller for a region Ω of joint space; a cell is a box of pose
 function from poses to configurations. The controller holds potentials h(q) constant. Their values c
 are the levels; a leaf is a set h(q) = c, on which the arm then stays. The leaf margin σ_min(Nᵀ V̂)
 is the distance from an algorithmic singularity, at which the controller fails; N spans the null
-space of J, and V̂ the gradients of h. Samples cannot exclude a singularity between them. A proof
-divides Ω into boxes, and bounds the margins over each whole box.
+space of J, and V̂ the gradients of h. G is the matrix of the controller, q̇ = G ẋ, and J⁺ the
+pseudoinverse of J. Samples cannot exclude a singularity between them. A proof divides Ω into boxes,
+and bounds the margins over each whole box.
 """
 
 from __future__ import annotations
@@ -377,9 +378,10 @@ class Proof:
 
     @property
     def extra_speed_words(self) -> str:
-        """Text of the bound of the extra joint speed, in per cent, rounded up.
+        """Text of the bound of the extra joint speed, such as ``< 5 % over J⁺ at every pose …``.
 
-        The extra joint speed compares the controller with J⁺, the inverse of minimum joint speed.
+        It is rounded up. The extra joint speed compares the controller with J⁺, the inverse of
+        minimum joint speed. Without a bound, the text is ``no bound``.
         """
         if not np.isfinite(self.extra_speed_direction):
             return "no bound"
@@ -392,7 +394,10 @@ class Proof:
 
     @property
     def _limit_words(self) -> str:
-        """Text of the bound of the limit margin; it names the joints that are left out."""
+        """Text of the bound of the limit margin: ``> 0.05 (without joint1)`` or ``no bound``.
+
+        The joints in brackets are left out of the margin, see :attr:`excepted`.
+        """
         words = "no bound" if self.limit_margin == -np.inf else self._above(self.limit_margin)
         return f"{words} (without {', '.join(self.excepted)})" if self.excepted else words
 
@@ -502,8 +507,9 @@ def length_below(value: float) -> str:
 def proved_words(proof: Proof | None) -> str:
     """Write whether a leaf margin is proved, with its bound, or only found by a search.
 
-    Without a proof (None) or a proved bound, it is only the smallest value among the samples of a
-    search; a smaller one may exist.
+    The text is such as ``proved > 0.12`` or ``found, not proved``. Without a proof (None) or a
+    proved bound, it is only the smallest value among the samples of a search; a smaller one may
+    exist.
     """
     return f"proved > {below(proof.leaf_margin)}" if proof else "found, not proved"
 

@@ -20,7 +20,7 @@ from .errors import InputError
 
 
 def check_folder(folder: Path, *, make: bool = False) -> Path:
-    """Check that files can be written into a folder; with ``make``, create it first.
+    """Check that files can be written into a folder; return it. With ``make``, create it first.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def check_folder(folder: Path, *, make: bool = False) -> Path:
 
 
 def prepare_folder(folder: Path) -> Path:
-    """Create a folder if it does not exist, and check that files can be written into it.
+    """Create a folder if it is missing, check that files can be written into it, and return it.
 
     A command calls it before a long computation, so that the result can be saved.
     """

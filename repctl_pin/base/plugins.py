@@ -85,7 +85,8 @@ def parts(place: str) -> list[Any]:
         ``study_design``: functions (design, seconds spent, progress callback) → design;
         ``study_notes``: functions design → notes, for the design of a study; ``cycle_time``:
         functions motion → minimum duration of its first cycle, s, or None; ``problem``: pairs of a
-        design class and its function (design, start, path, plane) → problem.
+        design class and its function (design, start, path, plane) → problem, a start with a closed
+        path inside the design's region.
 
     Returns
     -------

@@ -119,7 +119,7 @@ class Table(ABC):
         return values
 
     def where(self, row: int) -> str:
-        """Name a row, counted from 0, for a message: the file, with the CSV line or the frame."""
+        """Name the file and a row, counted from 0: ``run.csv, line 3`` or ``run.npz, frame 1``."""
         return f"{self.file}, frame {row}"
 
 
@@ -309,7 +309,7 @@ class CsvTable(Table):
         return values
 
     def where(self, row: int) -> str:
-        """Name the line of a row, counted from 0, for a message."""
+        """Name the file and the line of a row, counted from 0: ``run.csv, line 3``."""
         return f"{self.file}, line {next(islice(self.rows(), row, None))[0]}"
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
@@ -500,7 +500,7 @@ class _Arrays(Table):
             )
 
     def column(self, name: str) -> Column:
-        """Return an array of the file."""
+        """Return the array of that name, with one row per frame."""
         return np.asarray(self._arrays[name])
 
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
@@ -619,7 +619,7 @@ def _changed(column: Any, values: Column, cells: NewCells) -> Any:
 
 
 def _item(kind: Any) -> Any:
-    """Return the type of the items of an Arrow list; None for another type."""
+    """Return the type of the items if ``kind`` is the type of an Arrow list, else None."""
     from pyarrow import types
 
     lists = (types.is_list, types.is_large_list, types.is_fixed_size_list)
@@ -685,7 +685,7 @@ def _parquet_bytes(table: Any) -> bytes:
 
 
 def _arrow_columns(columns: Mapping[str, Column]) -> dict[str, Any]:
-    """Convert columns to Arrow arrays; several numbers per row become lists of equal length."""
+    """Convert columns, by name, to Arrow arrays; several numbers per row become lists."""
     import pyarrow
 
     made = {}

@@ -45,10 +45,10 @@ def one_blas_thread() -> Iterator[None]:
 
 @lru_cache(maxsize=1)
 def _blas_libraries(modules: int) -> Any:
-    """Find the BLAS libraries of this process, which takes milliseconds.
+    """Find the BLAS libraries of this process; return threadpoolctl's controller of them.
 
-    They are searched again after each import, which can load another one. ``modules`` is the number
-    of imported modules.
+    The search takes milliseconds, so its result is cached until ``modules``, the number of imported
+    modules, changes: an import can load another library.
     """
     from threadpoolctl import ThreadpoolController
 

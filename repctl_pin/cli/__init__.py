@@ -102,7 +102,7 @@ def parser() -> Parser:
     whole.add_argument(
         "--debug",
         action="store_true",
-        help="before COMMAND: show the traceback of an internal error",
+        help="show the traceback of an internal error; give it before COMMAND",
     )
     whole.add_argument("--version", action="version", version=f"repctl {__version__}")
     parts = whole.add_subparsers(metavar="COMMAND", required=True)

@@ -1,11 +1,14 @@
 """``repctl check``: test whether a controller is repeatable on an arm; if not, find its drift.
 
 A controller is repeatable if every closed path of the frame ends in the configuration it began in.
-Repeatability is tested in the region Ω, a part of joint space. If the test fails, the controller
-may still be repeatable on a stable surface: a set of configurations that its motions do not leave.
+Repeatability is tested in the region Ω, a part of joint space. The defect is the amount by which
+the controller violates the condition of repeatability; it is 0 where the condition holds. If the
+test fails, the controller may still be repeatable on a stable surface: a set of configurations that
+its motions do not leave.
 
 ``_Case`` is a controller to test, its problem with the region Ω, and notes. ``Surfaces`` are the
-points found where the defects of an inverse are 0, of the surfaces on which it is repeatable.
+points that a search for stable surfaces found, where the defects are 0. A problem is a task with a
+start, a closed path and a region.
 """
 
 from __future__ import annotations
@@ -235,7 +238,7 @@ def _in_planes(drift: Any, task: rp.Task) -> _Drift:
 def _as_dict(
     case: _Case, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> dict[str, Any]:
-    """Convert the result of a test to plain Python types, for the output of ``--json``.
+    """Convert the result of a test to plain Python types: the figures by the keys of ``--json``.
 
     ``verdict`` is the test's result: the defect, and whether it is 0. ``drift`` is the joint drift,
     rad or m, per m² of a small loop, by plane such as ``xy``. ``surfaces`` are the stable surfaces;

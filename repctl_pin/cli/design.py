@@ -2,7 +2,8 @@
 
 The region Ω is the part of joint space for which the design is made: a box around the start, or a
 tube around a motion. The design is fitted at some configurations (nodes) and evaluated at others
-(held-out nodes). The design approximates the desired inverse, usually J⁺.
+(held-out nodes). The design approximates the desired inverse, usually J⁺. A problem is a task with
+a start, a closed path and a region. ``say`` is the callback that receives the name of each step.
 
 ``_Made`` is a design with the data of its report: problem, name of the desired inverse, costs by
 degree, baselines, notes.
@@ -279,8 +280,8 @@ def _region(options: Options, task: rp.Task, q0: Any) -> Region:
     """Make the region Ω of a design without a path, from the task and the start q0 (n,).
 
     Ω is the box of half-width ``--region`` around q0, cut at the joint limits. With
-    ``--workspace``, Ω is restricted to the configurations of this box at which the frame is near
-    its position at q0.
+    ``--workspace``, Ω is restricted to the configurations of this box at which the frame is at most
+    ``--workspace`` metres from its position at q0, along each axis.
     """
     box = box_within_limits(task, q0, options.region)
     if options.workspace is None:
@@ -342,7 +343,7 @@ def _potentials(task: rp.Task, region: Region, degree: Any, fourier: int | None)
 
 
 def _as_dict(made: _Made) -> dict[str, Any]:
-    """Convert the result to plain Python types, for the output of ``--json``."""
+    """Convert the design and its report to plain Python types, by the keys of ``--json``."""
     from ..studies.study_result import picked, region_dict
 
     design = made.design

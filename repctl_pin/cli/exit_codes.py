@@ -45,7 +45,7 @@ class _Stopped(BaseException):
 
 @contextmanager
 def _stopped_cleanly() -> Iterator[None]:
-    """Raise an exception at the first SIGTERM or SIGHUP, so that clean-up code still runs.
+    """Context manager: raise ``_Stopped`` at the first SIGTERM or SIGHUP, so that clean-up runs.
 
     By default these signals end the process at once. A signal that is ignored, as under nohup,
     stays ignored.
@@ -67,8 +67,8 @@ def _stopped_cleanly() -> Iterator[None]:
     def swallowed(what: Any) -> None:
         """Send the signal again if its exception was dropped, as Python does in a finaliser.
 
-        ``what`` is Python's report of the exception that it dropped; other exceptions go to the
-        previous hook. Otherwise the signal would be lost.
+        Otherwise the signal would be lost. ``what`` is Python's report of the exception that it
+        dropped; a report of another exception goes to the previous hook.
         """
         nonlocal coming
         if isinstance(what.exc_value, _Stopped):

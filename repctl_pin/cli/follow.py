@@ -11,9 +11,9 @@ figures of a motion are a dictionary, the one that ``--json`` prints. Among its 
 (one number per cycle, or None if it cannot be computed reliably), ``body_distance`` (m, None if
 there are no bodies), ``nearest_bodies``, ``duration`` (s), ``slowed_by`` and ``notes``.
 
-``_Case`` is a controller, the problem with its path, and known data of its design, each None if
-unknown. ``_Followed`` is a simulated motion, the same motion with the commanded joint velocities,
-and notes on it.
+A problem is a task with a start, a closed path and a region. ``_Case`` is a controller, the problem
+with its path, and known data of its design, each None if unknown. ``_Followed`` is a simulated
+motion, the same motion with the commanded joint velocities, and notes on it.
 """
 
 from __future__ import annotations
@@ -208,7 +208,10 @@ def _closing_radius(case: _Case, q0: Any) -> tuple[ClosingRadius | None, list[st
 
 
 def _timed(options: Options, motion: rp.Motion, say: Callable[[str], None]) -> rp.TimedMotion:
-    """Time the motion from rest to rest within the limits of ``--acceleration``."""
+    """Time the motion from rest to rest.
+
+    Its limits are those of ``--acceleration``, ``--jerk`` and ``--tool-speed``.
+    """
     say("timing the motion")
     return rp.timed(
         motion, options.asked_limits(), keep_times=options.keep_times, rate=options.rate or 1000.0
@@ -216,7 +219,11 @@ def _timed(options: Options, motion: rp.Motion, say: Callable[[str], None]) -> r
 
 
 def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) -> rp.BestLeaf:
-    """Search for the leaf of ``--best-leaf``; InputError if the controller is not repeatable."""
+    """Search for the best leaf on which to follow the path, for ``--best-leaf``.
+
+    The leaf is the best by limit margin or by joint speed, as the option's value (``limits`` or
+    ``speed``) says. InputError is raised if the controller is not repeatable.
+    """
     if not isinstance(case.strategy, rp.RepeatableInverse):
         raise InputError("--best-leaf requires a repeatable controller, such as a saved design")
     say("searching for the best leaf")
@@ -234,7 +241,8 @@ def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
     """Collect the figures of the motion ``rest``, timed from rest to rest.
 
     The keys are ``duration`` and ``cycle_time``, s, ``slowed_by`` (None), ``stops``, a number of
-    stops, and ``peak_speed``. They replace those of the motion before it was timed, or are added.
+    stops per cycle, and ``peak_speed``, the maximum norm of q̇, rad/s or m/s. They replace those of
+    the motion before it was timed, or are added.
     """
     return {
         "duration": rest.duration,

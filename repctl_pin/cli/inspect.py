@@ -1,4 +1,7 @@
-"""``repctl inspect``: joints, limits, frames and redundancy of a robot or a URDF."""
+"""``repctl inspect``: joints, limits, frames and redundancy of a robot or a URDF.
+
+The redundancy r = n − m is the number of joints that move a frame minus that of task coordinates.
+"""
 
 from __future__ import annotations
 
@@ -55,10 +58,12 @@ def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) ->
     Returns
     -------
     dict
-        ``robot``, ``file``, ``links``, ``joints``, ``locked``, ``driven``, ``default_frame``,
+        ``robot`` and ``file`` (names), ``links`` (their number), ``joints`` (with limits),
+        ``locked`` (with the reason), ``driven`` (joints that mimic another), ``default_frame``,
         ``frames`` (each with the joints that move it, its position at the reference pose, m, and
-        its redundancy), ``frames_left_out`` (number of other movable frames), ``meshes``,
-        ``collision`` (number of links with a collision body, and of all links) and ``warnings``.
+        its redundancy), ``frames_left_out`` (number of other movable frames), ``meshes`` (their
+        number), ``collision`` (number of links with a collision body, and of all links) and
+        ``warnings``.
     """
     positions = robot.reference_positions()
     joints = {joint.name: joint for joint in robot.description.joints}

@@ -322,8 +322,8 @@ def numbers_of(text: str, option: str, otherwise: str) -> list[float]:
 def _named(text: str | None, option: str) -> str | list[float] | None:
     """Parse --acceleration or --jerk: a name such as panda, one number, or one per joint.
 
-    ``option`` is the option that an InputError names. None stays None; ``urdf`` also gives None,
-    which means the limits of the URDF.
+    Numbers are returned as a list, a name as it is. None stays None; ``urdf`` also gives None,
+    which means the limits of the URDF. ``option`` is the option that an InputError names.
     """
     if text is None or text.strip() == "urdf":
         return None

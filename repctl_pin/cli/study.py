@@ -1,7 +1,8 @@
 """``repctl study``: measure an arm's drift on a closed path, and design a repeatable controller.
 
-``Span`` is a piece of text with its tone, which is shown as colour. ``ReportMaps`` are the maps and
-curves of a design for a report: its grid over two joints, costs by degree, baselines.
+``say`` is the callback that receives the name of each step. ``Span`` is a piece of text with its
+tone, which is shown as colour. ``ReportMaps`` are the maps and curves of a design for a report: its
+grid over two joints, costs by degree, baselines.
 """
 
 from __future__ import annotations

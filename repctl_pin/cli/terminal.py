@@ -26,7 +26,7 @@ def progress(quiet: bool) -> Callable[[str], None]:
 
     On a terminal, the callback rewrites one line. A text that begins with ``note: `` is a note: it
     gets a line of its own. If stderr is not a terminal, only notes are printed. With ``quiet``,
-    nothing is.
+    nothing is printed.
     """
     shown = on_terminal(sys.stderr)
 

@@ -4,8 +4,9 @@ The cost is the mean of ‖G_r − G_d‖² over the region Ω: the squared dist
 inverse G_r from the desired inverse G_d. A basis has the potentials h_1 … h_N with the gradients D
 = [∇h_1 … ∇h_N]. G_r keeps the r potentials h = Aᵀ (h_1 … h_N) constant; A (N, r) are their
 coefficients, and V = D A their gradients. The columns of N span the null space of J; in shapes, N
-is the number of potentials of the basis. The mean is over K nodes, which are configurations in Ω.
-Equation numbers such as (38) are those of the paper.
+is the number of potentials of the basis, n that of joints, m that of task coordinates, and r = n −
+m. The mean is over K nodes, which are configurations in Ω. Equation numbers such as (38) are those
+of the paper.
 
 Everything that depends on the arm is in the arrays ``E = Nᵀ D`` and ``F = G_dᵀ D`` of
 :class:`Batch`, which are built once (34), (36), (38). Each evaluation is then dense linear algebra.

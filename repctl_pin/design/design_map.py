@@ -223,7 +223,8 @@ def _distance(design: Design, Q: Array) -> Array:
 def _defects(design: Design, Q: Array) -> Array:
     """Evaluate the relative defect of G_d at the rows of Q (K, n): (K,), NaN at singularities.
 
-    The defect violates the Lie bracket condition; 0 means that G_d is repeatable there.
+    The defect measures by how much G_d violates the Lie bracket condition, the condition of
+    repeatability; it is 0 where G_d satisfies the condition.
     """
     found = _with_gaps(lambda Q: measure(design.desired, Q).norm[:, None], Q, 1)
     return found[:, 0]

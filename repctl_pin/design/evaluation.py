@@ -135,7 +135,11 @@ def evaluate_design(
 
 
 def _batches(count: int, seed: int) -> list[range]:
-    """List the seeds of all replicates, of ``count`` nodes each, in batches evaluated at once."""
+    """List the seeds of the 32 replicates, in batches of replicates that are evaluated at once.
+
+    ``count`` is the number of nodes of a replicate, and ``seed`` the random seed of the evaluation,
+    from which the 32 seeds follow.
+    """
     seeds = range(seed * REPLICATES, (seed + 1) * REPLICATES)
     at_once = max(1, _BATCH // count)
     return [seeds[first : first + at_once] for first in range(0, REPLICATES, at_once)]
@@ -166,8 +170,8 @@ def _evaluated(
 ) -> list[_Replicate]:
     """Evaluate G_r at sets of ``count`` nodes of the region, each drawn with one of the ``seeds``.
 
-    ``measure`` is the leaf margin of the inverse. A SingularRegionError is raised if it is 0 or
-    below, its sign beyond an algorithmic singularity, at some node.
+    ``measure`` is the leaf margin of the inverse. A SingularRegionError is raised if it is 0 at
+    some node, or negative, as beyond an algorithmic singularity.
     """
     task = inverse.task
     sets = [region.random(count, seed) for seed in seeds]
@@ -191,7 +195,7 @@ def _evaluated(
 
 
 def _split(values: Array, sets: list[Array]) -> list[Array]:
-    """Split ``values`` at the nodes of all sets, one after the other, into those of each set."""
+    """Split ``values``, one for each node of all ``sets`` in order, into those of each set."""
     return np.split(values, np.cumsum([len(nodes) for nodes in sets])[:-1])
 
 

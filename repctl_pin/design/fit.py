@@ -160,7 +160,7 @@ def undetermined(potentials: PotentialBasis, task: Task, nodes: int) -> bool:
     """Test whether a number of ``nodes`` is too small to determine the potentials of a basis.
 
     Each node gives m equations, and there must be at least as many equations as potentials. A fit
-    to fewer nodes is refused, and a search for the best degree ends before it.
+    to fewer nodes is refused, and a search for the best degree ends before such a degree.
     """
     return nodes * task.m < potentials.size
 

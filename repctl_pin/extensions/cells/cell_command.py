@@ -372,9 +372,9 @@ def _with_choices(
 def _placed(options: Options, at: Any, report: Report) -> _Asked:
     """Find the best place for the box of ``--size``; without ``--size``, the largest sector.
 
-    The arm covers the result within its limits and without collisions. The box is placed near
-    ``at`` (3,), m, if it is not None. With ``--half-angle`` the box also has rotations; then
-    ``posture`` of the result is None, so that the design searches for it.
+    The arm covers the result within its limits and without collisions. Among boxes of equal size,
+    the one nearest to ``at`` (3,), m, is preferred if it is given. With ``--half-angle`` the box
+    also has rotations; then ``posture`` of the result is None, so that the design searches for it.
     """
     import numpy as np
     import pinocchio as pin
@@ -637,9 +637,10 @@ def _tour(design: rp.CellDesign) -> tuple[dict[str, rp.Motion], list[str]]:
     path, failed = tour(design.cell), {}
 
     def followed(label: str, control: Any, period: float, **how: Any) -> dict[str, rp.Motion]:
-        """Follow the path with a controller; return {label: motion}, or {} if this fails.
+        """Follow the sample path with a controller; return {label: motion}, or {} if this fails.
 
-        ``how`` has further arguments of ``follow``. ``failed[label]`` gets the error.
+        ``period`` is the duration of a cycle, s; ``how`` has further arguments of ``follow``. After
+        a failure, ``failed[label]`` is the message.
         """
         try:
             q0 = design.function(path.placement(0.0))
@@ -666,7 +667,7 @@ def _widths(cell: rp.Cell) -> dict[str, Any]:
     """Return the half-widths of a cell, m and rad, for JSON.
 
     The keys are ``half_width`` and ``rotation`` for a box; for a sector, ``sector`` has a
-    dictionary by coordinate.
+    dictionary of half-widths by coordinate.
     """
     from ...studies.study_result import picked
 
@@ -676,7 +677,7 @@ def _widths(cell: rp.Cell) -> dict[str, Any]:
 
 
 def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
-    """Convert the design of a cell's function to plain Python types, for JSON output."""
+    """Convert the design of a cell's function to plain Python types, by the keys of ``--json``."""
     from ...studies.study_result import picked
 
     figures = asdict(design.evaluation)
@@ -697,7 +698,7 @@ def _as_dict(design: rp.CellDesign) -> dict[str, Any]:
 
 
 def _proof(proof: rp.Proof) -> dict[str, Any]:
-    """Convert a certificate to plain Python types, for JSON.
+    """Convert a certificate to plain Python types, by the names of its attributes, for JSON.
 
     ``extra_speed_direction`` is added: a bound, proved over the whole cell, on the extra joint
     speed relative to J⁺ in the worst direction of motion; 0.05 is 5 % more than J⁺.

@@ -294,7 +294,10 @@ class CellDesign:
         return f"{bodies}\nnot checked: {unchecked}" if unchecked else bodies
 
     def _speed_words(self) -> str:
-        """Write the extra joint speed: on average, at its worst, and its proved bound."""
+        """Write the extra joint speed, such as ``1.2 % on average, 3 % at the worst pose``.
+
+        Further lines give that in the worst single direction, and the proved bound, if known.
+        """
         j = self.evaluation
         every = [j.extra_speed, j.extra_speed_worst]
         every += [j.extra_speed_direction] if np.isfinite(j.extra_speed_direction) else []
@@ -311,7 +314,7 @@ class CellDesign:
     def _ranges(self) -> dict[str, str]:
         """Return the ranges of the coordinates as text, by display name, one row for a box.
 
-        Ranges along a symmetry of the arm are followed by how far the function goes.
+        The range of a symmetric coordinate is followed by the range that the function reaches.
         """
         rows = range_rows(self.cell)
         for turn in self.evaluation.turns:
@@ -497,7 +500,7 @@ def tour(cell: Cell) -> TaskPath:
     moved = cell.moved
 
     def at(s: float) -> Array:
-        """Evaluate the coordinates u (1, k) at the path parameter s."""
+        """Evaluate the coordinates u (1, k) of the sample path at s, from 0 to 1 in a cycle."""
         return np.asarray(a @ np.cos(k * s) + b @ np.sin(k * s), float)[None]
 
     def twists(U: Array) -> Array:
@@ -530,9 +533,10 @@ def tour(cell: Cell) -> TaskPath:
 
 
 def _waves(count: int) -> tuple[Array, Array, Array]:
-    """Draw the J waves of :func:`tour`: their numbers 2πj (J,), and a and b (count, J).
+    """Draw J waves: their wave numbers 2πj (J,), and cosine and sine coefficients (count, J) each.
 
-    ``count`` is the number of coordinates. The waves are always the same ones.
+    Their sums over j are the ``count`` coordinates of the sample path, see :func:`tour`. The waves
+    are always the same ones.
     """
     rng = np.random.default_rng(0)
     k = 2 * np.pi * np.arange(1, _WAVES + 1)

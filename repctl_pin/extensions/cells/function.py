@@ -192,8 +192,7 @@ class InverseFunction:
         leaf: ArrayLike | None,
         missing: Literal["raise", "nan"],
     ) -> Array:
-        """Evaluate F at K targets, placements or coordinates of the cell: (K, n), in NumPy, not in
-        C.
+        """Evaluate F (K, n) in NumPy at K targets, placements or coordinates of the cell.
 
         It is used without the native library, and to find out why a target has no configuration.
         """

@@ -130,7 +130,7 @@ class ToolFunction:
         return intervals
 
     def with_tool(self, placement: Placement) -> ToolFunction:
-        """Create the function of another tool on this one, placed at ``placement`` in its frame."""
+        """Create the function of another tool, placed at ``placement`` in this tool's frame."""
         further = as_placement(placement, "placement")
         return ToolFunction(self.of_frame, self.tool * further)
 

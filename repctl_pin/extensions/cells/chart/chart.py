@@ -184,7 +184,7 @@ class Chart:
         return _Goals(*self.reference(U), *self.cell.placements(U))
 
     def goals_of(self, at: Points) -> _Goals:
-        """Return what :meth:`goals` evaluates at the poses of points ``at``, which know most."""
+        """Return the terms of :meth:`goals` at the poses of ``at``, which has q_ref and n_ref."""
         return _Goals(at.q_ref, at.n_ref, *self.cell.placements(at.U))
 
     def solve(
@@ -289,8 +289,9 @@ class Chart:
         """Solve ``f(q) = goal``, ``n_refᵀ (q − q_ref) = s`` from Q (K, n) by Newton's method, in C.
 
         ``arm`` is the C struct of the task's joint chain, ``goal`` positions and rotations,
-        ``chart`` q_ref, n_ref and s. Return Q, R, J there, and the largest entries (K,) of the task
-        error and of the last step.
+        ``chart`` q_ref, n_ref and s. Return the solutions Q (K, n), rotations R (K, 3, 3) and
+        Jacobians J (K, m, n) there, and the largest entries (K,) of the task error and of the last
+        step.
         """
         K, task = len(Q), self.cell.task
         Q = np.array(Q, float, order="C")
@@ -302,7 +303,7 @@ class Chart:
         return found
 
     def rates(self, U: Array) -> Rates:
-        """Evaluate what does not depend on configurations in derivatives at the poses U (K, k)."""
+        """Evaluate E, C, E C and the slopes of q_ref and n_ref at the poses U (K, k)."""
         cell = self.cell
         E = None if cell.task.kind == "axis" else cell.twists(U, cell.placements(U)[1])
         C = cell.speeds(U) if E is None else unit_speeds(E)

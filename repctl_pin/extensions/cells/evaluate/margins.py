@@ -254,7 +254,7 @@ class _LeafSearch:
             self._keep(np.arange(K), *found)
 
     def refine(self, length: float) -> None:
-        """Try labels at a distance from the best ones, rad, in each of 2 r directions in turn."""
+        """Try labels at the distance ``length``, rad, from the best, in 2 r directions in turn."""
         for way in self._ways:
             on = np.flatnonzero(self.most < self._enough)
             if not len(on):
@@ -393,10 +393,10 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
 
 
 def _nearest_hulls(bodies: Bodies, Q: Array) -> Array:
-    """Compute the smallest distance of hulls at Q (K, n), and all that are negative: (K,), m.
+    """Compute distances (K,), m, between the convex hulls of bodies at Q (K, n).
 
-    Others are only found to be larger, which takes a fraction of the time; the result is then a
-    lower bound, above the smallest distance.
+    The smallest distance and all negative ones are exact. The others are lower bounds, above the
+    smallest distance, because these take a fraction of the time.
     """
     first = np.argsort(bodies._hull_bounds(Q))[:_TESTED]
     hulls = np.full(len(Q), np.inf)
@@ -530,7 +530,7 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
     def least(which: NDArray[np.intp], at: Points) -> Array:
         """Evaluate one quantity at each of K points: (K,).
 
-        ``which`` (K,) has for each point the index of its quantity in ``quantities``.
+        ``which`` (K,) has for each point the index of its quantity in ``starts``.
         """
         values = np.empty(len(which))
         for i, quantity in enumerate(quantities):

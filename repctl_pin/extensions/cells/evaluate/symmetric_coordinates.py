@@ -303,6 +303,6 @@ def reduced(cell: Cell, desired: Inverse) -> Cell:
 
 
 def _rates(cell: Cell, desired: Inverse, Q: Array) -> Array:
-    """Evaluate the joint velocity of G_d per m or rad of each task coordinate: (K, n, m)."""
+    """Evaluate G_d at Q (K, n): joint velocity per m or rad of each task coordinate, (K, n, m)."""
     p, R, J = placed(cell.task, Q)
     return desired.batch(Q, J) @ cell._all_twists(cell._measured(p, R), R)

@@ -204,7 +204,7 @@ class Cost:
         return self._model[1]
 
     def _modelled(self, at: _Value) -> tuple[Array, Array]:
-        """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) at a value."""
+        """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost."""
         r = self.r
         k = self.rates.C.shape[2]  # the coordinates removed by a symmetry count, too
         p = r * (1 + k)
@@ -225,9 +225,10 @@ class Cost:
 
     @cached_property
     def _features(self) -> Array:
-        """Stack the monomials and their slopes at nodes, then at poses: (K + L, 1 + k + l, N).
+        """Stack the monomials, then their slopes along the columns of C: (K + L, 1 + k + l, N).
 
-        Their products with a are s and, at the nodes, ∂s/∂u C; slopes at penalised poses are 0.
+        The K nodes come first, then the L penalised poses, where the slopes are 0. The products
+        with a are s and, at the nodes, ∂s/∂u C.
         """
         features = np.zeros((len(self.U), 1 + self.rates.C.shape[2], self.T.shape[1]))
         features[:, 0] = self.T

@@ -109,12 +109,13 @@ class ActiveConstraint:
         return True
 
     def _shortage(self, chart: Chart, at: Points, near: Array) -> tuple[Array, Array]:
-        """Evaluate what the penalty asks for at points ``at``, and by how much they fall short.
+        """Evaluate the margins asked for at the first points of ``at``, and the shortages there.
 
-        ``near`` (K,) are the margins there; both are sorted, the smallest margin first. The results
-        are those of the first points only, because the search for what is attainable is slow. The
-        others can neither be too short, if none of these is, nor be among the
-        ``margin.violators`` worst points, to which the penalty is then extended.
+        A shortage is the asked margin minus the actual one. ``near`` (K,) are the margins at the K
+        points; both are sorted, the smallest margin first. The results (L,) have only the first L
+        points, because the search for what is attainable is slow. The others can neither be too
+        short, if none of these is, nor be among the ``margin.violators`` worst points, to which the
+        penalty is then extended.
         """
         margin, count = self.margin, self.margin.violators
         most = margin.required - near  # no more than the required margin is asked for
@@ -138,12 +139,16 @@ class ActiveConstraint:
         return np.minimum(margin.required, most - _NEARLY * np.abs(most))
 
     def _too_short(self, short: Array, asked: Array) -> NDArray[np.bool_]:
-        """Test where the shortage (K,) is too large beside the margin ``asked`` (K,): (K,)."""
+        """Test which shortages ``short`` (K,) are too large, relative to ``asked``: (K,).
+
+        Up to ``margin.slack`` times the margin ``asked`` (K,), or 10 % of the required margin if
+        that is more, a shortage (K,) is small enough.
+        """
         margin = self.margin
         return short > np.maximum(margin.slack * asked, _NEARLY * margin.required)
 
     def penalty(self, candidate: CandidateFunction) -> Penalty:
-        """Make the penalty for the cost, at the poses of ``edge`` where the candidate exists."""
+        """Make the penalty of the cost, at the poses ``edge`` where the candidate exists."""
         there = candidate.at(self.edge).found
         return Penalty(self.margin, self.edge[there], self.asked[there])
 

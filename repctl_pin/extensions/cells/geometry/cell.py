@@ -361,7 +361,8 @@ class Cell:
         name, unit, width = self.names[i], self.units[i], self._widths_at(U[at])[i]
         raise InputError(
             f"{which} lies outside the cell: {name} is {U[at, i] * width:+.3g} {unit} "
-            f"from the middle{self._middle_of(i)}, and the cell goes to ±{width:.3g}"
+            f"from the middle{self._middle_of(i)}, and the cell goes to ±{width:.3g}; "
+            "move the target into the cell, or make a larger cell"
         )
 
     def ratio(self, Q: ArrayLike) -> Array:

@@ -202,7 +202,7 @@ def singular_values(J: Array) -> Array:
 
 
 def regular(J: Array, ratio: float) -> NDArray[np.bool_]:
-    """Test of which of K Jacobians J (K, m, n) the ratio σ_min / σ_max exceeds ``ratio``: (K,).
+    """Test which of K Jacobians J (K, m, n) have σ_min / σ_max above ``ratio``: (K,).
 
     Most pass a faster test, because ``(σ_max / σ_min)² ≤ tr(J Jᵀ) tr((J Jᵀ)⁻¹)``.
     """

@@ -74,7 +74,7 @@ def range_phrase(cell: Cell, reaches: Mapping[str, float] | None = None) -> str:
 
 
 def degrees_turned(sector: Sector, reaches: Mapping[str, float] | None = None) -> dict[str, int]:
-    """Compute the whole range of a sector's angle and of each rotation, in degrees, by name.
+    """Compute the whole range of a sector's angle and of each rotation, whole degrees, by name.
 
     ``reaches`` are as in :func:`range_phrase`. A coordinate without a range is left out.
     """
@@ -89,7 +89,7 @@ def degrees_turned(sector: Sector, reaches: Mapping[str, float] | None = None) -
 
 
 def _box_phrase(cell: Cell) -> str:
-    """Write the edges of a box, the place of its middle, and its range of orientations."""
+    """Write a box as ``0.2 × 0.2 × 0.2 m around (0.50, 0.00, 0.40) m, turned by up to 17°``."""
     edges = " × ".join(f"{2 * w:.3g}" for w in cell.half_width)
     middle = np.round(cell.placement.translation, 2) + 0.0
     text = f"{edges} m around ({', '.join(f'{v:.2f}' for v in middle)}) m".replace("-", "−")
@@ -100,7 +100,7 @@ def _box_phrase(cell: Cell) -> str:
 
 
 def _radius_row(sector: Sector) -> str:
-    """Write the range of radius, m; if it depends on the height, at five heights."""
+    """Write the range of radius, ``0.3 to 0.7 m``; if it depends on the height, at five heights."""
     rho, half = sector.middle[0], sector.widths[RADIUS]
     if not sector.profile.degree:
         return f"{rho - half:.3g} to {rho + half:.3g} m" if half else f"{rho:.3g} m"
@@ -113,7 +113,7 @@ def _radius_row(sector: Sector) -> str:
 
 
 def _radius_phrase(sector: Sector) -> str:
-    """Write the range of radius; if it depends on the height, that in the middle."""
+    """Write ``radius 0.30 to 0.70 m``; if the range depends on the height, that at mid-height."""
     rho, half = sector.middle[0], sector.widths[RADIUS]
     if not sector.profile.degree:
         return f"radius {_inward(rho - half, rho + half)} m"
@@ -131,7 +131,7 @@ def _heights(sector: Sector, u: Array) -> Array:
 
 
 def _inward(low: float, high: float) -> str:
-    """Write a range, m, with its ends rounded inward to a step of at most 1 cm."""
+    """Write a range, m, its ends rounded inward by steps of at most 1 cm: ``0.35 to 0.70``."""
     if not high > low:
         return f"{low:.3g}"
     digits = int(-np.floor(np.log10(min(_LARGEST_STEP, (high - low) / 10)) + 1e-9))
@@ -141,7 +141,10 @@ def _inward(low: float, high: float) -> str:
 
 
 def _pointing(sector: Sector) -> str:
-    """Write where the z axis of the frame points in the middle of a sector."""
+    """Write where the z axis of the frame points in the middle of a sector.
+
+    The text is ``down``, ``up``, ``along x of the base``, or such as ``along (0.6, 0, -0.8)``.
+    """
     z = sector.placement.rotation[:, 2]
     named = (name for name, axis in _POINTS if z @ np.array(axis) > 1 - 1e-6)
     return next(named, f"along ({', '.join(f'{v:.2g}' for v in np.round(z, 3) + 0.0)})")

@@ -426,8 +426,9 @@ class Sector(Cell):
     def _profiled_by(self, coefficients: Array) -> Sector:
         """Return the sector with another profile.
 
-        ``coefficients`` (2, D + 1), from a file, are those of the bend and of the stretch, see
-        :class:`.Profile`. InputError is raised if they are invalid.
+        ``coefficients`` (2, D + 1), from a file, are those of the bend and of the stretch,
+        polynomials of degree D in the height, see :class:`.Profile`. InputError is raised if they
+        are invalid.
         """
         good = coefficients.ndim == 2 and len(coefficients) == 2 and self.widths[HEIGHT:3].any()
         good = good and coefficients.shape[1] <= MOST_DEGREE + 1
@@ -530,7 +531,10 @@ class Sector(Cell):
         return ", ".join(parts)
 
     def _radius_words(self) -> str:
-        """Format the half-width of the radius; if it depends on the height, the range by height."""
+        """Format the half-width of the radius: ``radius ±0.17 m``.
+
+        If the range of radius depends on the height, the ranges at three heights are given.
+        """
         if not self.profile.degree:
             return f"radius ±{self.widths[RADIUS]:.3g} m"
         z, half = self.middle[1], self.widths[HEIGHT]
@@ -539,7 +543,7 @@ class Sector(Cell):
         return f"radius {', '.join(words)} m at the lowest, middle and highest height"
 
     def _range(self, i: int) -> str:
-        """Format the range of the coordinate with index ``i``, such as ``±0.3 rad``."""
+        """Format the range of coordinate i, ``±0.3 rad`` or ``as far as the joints go``."""
         if i in self.free and self.widths[i] == np.pi:
             return "as far as the joints go"
         return f"±{self.widths[i]:.3g} rad"
@@ -556,7 +560,10 @@ class Sector(Cell):
         return text
 
     def symmetry(self) -> str:
-        """Write which symmetries of the arm are used, and how many coordinates remain."""
+        """Write which joint turns the arm or the tool, and how many coordinates remain.
+
+        The text is ``not used`` if the symmetries are not used, and ``none`` if there are none.
+        """
         names = self.task.joint_names
         words = {
             ANGLE: "{} turns the whole arm about the axis",

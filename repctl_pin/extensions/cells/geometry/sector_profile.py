@@ -151,10 +151,10 @@ def as_profile(radius: Any, height: float) -> tuple[Profile, float, float] | Non
 
 
 def _side_pair(radius: Any) -> tuple[Array, Array]:
-    """Check the sides of a sector, and return them as arrays: inner and outer radius, m.
+    """Check the sides of a sector, and return two arrays of coefficients: inner, outer radius, m.
 
     ``radius`` are two lists of at most 9 coefficients each: polynomials in the height above the
-    middle divided by its half-width. An InputError is raised for other values.
+    middle divided by its half-width, the constant first. An InputError is raised for other values.
     """
     try:
         low, high = (np.asarray(side, float) for side in radius)

@@ -108,7 +108,7 @@ def difference(one: Array, other: Array) -> tuple[float, float]:
 
 
 def difference_words(one: Array, other: Array) -> str:
-    """Write the angle and the distance between two axes (2, 3); empty if the axes coincide."""
+    """Write how two axes (2, 3) differ: ``tilted by 0.1 rad and 0.02 m away``; empty if equal."""
     tilt, away = difference(one, other)
     parts = [f"tilted by {tilt:.2g} rad"] if tilt > _TOLERANCE else []
     parts += [f"{away:.2g} m away"] if away > _TOLERANCE else []
@@ -127,10 +127,11 @@ def tool_symmetry(task: Task) -> Symmetry | None:
 def _found(
     task: Task, coordinate: int, joints: range, turned: Callable[[pin.SE3, float], pin.SE3]
 ) -> Symmetry | None:
-    """Find the first joint that moves the frame as ``turned`` does; None if there is none.
+    """Find the first of the ``joints`` that moves the frame as ``turned`` does, else None.
 
-    ``turned(x, angle)`` is the placement x with the coordinate number ``coordinate`` increased by
-    an angle, rad. It is compared with a joint step at a few random configurations.
+    ``joints`` are the indices to try. ``turned(x, angle)`` is the placement x with the coordinate
+    number ``coordinate`` increased by an angle, rad. It is compared with a joint step at a few
+    random configurations.
     """
     rng = np.random.default_rng(0)
     Q = task.reference + rng.uniform(-1.0, 1.0, (_CONFIGURATIONS, task.n))

@@ -28,8 +28,9 @@ _MOST_NUMBERS = 4000
 def cell_loop(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, Any] | None:
     """Collect the numbers for the page, with the coefficients as the array ``weights``.
 
-    The result is None if the page cannot compute the motions: the tool tilts in the cell, the
-    desired inverse is not J⁺, or the chart has more than 4000 coefficients.
+    They describe the arm, the motions, and the chart of the function, by the keys that the page's
+    scripts read. The result is None if the page cannot compute the motions: the tool tilts in the
+    cell, the desired inverse is not J⁺, or the chart has more than 4000 coefficients.
     """
     chart = design.function.chart
     cell = chart.cell
@@ -51,7 +52,7 @@ def cell_loop(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, An
 
 
 def _turns_along(cell: Cell) -> TypeGuard[Sector]:
-    """Test whether the tool turns with the angle, as in a sector of poses without spin."""
+    """Test whether the tool turns with the angle: in a sector for a pose task, without spin."""
     pose = cell.task.kind == "pose" and isinstance(cell, Sector)
     return pose and not cell.whole.widths[SPIN]
 
@@ -82,7 +83,11 @@ def _described(design: CellDesign) -> dict[str, Any]:
 
 
 def _removed(cell: Cell) -> list[dict[str, Any]]:
-    """Describe the coordinates that symmetries remove, and where each ends; None: at a limit."""
+    """Describe the coordinates that symmetries remove, one dictionary for each.
+
+    Its keys are the number of the coordinate (``i``), the ``joint`` that alone moves the frame
+    along it, the ``sign``, and ``most``, the half-width, rad; None if a joint limit ends the range.
+    """
     return [
         {
             "i": one.coordinate,
@@ -95,7 +100,11 @@ def _removed(cell: Cell) -> list[dict[str, Any]]:
 
 
 def _sector(cell: Sector) -> dict[str, Any]:
-    """Describe the cylindrical coordinates of a sector."""
+    """Describe the cylindrical coordinates of a sector by the keys that the page's scripts read.
+
+    They are the axis and its directions, radius and height of the middle, half the height, m, the
+    profile (``bend`` and ``stretch``), the tool's x and y axes, and the middle of the spin, rad.
+    """
     radius, height = cell.middle
     whole = cell.whole
     spins = cell.task.kind == "pose" and bool(whole.widths[SPIN])

@@ -69,10 +69,12 @@ def _box_of(cell: Cell) -> Array:
 
 
 def _cover_of(design: CellDesign) -> dict[str, Any] | None:
-    """Describe the surface around a cell's positions, for the page's script; None without volume.
+    """Describe the surface around a cell's positions, for the page's script.
 
-    A section between an inner and an outer side is shifted through a box, or turned around the axis
-    of a sector, whose angle and rotations have the ``turns``, in degrees.
+    The keys ``inner`` and ``outer`` are two lines of points, m, the sides of a section. The section
+    is shifted through a box by ``shift``, m, or turned around the axis of a sector, ``origin`` and
+    ``axis``, from one angle to another, rad. ``turns`` has the whole ranges of the sector's angle
+    and rotations by name, degrees; it is empty for a box.
     """
     cell = design.cell
     if isinstance(cell, Sector):
@@ -261,7 +263,7 @@ def _cost(design: CellDesign) -> Span:
     """Write the extra joint speed, on average and at the worst pose of the cell.
 
     It is relative to the desired inverse, by default J⁺; all directions of motion count equally. A
-    second sentence has the single direction with the largest one.
+    second sentence gives the extra joint speed in the worst single direction.
     """
     every = design.extra_speed, design.extra_speed_worst
     if max(every) < NO_EXTRA_SPEED:

@@ -132,7 +132,7 @@ def _scale_of(ax: Axes) -> Axes | None:
 
 
 def _beside(whole: Image.Image, *axes: Axes) -> tuple[Image.Image, str]:
-    """Cut axes with their labels out of the picture of their figure, and put them side by side.
+    """Cut axes with their labels out of the picture ``whole``, and put them side by side.
 
     Return the picture, and the polygon of its text, see :func:`map_pictures`.
     """
@@ -152,7 +152,10 @@ def _beside(whole: Image.Image, *axes: Axes) -> tuple[Image.Image, str]:
 
 
 def _pixels(whole: Image.Image, ax: Axes, box: BboxBase | None) -> tuple[int, int, int, int]:
-    """Return the left, top, right and bottom pixels of a box in the picture of a figure."""
+    """Return the left, top, right and bottom pixels of a box in the picture ``whole``.
+
+    The picture shows the figure of the axes ``ax``; ``box`` is in Matplotlib's display coordinates.
+    """
     figure = ax.get_figure(root=True)
     assert figure is not None and box is not None
     shares = np.array(box.transformed(figure.transFigure.inverted()).extents)
@@ -165,7 +168,8 @@ def _pixels(whole: Image.Image, ax: Axes, box: BboxBase | None) -> tuple[int, in
 def _hole(x0: float, y0: float, x1: float, y1: float) -> str:
     """Return the corners of a box in a CSS polygon, from and back to the corner of the picture.
 
-    The sides are shares of the picture, from the left and from the top.
+    ``x0``, ``y0``, ``x1`` and ``y1`` are the left, top, right and bottom side of the box, as
+    fractions of the picture from the left and from the top.
     """
     left, top, right, bottom = (f"{100 * side:.2f}%" for side in (x0, y0, x1, y1))
     corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]

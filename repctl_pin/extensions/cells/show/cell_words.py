@@ -31,7 +31,7 @@ def shape_word(design: CellDesign) -> str:
 
 
 def cell_uses(design: CellDesign) -> dict[str, str]:
-    """Explain how to use the function: with another arm, in ROS 2 and as CSV; and its units."""
+    """Explain, by name, the use with another arm, in ROS 2 and as CSV, and the units."""
     size = "--down" if shape_word(design) == "sector" else "--half-width 0.1"
     return {
         "Your own arm": f"`repctl cell my_arm.urdf {size}`, on Linux or macOS, after `pip install` "
@@ -65,7 +65,7 @@ def cell_words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, s
 
 
 def _of_the_sentences(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
-    """Explain the words of the first sentences, and of the sample path if there is one."""
+    """Explain, by name, the words of the first sentences, and the sample path if there is one."""
     shape = shape_word(design)
     kind = "all hand poses" if shape == "sector" else "a box of hand poses"
     around = " in a range of radius around an axis of the arm" if shape == "sector" else ""
@@ -119,7 +119,7 @@ def _of_the_figures(design: CellDesign) -> dict[str, str]:
 
 
 def _of_the_evidence(design: CellDesign) -> dict[str, str]:
-    """Explain what is proved of the margins, or that nothing is."""
+    """Explain which margins are proved, or that none is: one text, by its name on the page."""
     shape = shape_word(design)
     if design.proof:
         return {

@@ -247,9 +247,9 @@ def _of_size(
 ) -> BestCell:
     """Find the best place for a box of the given size, m, with the orientation R (3, 3).
 
-    ``size`` has the lengths of the edges, ``at`` (3,) a position, m, near which the middle should
-    be, or None. ``seed`` is the random seed; ``progress`` shows a bar, or is called with (step,
-    fraction).
+    ``size`` has the lengths of the edges. Among boxes of equal size, the one nearest to ``at``
+    (3,), m, is preferred, unless it is None. ``seed`` is the random seed; ``progress`` shows a bar,
+    or is called with (step, fraction).
     """
     edges = of_positions(task, size, "size")
     if not edges.any():
@@ -451,8 +451,8 @@ def _fitted(
 
     ``box`` has the requested size. When all middles have failed, further ones are searched for at
     which the bodies are apart. Then boxes that are smaller by a tenth of the size are tried. Return
-    None if no function covers a box of any size. ``at`` (3,), m, is the position near which the
-    middle should be, or None; ``seed`` is for the fits.
+    None if no function covers a box of any size. Among boxes of equal size, the one nearest to
+    ``at`` (3,), m, is preferred, unless ``at`` is None; ``seed`` is for the fits.
     """
     fit = CellFit(
         Pseudoinverse(box.task), limit_margin=_MARGIN, held_out=_HELD_OUT, seed=seed, keep=False
@@ -483,7 +483,8 @@ def _fitted(
 def _tried(fit: CellFit, box: Cell, found: Grown) -> Grown:
     """Select middles with unlike joints, or at different places, and test their boxes by J⁺.
 
-    The steps of the result are those of :func:`_largest_steps`.
+    ``steps`` of the result are numbers of tenths of the requested size, at which J⁺ reaches all
+    corners inside the limits and without collisions.
     """
     rows = [*unlike_rows(found.Q, _ALIKE, _TRIED)]
     rows += unlike_rows(found.p, box.half_width.max(), _TRIED)
@@ -493,9 +494,10 @@ def _tried(fit: CellFit, box: Cell, found: Grown) -> Grown:
 
 
 def _strict(fit: CellFit, box: Cell, found: Grown) -> Grown:
-    """Select unlike middles, the first of each with like joints whose whole box J⁺ reaches.
+    """Select middles with unlike configurations, from which J⁺ reaches the whole box.
 
-    The whole box is that to which it grew, inside the limits and without collisions.
+    The box is that which grew there; J⁺ must reach its corners inside the limits and without
+    collisions. Among middles with similar configurations, only the first is taken.
     """
     kept: list[int] = []
     for k in range(min(len(found.p), _LOOKED)):
@@ -518,12 +520,12 @@ def _others(free: Grown, tried: Grown, size: int) -> Grown:
 def _best_place(
     fit: CellFit, box: Cell, found: Grown, size: int
 ) -> tuple[tuple[Cell, Candidate] | None, FailureReason | None]:
-    """Choose the best middle for a box of ``size`` tenths, of three middles at a time.
+    """Choose the best middle for a box of ``size`` tenths of the requested size.
 
-    The first nine of ``found`` around which a box of that size fits are compared. Each three are
-    compared by quick designs, and the best one is confirmed by a full design; the search ends when
-    one of them fits. Return the box at the best place with the configuration in its middle, or
-    None, and the first reason for failure, or None.
+    The first nine of ``found`` around which a box of that size fits are compared. Three at a time
+    are compared by quick designs, and the best of them is confirmed by a full design; the search
+    ends when one of them fits. Return the box at the best place with the configuration in its
+    middle, or None, and the first reason for failure, or None.
     """
     stop: FailureReason | None = None
     places = np.flatnonzero(found.steps >= size)[: _BATCHES * _JUDGED]
@@ -539,9 +541,9 @@ def _best_place(
 def _regular(box: Cell, found: Grown, size: int) -> Grown:
     """Select middles at which no singularity is found in the box, the farthest from one first.
 
-    The box has ``size`` tenths of its edges. Singularities can meet a box between the points of its
-    rim, at which alone it was tested before. Among places beside each other, one is tested, because
-    they meet the same singularity.
+    The edges of the box are ``size`` tenths of the requested ones. Singularities can meet a box
+    between the points of its rim, at which alone it was tested before. Among places beside each
+    other, one is tested, because they meet the same singularity.
     """
     found = rows_of(found, unlike_rows(found.p, _BESIDE * box.half_width.max(), _REGULAR))
     ratios = np.array(
@@ -609,7 +611,7 @@ def _best_of(
 
 
 def _repeats(task: Task, one: Candidate, others: list[Candidate]) -> bool:
-    """Test whether some of ``others`` has nearly these joints and no smaller limit margin.
+    """Test whether one of ``others`` has nearly the joints of ``one``, and no smaller limit margin.
 
     All are in the middle of the same box. Joints are compared up to full turns of revolute ones,
     which make no difference to the function, only to the limit margin.

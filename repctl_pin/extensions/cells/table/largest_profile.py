@@ -5,11 +5,12 @@ the flood: at each height, its nodes from one end to the other are a run, and th
 inside the runs. A linear program finds the two polynomials with the largest area between them. A
 table is a grid of radius and height around the arm, whose nodes have the indices (i, j) of I radii
 and J heights. A flood is the set of nodes that the arm reaches from one configuration without a
-change of branch, one of the separate solutions of inverse kinematics.
+change of branch, one of the separate solutions of inverse kinematics. An opening is the set of
+nodes of a flood at which bodies keep a distance over a range of the angle around the arm.
 
 ``Between`` is a set of nodes between two polynomials of the height: its area, first and last
 height, and both polynomials. ``Required`` holds the limits of a function: mean and maximum extra
-joint speed relative to G_d (0.05 is 5 %), and body distance, m.
+joint speed relative to J⁺ (0.05 is 5 %), and body distance, m.
 """
 
 from __future__ import annotations
@@ -126,10 +127,10 @@ def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp
 
 
 def _overlapping(edges: NDArray[np.intp], low: int, high: int) -> tuple[int, int] | None:
-    """Find the run that overlaps most with indices ``low`` to ``high``.
+    """Find the run at one height that overlaps most with the indices ``low`` to ``high``.
 
-    ``edges`` has the first index of each run of a column, and the index after its last, in order.
-    Return the first and the last index of the run; None without overlap.
+    ``edges`` has, for each run in order, its first index of the radius and the index after its
+    last. Return the first and the last index of the run found; None without overlap.
     """
     starts, ends = edges[::2], edges[1::2] - 1
     overlap = np.minimum(ends, high) - np.maximum(starts, low)
@@ -225,10 +226,16 @@ def affordable_between(
 
 
 def most_between(mask: NDArray[np.bool_]) -> float:
-    """Bound from above the area of any range of radius by height in a mask (I, J), in spacings²."""
+    """Compute an upper bound of the area of any range of radius in a mask (I, J), in spacings².
+
+    The range may depend on the height; a spacing is the distance of neighbouring nodes.
+    """
     return float(np.maximum(mask.sum(axis=0) - 1, 0).sum())
 
 
 def more_between(mask: NDArray[np.bool_], least: float) -> bool:
-    """Test whether a range of radius by height in a mask may exceed an area, in spacings²."""
+    """Test whether a range of radius in a mask (I, J) can exceed the area ``least``, in spacings².
+
+    The range may depend on the height; a spacing is the distance of neighbouring nodes.
+    """
     return most_between(mask) > least

@@ -11,7 +11,7 @@ configurations. Squared joint speeds are defined in :mod:`.joint_speeds`.
 
 ``Floods`` are S floods, see :mod:`.flood_sets`. ``Table`` is a grid of poses (nodes) over radius
 and height around an axis, at the angle 0 and one orientation. ``Required`` holds the limits of a
-function: mean and maximum extra joint speed relative to G_d (0.05 is 5 %), and body distance, m.
+function: mean and maximum extra joint speed relative to J⁺ (0.05 is 5 %), and body distance, m.
 ``LargerArm`` is an arm with locked joints that covers a larger sector than a design. ``Between`` is
 a set of nodes between two polynomials of the height. ``Shut`` is masks of the nodes that cannot be
 used at M angles: ``near``, a body is too near, and ``out``, a limit is exceeded.
@@ -61,7 +61,7 @@ class LockedJoints(NamedTuple):
         Extra joint speed relative to J⁺, as a fraction, on average and at the worst node.
     area : float
         Area of radius and height, m², that the arm covers without collision: its largest rectangle
-        in a given sector, or its own sector.
+        in a design's sector or, for an arm that covers more, its own sector.
     """
 
     joints: tuple[str, ...]

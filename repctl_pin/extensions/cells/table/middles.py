@@ -81,11 +81,11 @@ def collision_free(
 ) -> Grown:
     """Search for middles at which the bodies are apart at the rim of the largest box, best first.
 
-    Reach and limits alone order the middles ``found``, so that bodies may collide at the rims of
-    all the best, or these may have few branches of inverse kinematics. So ``drawn`` random
-    configurations are tried at their places. Then boxes grow beside the best ``parents`` middles,
-    and after self-motions there, in rounds; the body distance at the rim comes before the limit
-    margin. The result is empty if bodies collide at the rims of all boxes. ``at`` is that of
+    The middles ``found`` were ordered by reach and limits alone, so bodies may collide at the rims
+    of the best ones. So ``drawn`` random configurations are tried at their positions, which adds
+    branches of inverse kinematics. Then boxes grow beside the best middles, at most ``parents`` of
+    them, and after self-motions there, in rounds; the body distance at the rim comes before the
+    limit margin. The result is empty if bodies collide at the rims of all boxes. ``at`` is that of
     :func:`ordered`.
     """
     places = unlike_rows(found.p, _APART_AT * box.half_width.max(), _PLACES)
@@ -102,10 +102,11 @@ def collision_free(
 
 
 def _tested(box: Cell, found: Grown, steps: int) -> Grown:
-    """Compute the body distances at the rims of boxes that grew by ``steps`` or more.
+    """Select boxes that grew by ``steps`` or more, and compute the body distances at their rims.
 
-    Left out are smaller boxes, and those with a point of the rim that is not reached exactly inside
-    the limits: a box grows even if it misses the points by a fraction of a step.
+    The distances, m, are ``distance`` of the result. Left out are smaller boxes, and those with a
+    point of the rim that is not reached exactly inside the limits: a box grows even if it misses
+    the points by a fraction of a step.
     """
     found = rows_of(found, np.flatnonzero(found.steps >= steps))
     rim, R = box.placements(box.rim())

@@ -18,12 +18,13 @@ has low accuracy, and serves to rank sectors. A locked flood is that of an arm w
 locked, which is therefore not redundant. Masks (I, J) have one entry per node, for I radii and J
 heights. S is the number of floods, n that of joints, K that of openings, nodes or configurations. A
 node is a pair of indices (radius, height). The argument ``fit`` has the arguments of a design,
-``report`` is the progress callback.
+``report`` is the progress callback. ``useful`` is a function (place, part of its sector) → True if
+a design over that part is still of use.
 
 ``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
-``Required`` holds the limits of a function: mean and maximum extra joint speed relative to G_d
-(0.05 is 5 %), and body distance, m. ``_Place`` is a candidate sector: its cell, the configuration
-in its middle, an upper bound of its rating (m²), and a quick design. ``Rectangles`` are the largest
+``Required`` holds the limits of a function: mean and maximum extra joint speed relative to J⁺ (0.05
+is 5 %), and body distance, m. ``_Place`` is a candidate sector: its cell, the configuration in its
+middle, an upper bound of its rating (m²), and a quick design. ``Rectangles`` are the largest
 rectangles of nodes in S masks: areas, first and last indices of radius and height. ``WholeTable``
 is the result of the search for the largest sector: its design, area and comparison with locked
 joints. ``Floods`` are S floods: each is a set of neighbouring nodes with one configuration per
@@ -192,10 +193,11 @@ class WholeTable(NamedTuple):
         return text
 
     def _one_range(self) -> str:
-        """Write how much a sector with one range of radius covers beside one that depends on it.
+        """Write how much a sector whose range of radius is the same at all heights covers.
 
-        If its function was designed, its area is known. Otherwise no sector with one range can have
-        as large an area, or only with a smaller range of angle or spin.
+        It is compared with the sector of the design, whose range depends on the height. If its
+        function was designed, its area is known. Otherwise no sector with one range can have as
+        large an area, or only with a smaller range of angle or spin.
         """
         known = self.rectangles.known
         if known is not None:
@@ -257,7 +259,7 @@ class Straight:
 
     @property
     def known(self) -> CellDesign | None:
-        """The function, if it was designed already."""
+        """The function, if it was designed already; else None."""
         return vars(self).get("design")
 
     @property
@@ -514,7 +516,7 @@ _Useful = Callable[[_Place, Cell], bool]
 
 
 def _always(place: _Place, part: Cell) -> bool:
-    """Take a design over any part of a place."""
+    """Return True: a design over any part of a place is useful."""
     return True
 
 
@@ -841,7 +843,7 @@ def _farther_from_bodies(
 
 
 def _away(fit: CellFit, limits: Required) -> CellFit:
-    """Return the arguments of designs that keep farther from bodies than their sectors must."""
+    """Return the arguments ``fit`` with twice the body distance of ``limits`` to keep."""
     return replace(fit, body_distance=_AWAY * limits.distance)
 
 

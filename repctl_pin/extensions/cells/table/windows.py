@@ -165,7 +165,7 @@ class _Nodes:
     distance
         Distance that bodies must keep, m.
     doubtful : (K,) array of bool
-        Nodes at which bodies can be near at every angle.
+        Nodes at which it is not yet known whether bodies are near at every angle.
 
     Attributes
     ----------
@@ -216,7 +216,7 @@ class _Nodes:
 
 
 def windows(there: Shut) -> Windows:
-    """List the windows with different sets of nodes; of windows with equal sets, only the widest.
+    """List the windows that the masks ``there`` leave; of those with equal nodes, only the widest.
 
     A window of a whole turn leaves out angles beyond the limits of the joint that turns the arm.
     All angles of a narrower window are inside these limits.
