@@ -232,8 +232,9 @@ class Bodies:
         Q
             Samples (K, n) of the motion; between two samples, the joints move on a straight line.
         rows
-            Indices of R samples, 0 and K − 1 included. Their distances are measured first, those of
-            pairs that are checked for collisions only where pieces between them do not decide.
+            Indices of R samples, 0 and K − 1 included, at which distances are measured first. Pairs
+            that are checked for collisions only are measured there only if the bounds between these
+            samples do not decide.
         """
         if not (self.pairs or self.only_contact):
             free = np.full(len(rows), np.inf)

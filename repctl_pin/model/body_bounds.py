@@ -258,7 +258,8 @@ class BodyBounds:
     def _off(self, joint: Sequence[int], points: Array) -> Array:
         """Compute the distances of M points from the axes of M joints: (M,), m.
 
-        ``points`` (M, 3) are relative to the joints. The axis of a prismatic joint is its origin.
+        ``points`` (M, 3) are in the joints' frames, m. For a prismatic joint, the result is the
+        distance from the joint's origin.
         """
         axes = self._placements.axes[joint]
         along = np.einsum("mi,mi->m", points, axes)
@@ -341,7 +342,7 @@ class KnownApart:
         at[row], distances[row] = self._scaled(pair, q), distance
 
     def _scaled(self, pair: int, q: Array) -> Array:
-        """Return q_j ρ_j, m, of the joints j that move a pair; the pair's index is ``pair``."""
+        """Return q_j ρ_j, m, one number per joint j that moves the pair with the index ``pair``."""
         moves = self._moves[pair]
         return np.asarray(q[moves] * self._reach[pair, moves])
 

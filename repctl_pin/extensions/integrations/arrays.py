@@ -11,7 +11,8 @@ and n_ref, polynomials of coordinates u from −1 to 1. A sector is a cell in cy
 radius, angle and height about an axis, two tilts of the tool, and its spin.
 
 Letters: n joints, m task coordinates, r = n − m components of c, k coordinates u, N monomials of u.
-The offsets y are the m task coordinates of a pose relative to the middle of its cell, m and rad.
+The offsets y are the m task coordinates of a pose relative to the middle of its cell, m and rad:
+m arrays (K,).
 Private functions that have ``xp`` as first argument compute in that namespace.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position

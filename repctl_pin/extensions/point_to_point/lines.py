@@ -94,11 +94,10 @@ class Line:
         return cls(kind, at, turned if turns else moved, turns, ends)
 
     def velocity(self, a: float) -> tuple[Array, Array]:
-        """Evaluate v and ω, (3,) each, at an end, a = 0 or a = 1, per metre of the line.
+        """Evaluate the linear and the angular velocity, v and ω, (3,) each, at the end a = 0 or 1.
 
-        v is in m per m, ω in rad per m, both in base axes.
-
-        They are differences over a step of 1e-4 in a, which are exact on a line of the tool.
+        Both are per metre of the line, in base axes: v in m per m, ω in rad per m. They are
+        differences over a step of 1e-4 in a, which are exact on a line of the tool.
         """
         X = self.at(np.array([a - _NEAR, a] if a else [a, a + _NEAR]))
         v = X[1, :3, 3] - X[0, :3, 3]
@@ -186,7 +185,8 @@ class Blend:
 def _angle(into: Line, out: Line) -> float | None:
     """Compute the angle, rad, between the directions v of two lines at their common pose.
 
-    Return None if there is no bend: the lines have equal v and ω there.
+    Return None if there is no bend: the lines have equal v and ω there. v and ω are the linear and
+    the angular velocity, per metre of a line.
     """
     v_in, v_out = into.velocity(1.0), out.velocity(0.0)
     if np.abs(np.subtract(v_in, v_out)).max() < _STRAIGHT:

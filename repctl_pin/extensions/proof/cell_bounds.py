@@ -180,7 +180,7 @@ class CellProof:
         return np.where(points.found[:, None], self.away(points), 0.0)
 
     def within(self, level: int) -> str:
-        """Write within which distance d* of c F is the only solution.
+        """Describe, as text, the distance d* from c within which F is the only solution.
 
         ``level`` is the row of :attr:`distances` with the smallest d* that a box needed.
         """
@@ -206,9 +206,9 @@ class CellProof:
     def _tightness(self, chain: Chain, Uc: Array, half: Array, start: Array) -> float:
         """Sum the lower bounds of the leaf margin on boxes Uc ± half, (K, k) each, for a chain.
 
-        ``chain`` is the arm with its middle link, which stays set. ``start`` (K, n, 1 + k) is the
-        estimate of F − q_ref, see :meth:`bounds_from`. The middle link with the largest sum is
-        chosen, because its proof needs the fewest boxes.
+        ``chain`` is the arm with a middle link, which later calls use too. ``start`` (K, n, 1 + k)
+        is the estimate of F − q_ref, see :meth:`bounds_from`. The caller chooses the middle link
+        with the largest sum, because its proof needs the fewest boxes.
         """
         self.see_from(chain)
         return float(self.bounds_from(Uc, half, start).leaf_margin.sum())
@@ -515,7 +515,10 @@ class _Polynomials:
 
     @property
     def used(self) -> Array:
-        """Number (M,) of monomials, the first of the T, that each ``∂^α p`` can contain."""
+        """Number of monomials that each of the M derivatives ``∂^α p`` can contain: (M,).
+
+        These are the first of the chart's T monomials.
+        """
         monomials = self.chart.monomials
         orders = Monomials(monomials.k, ORDER).exponents.sum(axis=1)
         return np.asarray(monomials.starts[np.maximum(monomials.degree - orders + 1, 0)])

@@ -150,7 +150,8 @@ def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
 def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[bool, str]:
     """Return whether the radius found is the largest provable one, and why none larger was proved.
 
-    ``goal`` is the requested radius, m, or None for the largest one.
+    ``goal`` is the requested radius, m, or None for the largest one. The first result is False only
+    if the search ended before all of Ω was decided; the second is never empty.
     """
     if goal is not None and found.radius >= goal:
         return True, "no larger radius was requested"

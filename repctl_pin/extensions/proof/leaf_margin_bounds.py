@@ -205,9 +205,9 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem
     def needed(f: int, links: Chain) -> float:
         """Estimate how tight the bounds are with the chain ``links`` for frame number f.
 
-        With A the inverse of J_V at the centre of ``box``, the result is the spectral radius of the
-        bound on ``|A J_V − I|`` on an eighth of ``box`` around its centre: lower is better, and inf
-        means that there is no bound.
+        A is the inverse of J_V at the centre of ``box``, the box of :func:`leaf_margin_of`. The
+        result is the spectral radius of the bound on ``|A J_V − I|`` on an eighth of ``box`` around
+        its centre: lower is better, and inf means that there is no bound.
         """
         one = _prepared(task, (*chains[:f], links, *chains[f + 1 :]), features, box)
         D = one.deviations(box.center[None], box.half_width[None] / 8)[0]

@@ -120,7 +120,7 @@ class Audit:
 
     @property
     def joints(self) -> Trend | None:
-        """Drift of each joint, its steady change, rad/s or m/s; None without two returns."""
+        """Drift of each joint, its steady change, rad/s or m/s; None for fewer than two returns."""
         return None if self.found is None else self.found.trend
 
     @property

@@ -197,8 +197,9 @@ class _Visits(NamedTuple):
 def _groups(q: Array, r: Array) -> NDArray[np.intp]:
     """Return the index of each visit's configuration: (N,), from 0.
 
-    A visit joins the first group all of whose intervals q ± r its own overlap, with q and the noise
-    r (N, n). So the visits of a group have the same configuration within the noise.
+    The intervals of a visit are its row of q ± r, with q and the noise r (N, n). A visit joins the
+    first group in which its intervals overlap those of every visit, else it begins a new group. So
+    the visits of a group have the same configuration within the noise.
     """
     low, high = np.empty_like(q), np.empty_like(q)  # of each group
     groups, count = np.zeros(len(q), np.intp), 0

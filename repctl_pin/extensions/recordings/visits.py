@@ -116,8 +116,8 @@ def _most_visited(
     """Find the row of X whose pose the hand visits most often.
 
     The rows of X (T, d) are points in m, ``steps`` (T - 1,) the distances between them; ``whole``
-    is False at gaps of the log. Returns the row, the passages within the tolerance, and how near
-    the hand comes to any tried pose at other times, m.
+    is False at gaps of the log. Return the index of the row, the passes of its pose within the
+    tolerance, and how near the hand comes to any tried pose at other times, m.
     """
     radius = tolerance + float(np.quantile(steps, 0.95))
     tree = cKDTree(X)
@@ -272,9 +272,9 @@ def _coordinates(kind: Kind, placements: Sequence[pin.SE3], radian: float) -> Ar
 def _tolerance(
     task: Task, Q: Array, X: Array, noise: Array, radian: float, whole: NDArray[np.bool_]
 ) -> float:
-    """Compute the default tolerance of a hand pose, m, without the constant ``_FLOOR``.
+    """Compute the default tolerance of a hand pose, m, without the 1e-4 arm lengths added to it.
 
-    The tolerance is four times the noise of the distance between two poses, plus the sagitta of the
+    The result is four times the noise of the distance between two poses, plus the sagitta of the
     path between two rows: a quick hand can pass a pose at that distance between two rows. ``X`` (T,
     d) are the poses as points, whose distances are those of the poses, m; ``noise`` (n,) is that of
     the joints.

@@ -157,8 +157,8 @@ class Course:
     segments
         The segments, in order.
     begins, durations : arrays
-        Time at which each segment begins, and its duration, s. If the duration differs from the
-        segment's own, the segment is stretched in time.
+        Time at which each segment begins, and its duration, s, one number per segment. If the
+        duration differs from the segment's own, the segment is stretched in time.
     """
 
     segments: Sequence[Segment]

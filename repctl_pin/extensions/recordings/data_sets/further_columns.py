@@ -83,7 +83,7 @@ def require_positions(
     for at, label in enumerate(labels or ()):
         if at not in places and any(joint in label for joint in task.joint_names):
             raise InputError(
-                f"{table.joints!r} has {label!r}, which belongs to the old joints",
+                f"{table.joints!r} has {label!r}, which belongs to the replaced joints",
                 remedy="leave these numbers out of the data set",
             )
 

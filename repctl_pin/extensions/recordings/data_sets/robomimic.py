@@ -55,7 +55,8 @@ class RobomimicData(DataSet):
             found = [name for name in (array, f"obs/{array}") if self.widths.get(name, 0) > 0]
             if not found:
                 raise InputError(
-                    f"{file}: no array {array!r} of numbers is in every demonstration; name another"
+                    f"{file}: no array {array!r} of numbers is in every demonstration; "
+                    "name another array by joints= (--joints)"
                 )
         if len(found) > 1:
             raise InputError(
@@ -110,7 +111,7 @@ class RobomimicData(DataSet):
                     del group[name]
 
     def _controller(self) -> str | None:
-        """Return ``hand`` if robosuite's ``env_args`` say that actions command it, else None."""
+        """Return ``hand`` if, by robosuite's ``env_args``, actions command the hand, else None."""
         kinds = set(_types(self._arguments.get("controller_configs")))
         arms = {kind for kind in kinds if kind.startswith((*_HAND, "JOINT_"))}
         hand = arms and all(kind.startswith(_HAND) for kind in arms)
@@ -238,5 +239,5 @@ def _require_own(dataset: Any, file: Path) -> None:
     if shared:
         raise InputError(
             f"{file}: {dataset.name} shares its numbers with another array or file",
-            remedy="write them as an array of its own",
+            remedy="write the numbers as a separate array",
         )
