@@ -1,7 +1,8 @@
 """Lower bounds on the distances of body pairs, and on how fast each joint changes them.
 
 Exact distances take long. The bounds show which of the many pairs can be the closest one, so that
-few distances are computed. They also let a proof cover a whole box of configurations.
+few distances are computed. They also let a proof cover a whole box of configurations. Letters: K
+configurations, N joints of the model, B bodies, P pairs of bodies.
 
 ``Joint`` is a joint of a URDF as plain data: its kind, links, axis, limits and mimic.
 """

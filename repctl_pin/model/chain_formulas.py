@@ -1,6 +1,7 @@
 """Formulas for serial chains: kinematic Hessian, rotations between placements, and checks.
 
-The functions take arrays and placements, and do not depend on a robot model.
+The functions take arrays and placements, and do not depend on a robot model. K is the number of
+configurations, rotations or placements in a batch, and n that of joints.
 """
 
 from __future__ import annotations

@@ -10,7 +10,8 @@ j. On the piece,
 .. math:: d(q) \ge d(x) - \rho \cdot (|c - x| + w)
 
 for every configuration x at which d was measured. If this bound neither excludes a collision nor a
-new minimum, d is measured at c, and the piece is halved.
+new minimum, d is measured at c, and the piece is halved. Letters: K samples, N joints of the model,
+P pairs.
 
 ``_CollisionModel`` is the bodies of a robot and its surroundings, and the pairs that a task moves.
 ``Clearance`` is the minimum body distance of a motion, and its first collision. ``_Pieces`` are M
@@ -369,7 +370,7 @@ class _Pieces(NamedTuple):
 
 
 def _between(values: Array, at: Array) -> Array:
-    """Interpolate the rows of ``values`` (K, N) at the fractional row numbers ``at``: (M, N)."""
+    """Interpolate the rows of ``values`` (K, N) at M fractional row numbers ``at``: (M, N)."""
     first = np.minimum(at.astype(np.intp), len(values) - 1)
     last = np.minimum(first + 1, len(values) - 1)
     share = (at - first)[:, None]

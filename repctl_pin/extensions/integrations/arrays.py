@@ -781,6 +781,7 @@ def _sector_rates(
 ) -> list[Numbers]:
     """Compute the time derivatives of radius, angle and height of a sector at the task velocity ẋ.
 
+    The result is a list of arrays (K,), in this order, without the height in a planar task.
     ``xdot`` has the commanded components of the velocity, base axes. ``back`` converts vectors (3,
     K) from base axes to the directions radial, tangential, and along the axis.
     """
@@ -798,7 +799,8 @@ def _tilt_rates(xp: Namespace, t: list[Numbers], w: list[Numbers]) -> list[Numbe
 
     The orientation is exp(t_1, t_2, 0) exp(0, 0, ψ), and w is in the axes between the factors:
     tilted, not spun. So ``w = J_r(t) ṫ + ψ̇ e_z``; J_r is the right Jacobian of the rotation
-    vector (t_1, t_2, 0). Without a third component of w, the spin is left out.
+    vector (t_1, t_2, 0). The result is the list ṫ_1, ṫ_2, ψ̇ of arrays (K,); ψ̇ is left out if w has
+    no third component.
     """
     square, across = t[0] ** 2 + t[1] ** 2, t[0] * w[0] + t[1] * w[1]
     e = _by_angle(xp, square, 1 / 6 + 7 * square / 360, lambda a: (a / xp.sin(a) - 1) / a**2)

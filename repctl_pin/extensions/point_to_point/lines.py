@@ -2,8 +2,9 @@
 
 A cell is a box of poses; its k coordinates u are from −1 to 1. A line is a curve of poses x(a),
 with a from 0 to 1. A blend is a curve of continuous curvature between two lines that meet at a
-pose, so that the arm need not stop there. A Curve is a function from a (K,) to poses (K, 4, 4):
-homogeneous matrices, with positions in m, of the tool. Its place in the frame of the cell is fixed.
+pose, so that the arm need not stop there. A Curve is a function from K values of a, (K,), to poses
+(K, 4, 4): homogeneous matrices, with positions in m, of the tool. The tool's place in the frame of
+the cell is fixed.
 
 ``Blend`` is a transition from one line of a motion to the next, without a stop.
 """

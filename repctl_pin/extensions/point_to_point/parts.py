@@ -3,7 +3,8 @@
 Joints along a line or blend of poses x(a), a from 0 to 1, are q = F(x(a)), with F the function of a
 cell. They are fitted by piecewise polynomials, because timing requires three derivatives. The
 parameter s of a part, from 0 to approximately the length of its joint path, rad or m, is
-proportional to the length of the tool's path along each line or blend.
+proportional to the length of the tool's path along each line or blend. Letters: P poses, K values
+of s, n joints.
 
 ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
 numbers. ``Segment`` is a smooth part of a joint path between two stops, with its speed at each

@@ -1,6 +1,7 @@
 r"""Existence, uniqueness and margins of a cell's function F, bounded over boxes of poses, in C.
 
-F is the inverse kinematic function of the cell: it gives one configuration q = F(u) for each pose.
+F is the inverse kinematic function of the cell: it gives one configuration q = F(u) of the arm's n
+joints for each pose.
 A cell is a box of poses, and its k coordinates u range from −1 to 1; a sector is a cell in
 cylindrical coordinates around an axis. A search divides the cell into boxes ``Uc ± half`` of
 coordinates. The functions take K such boxes at a time.
@@ -129,7 +130,7 @@ class CellProof:
     Attributes
     ----------
     distances : (L, n) array
-        Distances d* from c, rad or m, the largest first; each is above the next one in every
+        The L distances d* from c, rad or m, the largest first; each is above the next one in every
         joint. On each box, F is proved to be the only solution within one of them. At a pose of two
         boxes, both have the same F: it lies within the smaller d*, so within the larger one, too.
 
@@ -368,7 +369,7 @@ class _Correction:
     Attributes
     ----------
     lines : (G + 1,) array
-        Coordinates of the nodes along each coordinate, from −1 to 1.
+        Coordinates of the nodes along each coordinate, from −1 to 1; G is the number of intervals.
     values : (G + 1, …, G + 1, n) array
         Δ at the nodes; 0 where F is not found.
     """
@@ -435,7 +436,7 @@ class _Correction:
 
 
 def _nested(found: Array) -> Array:
-    """Make the distances d* (L, n), the largest first, that are tried in a proof, rad or m.
+    """Make the L distances d* (L, n), the largest first, that are tried in a proof, rad or m.
 
     They are multiples of ``found`` (n,), the largest sampled distance ``|F − c|`` of each joint,
     plus a small summand.

@@ -66,10 +66,10 @@ class LeafMarginBounds:
 class LeafMarginProblem:
     """Leaf margin of potentials of a task, prepared for bounds over boxes inside one region.
 
-    J_V (N, N) is the task Jacobian stacked on the potentials' gradients. It includes rows and
-    columns of virtual joints, which represent motions that the task leaves free, see
+    J_V (N, N) is the task Jacobian stacked on the potentials' gradients. N counts the n joints of
+    the task and virtual joints, which represent motions that the task leaves free, see
     :class:`.Chain`. A box Q ± half contains the joint positions q with ``|q − Q| ≤ half``, rad or
-    m; K is the number of boxes, and n is the number of joints.
+    m; K is the number of boxes.
 
     Attributes
     ----------

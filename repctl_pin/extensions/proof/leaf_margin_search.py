@@ -2,7 +2,8 @@
 
 The leaf margin, from 0 to 1, is the distance from an algorithmic singularity. At such a singularity
 the matrix J_V is singular: the task Jacobian J stacked on the gradients V of the potentials. A box
-of joint space is decided once the lower bound of the leaf margin on it suffices.
+of joint space is decided once the lower bound of the leaf margin on it suffices. Letters: K boxes,
+n joints.
 
 ``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
 of joint space. ``LeafMarginBounds`` are bounds on the leaf margin and on σ_min(J) over K boxes of

@@ -269,7 +269,7 @@ def audit(
     log
         File (``.csv``, ``.npz`` or ``.parquet``) with a column ``time``, s, and one column per
         joint; a data set of LeRobot (its folder) or robomimic (``.hdf5``); or a pair of times (T,),
-        s, and joint positions (T, n), rad or m; with commanded levels (T, k) as a third array.
+        s, and joint positions (T, n), rad or m; with k commanded levels (T, k) as a third array.
     robot
         Catalogue name, path to a URDF, a loaded robot or a task.
     frame, kind : str, optional

@@ -197,8 +197,8 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
 class _Explanation(NamedTuple):
     """Explanation of a constant offset.
 
-    ``why`` is a text that completes an error message, ``remedy`` the instruction behind it, and
-    ``miss`` (m, rad) the difference that the explanation leaves.
+    ``why`` is a text that completes an error message, ``remedy`` the instruction that follows it,
+    and ``miss`` (m, rad) the difference that the explanation leaves.
     """
 
     why: str

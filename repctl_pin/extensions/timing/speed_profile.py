@@ -428,7 +428,8 @@ class _Program:
     grid, scale, top : (K,) arrays
         Stages, unit of each x, and largest y. ``top`` is 0 at both ends, where the arm rests.
     A : (L, K) sparse array
-        Matrix with two entries per row; a row is the limit of one joint at one end of an interval.
+        Matrix of L rows with two entries each; a row is the limit of one joint at one end of an
+        interval.
     low, high : (L,) arrays
         Bounds of the rows.
     limits

@@ -2,7 +2,8 @@
 
 Version 2.1 has one Parquet file per demonstration (episode), version 3.0 many demonstrations in one
 file. Both contain statistics of each column, per demonstration or over all demonstrations. The
-statistics of a changed column are computed again.
+statistics of a changed column are computed again. Letters: K frames (rows), w numbers per row of a
+column.
 
 ``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
 replace.

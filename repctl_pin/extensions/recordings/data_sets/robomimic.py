@@ -1,7 +1,7 @@
 """robomimic's data sets: an HDF5 file with a group ``data/demo_0``, ``data/demo_1``, … of arrays.
 
 An array's name is its path below the demonstration, such as ``obs/robot0_joint_pos``. The file is
-copied, and only the arrays that change are written.
+copied, and only the arrays that change are written. K is the number of frames (rows).
 
 ``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
 replace.
@@ -67,7 +67,7 @@ class RobomimicData(DataSet):
         self.commands = self._controller()
 
     def column(self, name: str) -> Column:
-        """Return an array of all demonstrations, one after the other."""
+        """Return the array ``name`` of all demonstrations, joined: (K,) or (K, width)."""
         if name == "demo":
             numbers = np.array([_number(demo) for demo in self._demos])
             return np.repeat(numbers, np.diff(self._ends).astype(int))
