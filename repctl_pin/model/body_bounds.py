@@ -245,7 +245,10 @@ class BodyBounds:
         return reach
 
     def _extents(self) -> tuple[list[float], list[float]]:
-        """Bound how far each body extends from its joint's origin and axis, m: two lists of B."""
+        """Bound how far each body extends from its joint's origin, and from its joint's axis.
+
+        The result is two lists, in this order, with one number per body, m.
+        """
         joint = self._joint.tolist()
         spheres = np.linalg.norm(self._centers, axis=1) + self._radii
         far = [np.linalg.norm(points, axis=1).max() for points in self._corners]

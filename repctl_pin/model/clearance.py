@@ -311,7 +311,7 @@ class _Search:
         return distance
 
     def _measure_all(self, at: float) -> tuple[float, int]:
-        """Measure the minimum distance at the position ``at``: return it, m, and its pair."""
+        """Measure the minimum distance at position ``at``: return it, m, and the pair's index."""
         found, which = self._model.least(_between(self._Q, np.array([at])))
         return float(found[0]), int(which[0])
 

@@ -410,7 +410,7 @@ def _floats(xp: Namespace, value: Numbers, name: str, *shape: int) -> Numbers:
 
 
 def _broadcast(one: Sequence[int], other: Sequence[int]) -> tuple[int, ...]:
-    """Broadcast the leading axes of two arguments; InputError if they do not fit."""
+    """Broadcast the leading axes (shapes) of two arguments; InputError if they do not fit."""
     if tuple(one) == tuple(other) or not other:
         return tuple(one)
     try:
@@ -721,10 +721,11 @@ def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
 
 
 def _profiled(xp: Namespace, cell: Sector, eta: Numbers) -> list[Any]:
-    """Evaluate bend and stretch of a sector, and their slopes, at heights η (K,), m: four values.
+    """Evaluate bend and stretch of a sector, and their slopes, at heights ``eta`` = η (K,), m.
 
-    At the height η above the middle, the range of radius has its middle at the bend, and its
-    half-width times the stretch. Both are constant above and below the sector.
+    The result is bend, m, stretch, and the derivatives of both by η: arrays (K,), or floats if both
+    are constant. At the height η above the middle, the range of radius has its middle at the bend,
+    and its half-width times the stretch. Both are constant above and below the sector.
     """
     if not cell.profile.degree:
         return [0.0, 1.0, 0.0, 0.0]
@@ -877,8 +878,9 @@ def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
 
 
 def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
-    """Test which matrices, given by 16 arrays (K,), are rigid transforms to 1e-6, as F does: (K,).
+    """Test which of K matrices (4, 4) are rigid transforms to 1e-6, as F does: (K,).
 
+    ``rows`` are the 16 entries of the matrices, row by row, arrays (K,) each.
     Rotations are tested only if the task commands them, but all numbers must be below 1e7.
     """
     near = xp.all(xp.abs(xp.stack(rows)) < _FAR, axis=0)
@@ -955,7 +957,7 @@ def _log_rate(xp: Namespace, w: Numbers, omega: Numbers) -> Sequence[Numbers]:
 
 
 def _versine(xp: Namespace, square: Numbers) -> Numbers:
-    """Evaluate (1 − cos θ) / θ² from θ²."""
+    """Evaluate (1 − cos θ) / θ² from θ² = ``square``."""
     return _by_angle(xp, square, 0.5 - square / 24, lambda a: 2 * (xp.sin(a / 2) / a) ** 2)
 
 
@@ -972,10 +974,11 @@ def _by_angle(
 
 
 def _angle_over_sine(xp: Namespace, square: Numbers, cosine: Numbers) -> Numbers:
-    """Evaluate θ / sin θ from s² = sin² θ and cos θ; near 0 by its series 1 + s²/6 + 3 s⁴/40.
+    """Evaluate θ / sin θ from ``square`` = sin² θ and ``cosine`` = cos θ.
 
-    The factor converts vectors of length sin θ to those of length θ. It is NaN at exactly half a
-    turn, where the vector has no direction.
+    Near 0, its series 1 + s²/6 + 3 s⁴/40 with s = sin θ is used. The factor converts vectors of
+    length sin θ to those of length θ. It is NaN at exactly half a turn, where the vector has no
+    direction.
     """
     small = (square < 1e-6) & (cosine > 0)
     sine = xp.sqrt(xp.where(small, 1.0, xp.where(square > 0, square, xp.nan)))

@@ -169,7 +169,7 @@ def read_joint_log(file: Any, task: Task, units: Array, levels: Sequence[str] = 
 
 
 def _clock_of(table: Table) -> str:
-    """Find the column of times of a log; InputError if it is missing or has no number per row."""
+    """Find the name of the column of times; InputError if missing or not one number per row."""
     clock = _clock(list(table.widths))
     if clock is None:
         raise InputError(

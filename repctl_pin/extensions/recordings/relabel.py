@@ -244,7 +244,7 @@ class Relabeled:
 
     @property
     def removed(self) -> tuple[str, ...]:
-        """Names of the columns that are not written, because they belong to the old joints."""
+        """Names of the columns that are not written, because they belong to the recorded joints."""
         return self._columns.removed
 
     @property

@@ -382,7 +382,7 @@ def _configuration(
 
 
 def _errors(task: Task, made: list[_Estimate], noise: Array, quantum: Array) -> tuple[Array, Array]:
-    """Compute the standard deviations (N, n) and the biases (N, n), rad or m, of N configurations.
+    """Compute the standard deviations and biases, (N, n) each, rad or m, of N estimates ``made``.
 
     ``quantum`` (n,) is the resolution of the log. The correction by J⁺ removes the part of an error
     that moves the hand, and leaves the part in the null space, by ``P = I − J⁺ J``. It does not

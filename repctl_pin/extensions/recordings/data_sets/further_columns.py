@@ -121,7 +121,10 @@ def _places(
 
 
 def _require_near(table: DataSet, task: Task, name: str, A: Array, Q: Array) -> None:
-    """Raise InputError unless actions A (K, n) are joint positions near the recorded Q (K, n)."""
+    """Raise InputError unless actions A (K, n) are joint positions near the recorded Q (K, n).
+
+    ``name`` is the column of the actions, for the message.
+    """
     away = np.median(np.abs(A - Q), axis=0)
     worst = int(np.argmax(away))
     if away[worst] > _AWAY:

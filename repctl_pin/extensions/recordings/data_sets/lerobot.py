@@ -165,7 +165,7 @@ class LeRobotData(DataSet):
         return np.concatenate(parts)
 
     def where(self, row: int) -> str:
-        """Name a row, counted from 0: its file, and its row there."""
+        """Describe where a row, counted from 0, is stored: its file, and its row there."""
         at = int(np.searchsorted(self._ends, row, side="right")) - 1
         return f"{self._files[at]}, row {row - int(self._ends[at])}"
 

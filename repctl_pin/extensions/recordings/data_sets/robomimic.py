@@ -75,7 +75,7 @@ class RobomimicData(DataSet):
             return np.concatenate([h5[f"data/{demo}/{name}"][()] for demo in self._demos])
 
     def where(self, row: int) -> str:
-        """Name a row, counted from 0: its demonstration, and its row there."""
+        """Describe where a row, counted from 0, is stored: its demonstration, and its row there."""
         at = int(np.searchsorted(self._ends, row, side="right")) - 1
         return f"{self.file}, {self._demos[at]}, row {row - int(self._ends[at])}"
 
