@@ -8,7 +8,7 @@ G of the Jacobian J has J G = I; J⁺ is the pseudoinverse. An argument ``strate
 and ``function``, a ``_Surface``, evaluates s and its error. s has one defect (n,) per pair of
 columns a < b of G. Its error, one number per configuration, is an estimate of the norm of its
 numerical error. Letters: n joints, m task coordinates, K configurations; ``pairs`` is the number of
-pairs of columns.
+pairs of columns, and · stands for any number of points.
 
 ``Region`` is a part Ω of joint space, such as a box. ``Surfaces`` are points found on the surfaces
 on which an inverse is repeatable, with their drift.

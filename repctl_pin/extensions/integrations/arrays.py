@@ -12,8 +12,7 @@ radius, angle and height about an axis, two tilts of the tool, and its spin.
 
 Letters: n joints, m task coordinates, r = n − m components of c, k coordinates u, N monomials of u.
 The offsets y are the m task coordinates of a pose relative to the middle of its cell, m and rad:
-m arrays (K,).
-Private functions that have ``xp`` as first argument compute in that namespace.
+m arrays (K,). Private functions that have ``xp`` as first argument compute in that namespace.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``JointChain`` is the serial chain of joints from the base to the frame of a
@@ -811,7 +810,7 @@ def _tilt_rates(xp: Namespace, t: list[Numbers], w: list[Numbers]) -> list[Numbe
 
 
 def _same(v: Numbers) -> Numbers:
-    """Return vectors unchanged: the conversion of axes for a box."""
+    """Return vectors (3, K) unchanged: the directions of a box of poses are the base axes."""
     return v
 
 

@@ -1,10 +1,9 @@
 r"""Existence, uniqueness and margins of a cell's function F, bounded over boxes of poses, in C.
 
 F is the inverse kinematic function of the cell: it gives one configuration q = F(u) of the arm's n
-joints for each pose.
-A cell is a box of poses, and its k coordinates u range from −1 to 1; a sector is a cell in
-cylindrical coordinates around an axis. A search divides the cell into boxes ``Uc ± half`` of
-coordinates. The functions take K such boxes at a time.
+joints for each pose. A cell is a box of poses, and its k coordinates u range from −1 to 1; a sector
+is a cell in cylindrical coordinates around an axis. A search divides the cell into boxes
+``Uc ± half`` of coordinates. The functions take K such boxes at a time.
 
 The chart of F is a pair of polynomials in u: q_ref (n,) approximates F, and n_ref (n, r)
 approximates the null space of J. F solves ``f(q) = x(u)`` and ``n_refᵀ (q − q_ref) = 0``; f is the
@@ -479,9 +478,9 @@ class _Polynomials:
     parts : (T, M, n, 1 + r) array
         Coefficients of the polynomials ``∂^α p / α!`` in the chart's T monomials, for each of the M
         tuples α with a sum of at most 3.
-    fourth : (F, k) array of int
-        The F tuples α with the sum 4.
-    rest : (F, n, 1 + r) array
+    fourth : (B, k) array of int
+        The B tuples α with the sum 4.
+    rest : (B, n, 1 + r) array
         Bounds on ``|∂^α p / α!|`` over the whole cell, for the tuples ``fourth``.
     sizes : (n, 1 + r) array
         Sums over the M tuples of the bounds on ``|∂^α p / α!|``; rounding errors are relative to

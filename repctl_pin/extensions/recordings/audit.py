@@ -366,7 +366,8 @@ def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...])
     """Compare the configurations at the visits, measure the links, and return the audit.
 
     The verdict is on the joints. To express it in metres, the most displaced point of each link is
-    found; its speed, and its largest distance between two visits, are measured.
+    found; its speed, and its largest distance between two visits, are measured. ``notes`` are
+    remarks on the log.
     """
     scale = joint_scale(task, visits.q[0])
     found = verdict(visits.t, visits.q, visits.deviation, visits.bias, scale)

@@ -216,9 +216,10 @@ def _groups(q: Array, r: Array) -> NDArray[np.intp]:
 def _few(q: Array, r: Array, groups: NDArray[np.intp]) -> bool:
     """Test whether the arm jumps between a few separate configurations.
 
-    It has at most two of them, or enters each twice on average. ``groups`` (N,) has the index of
-    each visit's configuration, and q ± r (N, n) are the intervals of its values. Two configurations
-    are separate if, for some joint, the intervals of their visits do not overlap.
+    There are few if there are at most two, or the arm enters each twice on average. ``groups`` (N,)
+    has the index of each visit's configuration, and q ± r (N, n) are the intervals of its values.
+    Two configurations are separate if, for some joint, the intervals of their visits do not
+    overlap.
     """
     count = groups.max() + 1
     entered = 1 + np.count_nonzero(np.diff(groups))
