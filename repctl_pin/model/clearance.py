@@ -201,8 +201,7 @@ class _Search:
             self._settle_pair(pair, begin, end)
 
     def _settle_pair(self, pair: int, begin: Array, end: Array) -> None:
-        """Measure a pair on M pieces until lower bounds rule out a collision and a new minimum on
-        all.
+        """Measure a pair on M pieces until bounds exclude a collision and a new minimum on all.
 
         The pieces extend from the positions ``begin`` (M,) to ``end`` (M,).
         """

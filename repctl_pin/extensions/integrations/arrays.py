@@ -879,8 +879,8 @@ def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
 def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
     """Test which of K matrices (4, 4) are rigid transforms to 1e-6, as F does: (K,).
 
-    ``rows`` are the 16 entries of the matrices, row by row, arrays (K,) each.
-    Rotations are tested only if the task commands them, but all numbers must be below 1e7.
+    ``rows`` are the 16 entries of the matrices, row by row, arrays (K,) each. Rotations are tested
+    only if the task commands them, but all numbers must be below 1e7.
     """
     near = xp.all(xp.abs(xp.stack(rows)) < _FAR, axis=0)
     rows = [xp.where(near, each, 0.0) for each in rows]

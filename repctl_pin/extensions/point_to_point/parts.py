@@ -174,8 +174,7 @@ def _line_between(
 
 
 def _blend(F: Function, into: Line, out: Line, radius: float) -> tuple[Blend, PPoly | None] | None:
-    """Blend two lines at their corner, with arcs of ``radius``, m, and fit the joints q(a) along
-    it.
+    """Blend two lines at their corner, with arcs of ``radius``, m, and fit q(a) along the blend.
 
     Return the blend and the curve, or None if the arm must rest at the corner. If the second line
     continues the first without a bend, the blend has length 0, and the curve is None.
