@@ -2,6 +2,7 @@
 
 An inverse G (n, m) of the Jacobian J (m, n) has J G = I; J⁺ is the pseudoinverse. A repeatable
 inverse keeps r potentials, functions h(q), constant. An argument ``strategy`` is the inverse G.
+Letters: n joints, m task coordinates, K configurations.
 
 ``_Derivative`` is an inverse G and its derivative ∂G/∂q at K configurations.
 """
@@ -183,7 +184,7 @@ def differentiate(
     Parameters
     ----------
     function
-        Function Q (P, n) → values (P, …).
+        Function Q (P, n) → values (P, …), for any number P of configurations.
     Q : (K, n) array
         Configurations at which to differentiate.
     scale : (n,) or (K, n) array
@@ -231,9 +232,9 @@ def differentiate(
 def _extrapolate(function: Callable[[Array], Array], Q: Array, first: Array) -> tuple[Array, Array]:
     """Differentiate by extrapolated central differences, once, with given first steps.
 
-    ``function`` maps Q (P, n) to values (P, …), and ``Q`` (K, n) are the configurations. ``first``
-    (K, n) is the first and longest step along each joint, rad or m. Return the slopes (K, …, n) and
-    their estimated errors (K, n).
+    ``function`` maps P configurations Q (P, n) to values (P, …), and ``Q`` (K, n) are the
+    configurations. ``first`` (K, n) is the first and longest step along each joint, rad or m.
+    Return the slopes (K, …, n) and their estimated errors (K, n).
     """
     K, n = Q.shape
     steps = first[:, None] * 2.0 ** -np.arange(_LEVELS)[:, None]  # (K, L, n)

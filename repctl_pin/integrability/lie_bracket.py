@@ -5,6 +5,7 @@ loop of the frame along a, b, −a, −b, per area of the loop. Its part in the 
 defect Δ_ab, is drift: the frame is back at its start, but the configuration is not. Numbers in
 parentheses, Corollary 1 and Proposition 1 are those of the paper (docs/notation.md). An inverse G
 of the Jacobian J has J G = I; J⁺ is the pseudoinverse. An argument ``strategy`` is the inverse G.
+Letters: n joints, m task coordinates.
 
 ``_Defects`` are the defects of an inverse at K configurations, which are 0 where it is repeatable.
 """

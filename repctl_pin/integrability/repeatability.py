@@ -3,7 +3,7 @@
 A defect is the joint drift per area of a small loop of the frame, see :mod:`lie_bracket`. The
 relative defect at a configuration combines the defects of all directions into one number, per rad,
 which does not depend on units and task axes. An argument ``strategy`` is the inverse that is
-tested.
+tested. Letters: n joints, m task coordinates, K configurations.
 
 ``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated at q (n,) or Q (K, n).
 ``Region`` is a part Ω of joint space, such as a box.

@@ -5,8 +5,10 @@ function s(q). They can be 0 on a surface s(q) = 0 of joint space, the candidate
 that begin on this surface also stay on it, the surface is stable, and these motions are repeatable,
 although G is not. Numbers in parentheses are equations of the paper (docs/notation.md). An inverse
 G of the Jacobian J has J G = I; J⁺ is the pseudoinverse. An argument ``strategy`` is the inverse G,
-and ``function`` evaluates s and its error. s has one defect (n,) per pair of columns a < b of G.
-Its error, one number per configuration, is an estimate of the norm of its numerical error.
+and ``function``, a ``_Surface``, evaluates s and its error. s has one defect (n,) per pair of
+columns a < b of G. Its error, one number per configuration, is an estimate of the norm of its
+numerical error. Letters: n joints, m task coordinates, K configurations; ``pairs`` is the number of
+pairs of columns, and · stands for any number of points.
 
 ``Region`` is a part Ω of joint space, such as a box. ``Surfaces`` are points found on the surfaces
 on which an inverse is repeatable, with their drift.

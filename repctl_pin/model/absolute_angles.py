@@ -1,4 +1,7 @@
-"""Weight of the joint speeds that makes J⁺ minimise the speeds of a planar arm's link angles."""
+"""Weight of the joint speeds that makes J⁺ minimise the speeds of a planar arm's link angles.
+
+q (n,) are the joint positions, J is the task Jacobian and J⁺ its pseudoinverse.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Links of the arm that a task moves, and the other end effectors that move with it.
 
 On a robot with two arms on one waist, the task of one arm also moves the other arm; a study reports
-that displacement.
+that displacement. Letters: n joints of the task, N of the robot's model, T configurations.
 
 ``Mechanism`` is the movable joints of a robot and their limits.
 """
@@ -79,9 +79,9 @@ def link_origins(task: Task, links: Sequence[str], Q: Array) -> Array:
 def base_placements(robot: Mechanism, Q: Array) -> Array:
     """Compute the base's placements in the root frame: rigid transforms (T, 4, 4), m.
 
-    Q (T, n) has one value per joint of the robot. The base moves if it is, for example, a workpiece
-    on a turntable. Pictures show the root at rest, so points on the base are drawn with these
-    placements.
+    The n columns of Q (T, n) are here the joints of the whole robot. The base moves if it is, for
+    example, a workpiece on a turntable. Pictures show the root at rest, so points on the base are
+    drawn with these placements.
     """
     if robot.base is None:
         return np.tile(np.eye(4), (len(Q), 1, 1))

@@ -2,7 +2,8 @@
 
 A pair is two bodies, one of them on a link of the robot. A measured pair has a distance; other
 pairs are checked for collisions only, or not at all. The P pairs that are checked are numbered from
-0. n is the number of joints of the task, N that of the collision model, mimic joints included.
+0. n is the number of joints of the task, N that of the collision model, mimic joints included. K is
+the number of configurations, the rows of Q.
 
 ``Nearest`` is the closest pair of bodies at a configuration, and its distance, m. ``Clearance`` is
 the minimum body distance of a motion, and its first collision. ``_CollisionModel`` has the bodies
@@ -232,8 +233,9 @@ class Bodies:
         Q
             Samples (K, n) of the motion; between two samples, the joints move on a straight line.
         rows
-            Indices of R samples, 0 and K − 1 included. Their distances are measured first, those of
-            pairs that are checked for collisions only where pieces between them do not decide.
+            Indices of R samples, 0 and K − 1 included, at which distances are measured first. Pairs
+            that are checked for collisions only are measured there only if the bounds between these
+            samples do not decide.
         """
         if not (self.pairs or self.only_contact):
             free = np.full(len(rows), np.inf)
@@ -360,8 +362,8 @@ class _NoBodies:
 def _model_of(task: Task) -> Any:
     """Return the collision model of a task; without collision shapes, one without pairs.
 
-    The first, and with it the library coal, is imported only if the robot or its surroundings have
-    collision shapes.
+    The library coal, which a model with pairs needs, is imported only if the robot or its
+    surroundings have collision shapes.
     """
     robot = task.robot
     if not robot.description.collisions and robot.surroundings is None:

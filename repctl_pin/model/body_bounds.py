@@ -1,7 +1,8 @@
 """Lower bounds on the distances of body pairs, and on how fast each joint changes them.
 
 Exact distances take long. The bounds show which of the many pairs can be the closest one, so that
-few distances are computed. They also let a proof cover a whole box of configurations.
+few distances are computed. They also let a proof cover a whole box of configurations. Letters: K
+configurations, N joints of the model, B bodies, P pairs of bodies.
 
 ``Joint`` is a joint of a URDF as plain data: its kind, links, axis, limits and mimic.
 """
@@ -244,7 +245,10 @@ class BodyBounds:
         return reach
 
     def _extents(self) -> tuple[list[float], list[float]]:
-        """Bound how far each body extends from its joint's origin and axis, m: two lists of B."""
+        """Bound how far each body extends from its joint's origin, and from its joint's axis.
+
+        The result is two lists, in this order, with one number per body, m.
+        """
         joint = self._joint.tolist()
         spheres = np.linalg.norm(self._centers, axis=1) + self._radii
         far = [np.linalg.norm(points, axis=1).max() for points in self._corners]
@@ -258,7 +262,8 @@ class BodyBounds:
     def _off(self, joint: Sequence[int], points: Array) -> Array:
         """Compute the distances of M points from the axes of M joints: (M,), m.
 
-        ``points`` (M, 3) are relative to the joints. The axis of a prismatic joint is its origin.
+        ``points`` (M, 3) are in the joints' frames, m. For a prismatic joint, the result is the
+        distance from the joint's origin.
         """
         axes = self._placements.axes[joint]
         along = np.einsum("mi,mi->m", points, axes)
@@ -341,7 +346,7 @@ class KnownApart:
         at[row], distances[row] = self._scaled(pair, q), distance
 
     def _scaled(self, pair: int, q: Array) -> Array:
-        """Return q_j ρ_j, m, of the joints j that move a pair; the pair's index is ``pair``."""
+        """Return q_j ρ_j, m, one number per joint j that moves the pair with the index ``pair``."""
         moves = self._moves[pair]
         return np.asarray(q[moves] * self._reach[pair, moves])
 

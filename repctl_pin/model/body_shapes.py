@@ -1,5 +1,7 @@
 """Collision geometry for coal: primitives, meshes with convex hulls, and points inside meshes.
 
+coal is the library that computes distances. Letters: V vertices, F faces (triangles) of a mesh.
+
 ``_MeshInterior`` is a test of whether points lie inside a mesh. ``_MeshParts`` are the connected
 parts of a mesh: points, faces, the part of each, and which parts are closed. ``BodyShape`` is a
 collision body: a convex shape, or a mesh and its convex hull.

@@ -1,6 +1,7 @@
 """Formulas for serial chains: kinematic Hessian, rotations between placements, and checks.
 
-The functions take arrays and placements, and do not depend on a robot model.
+The functions take arrays and placements, and do not depend on a robot model. K is the number of
+configurations, rotations or placements in a batch, and n that of joints.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def chain_hessians(twists: Array, R: Array | None) -> Array:
 def axis_turn(R: Array, goal: Array) -> Array:
     """Compute the rotation vector (2,), rad, that aligns the tool's z axis with the goal's z axis.
 
-    It is that of the shortest such rotation, in the tool's own axes: components along x and y.
+    The rotation is the shortest; the two numbers are its components along the tool's x and y axes.
 
     Parameters
     ----------
@@ -71,10 +72,11 @@ def axis_turn(R: Array, goal: Array) -> Array:
 
 
 def axis_turns(R: Array, goals: Array) -> Array:
-    """Compute the rotations (K, 2), rad, from the z axes of tools R (K, 3, 3) to those of goals.
+    """Compute the rotation vectors (K, 2), rad, that align the z axes of tools with those of goals.
 
-    They are the components along the x and y axes of the tool. This is the orientation error of an
-    axis task, which commands only the direction of the tool's z axis.
+    R and ``goals`` (K, 3, 3) are the orientations of tools and goals. The two numbers are the
+    components along the x and y axes of the tool. This is the orientation error of an axis task,
+    which commands only the direction of the tool's z axis.
     """
     aim = np.einsum("Kab,Ka->Kb", R, goals[..., :, 2])  # the goal's axis in tool axes
     sine = np.hypot(aim[:, 0], aim[:, 1])

@@ -10,7 +10,8 @@ j. On the piece,
 .. math:: d(q) \ge d(x) - \rho \cdot (|c - x| + w)
 
 for every configuration x at which d was measured. If this bound neither excludes a collision nor a
-new minimum, d is measured at c, and the piece is halved.
+new minimum, d is measured at c, and the piece is halved. Letters: K samples, N joints of the model,
+P pairs.
 
 ``_CollisionModel`` is the bodies of a robot and its surroundings, and the pairs that a task moves.
 ``Clearance`` is the minimum body distance of a motion, and its first collision. ``_Pieces`` are M
@@ -98,8 +99,9 @@ def clearance(model: _CollisionModel, Q: Array, rows: NDArray[np.intp]) -> Clear
         Samples (K, N) of the motion, a value per joint of the model. Between two samples, the
         joints move on a straight line.
     rows
-        Indices of R samples, 0 and K − 1 included. Their distances are measured first, those of
-        pairs that are checked for collisions only where pieces between them do not decide.
+        Indices of R samples, 0 and K − 1 included, at which distances are measured first. Pairs
+        that are checked for collisions only are measured there only if the pieces between these
+        samples do not decide.
     """
     search = _Search(model, Q)
     undecided = search.look_at(rows)
@@ -186,7 +188,7 @@ class _Search:
         """Decide by measurement whether undecided pairs collide or are the closest.
 
         ``undecided`` is two index arrays, of the pairs and of the pieces on which bounds do not
-        decide. Piece k is the motion from sample ``rows[k]`` to ``rows[k + 1]``. At most ``_MOST``
+        decide. Piece k is the motion from sample ``rows[k]`` to ``rows[k + 1]``. At most 4000
         distances are measured. After a collision, only an earlier one is sought.
         """
         self._left, self._undecided = _MOST, []
@@ -199,8 +201,7 @@ class _Search:
             self._settle_pair(pair, begin, end)
 
     def _settle_pair(self, pair: int, begin: Array, end: Array) -> None:
-        """Measure a pair on M pieces until lower bounds rule out a collision and a new minimum on
-        all.
+        """Measure a pair on M pieces until bounds exclude a collision and a new minimum on all.
 
         The pieces extend from the positions ``begin`` (M,) to ``end`` (M,).
         """
@@ -234,11 +235,11 @@ class _Search:
         self._undecided.append(pair)
 
     def test_samples(self, rows: NDArray[np.intp]) -> None:
-        """Test all pairs at samples ``rows`` (R,), where pieces do not decide all that happens.
+        """Measure all pairs at samples ``rows`` (R,), in the cases that pieces do not decide.
 
-        That is so after a collision, because the distances at the samples are then to show all
-        collisions, for undecided pairs that are checked for collisions only, and for a motion of
-        one sample, which has no pieces.
+        There are three cases: a collision was found, so that the distances at the samples must show
+        all others, too; a pair that is checked for collisions only stayed undecided; or the motion
+        has one sample, hence no pieces. Otherwise nothing is done.
         """
         undecided = not self._measured[self._undecided].all()
         if self._touch < np.inf or undecided or len(rows) == 1:
@@ -285,10 +286,11 @@ class _Search:
         )
 
     def _settled(self, lower: Array, measured: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
-        """Test by lower bounds, m, which distances need no further measurement: a mask like them.
+        """Test by lower bounds, m, which distances need no further measurement.
 
-        Such a distance cannot be a collision. If the pair is ``measured``, not checked for
-        collisions only, the distance cannot be clearly below the minimum found either.
+        The result is a mask with the shape of ``lower``. Such a distance cannot be a collision. If
+        the pair is ``measured``, not checked for collisions only, the distance cannot be clearly
+        below the minimum found either.
         """
         if self._touch < np.inf or self._best <= _SMALL or self._best == np.inf:
             return lower > 0
@@ -308,7 +310,7 @@ class _Search:
         return distance
 
     def _measure_all(self, at: float) -> tuple[float, int]:
-        """Measure the minimum distance at the position ``at``: return it, m, and its pair."""
+        """Measure the minimum distance at position ``at``: return it, m, and the pair's index."""
         found, which = self._model.least(_between(self._Q, np.array([at])))
         return float(found[0]), int(which[0])
 
@@ -367,7 +369,7 @@ class _Pieces(NamedTuple):
 
 
 def _between(values: Array, at: Array) -> Array:
-    """Interpolate the rows of ``values`` (K, N) at the fractional row numbers ``at``: (M, N)."""
+    """Interpolate the rows of ``values`` (K, N) at M fractional row numbers ``at``: (M, N)."""
     first = np.minimum(at.astype(np.intp), len(values) - 1)
     last = np.minimum(first + 1, len(values) - 1)
     share = (at - first)[:, None]

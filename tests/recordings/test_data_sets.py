@@ -252,7 +252,7 @@ def test_what_is_not_understood_is_refused_by_name(
     text = said(named(NUMBERS, hand))
     assert "'action' are joint positions: its numbers are x, y, phi, gripper; use action=" in text
     mixed = [*NUMBERS[:3], "theta1.vel"]
-    assert "has 'theta1.vel', which belongs to the old joints" in said(named(mixed, NUMBERS))
+    assert "has 'theta1.vel', which belongs to the replaced joints" in said(named(mixed, NUMBERS))
     done = rp.relabel(
         rp.Recording.read(named(NUMBERS, hand), task, action="hand"), design=design, leaf=[0.02]
     )
@@ -270,7 +270,7 @@ def test_what_is_not_understood_is_refused_by_name(
     assert "nothing was written; the first is " in text
     assert "episode_000001.parquet, row 4; " in text
     (root := fresh() / "meta" / "relative_stats.json").write_text("{}", encoding="utf-8")
-    assert "may have statistics of the old joints" in said(root.parents[1])
+    assert "may have statistics of the replaced joints" in said(root.parents[1])
     lines = (root := fresh()) / "meta" / "episodes_stats.jsonl"
     lines.write_text(lines.read_text("utf-8").replace('"std"', '"spread"'), encoding="utf-8")
     assert "the statistic 'spread' is not known" in said(root)

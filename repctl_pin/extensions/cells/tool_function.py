@@ -153,5 +153,5 @@ class _FramePotentials(CellPotentials):
         """Raise an InputError: these potentials cannot be evaluated in C."""
         raise InputError(
             "the function of another tool is not available in C",
-            remedy="use the function of the frame, of_frame, with the poses x T⁻¹",
+            remedy="use the frame's function, of_frame, with poses x T⁻¹ (T: the tool's placement)",
         )

@@ -11,8 +11,8 @@ and n_ref, polynomials of coordinates u from −1 to 1. A sector is a cell in cy
 radius, angle and height about an axis, two tilts of the tool, and its spin.
 
 Letters: n joints, m task coordinates, r = n − m components of c, k coordinates u, N monomials of u.
-The offsets y are the m task coordinates of a pose relative to the middle of its cell, m and rad.
-Private functions that have ``xp`` as first argument compute in that namespace.
+The offsets y are the m task coordinates of a pose relative to the middle of its cell, m and rad:
+m arrays (K,). Private functions that have ``xp`` as first argument compute in that namespace.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``JointChain`` is the serial chain of joints from the base to the frame of a
@@ -409,7 +409,7 @@ def _floats(xp: Namespace, value: Numbers, name: str, *shape: int) -> Numbers:
 
 
 def _broadcast(one: Sequence[int], other: Sequence[int]) -> tuple[int, ...]:
-    """Broadcast the leading axes of two arguments; InputError if they do not fit."""
+    """Broadcast the leading axes (shapes) of two arguments; InputError if they do not fit."""
     if tuple(one) == tuple(other) or not other:
         return tuple(one)
     try:
@@ -720,10 +720,11 @@ def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
 
 
 def _profiled(xp: Namespace, cell: Sector, eta: Numbers) -> list[Any]:
-    """Evaluate bend and stretch of a sector, and their slopes, at heights η (K,), m: four values.
+    """Evaluate bend and stretch of a sector, and their slopes, at heights ``eta`` = η (K,), m.
 
-    At the height η above the middle, the range of radius has its middle at the bend, and its
-    half-width times the stretch. Both are constant above and below the sector.
+    The result is bend, m, stretch, and the derivatives of both by η: arrays (K,), or floats if both
+    are constant. At the height η above the middle, the range of radius has its middle at the bend,
+    and its half-width times the stretch. Both are constant above and below the sector.
     """
     if not cell.profile.degree:
         return [0.0, 1.0, 0.0, 0.0]
@@ -780,6 +781,7 @@ def _sector_rates(
 ) -> list[Numbers]:
     """Compute the time derivatives of radius, angle and height of a sector at the task velocity ẋ.
 
+    The result is a list of arrays (K,), in this order, without the height in a planar task.
     ``xdot`` has the commanded components of the velocity, base axes. ``back`` converts vectors (3,
     K) from base axes to the directions radial, tangential, and along the axis.
     """
@@ -797,7 +799,8 @@ def _tilt_rates(xp: Namespace, t: list[Numbers], w: list[Numbers]) -> list[Numbe
 
     The orientation is exp(t_1, t_2, 0) exp(0, 0, ψ), and w is in the axes between the factors:
     tilted, not spun. So ``w = J_r(t) ṫ + ψ̇ e_z``; J_r is the right Jacobian of the rotation
-    vector (t_1, t_2, 0). Without a third component of w, the spin is left out.
+    vector (t_1, t_2, 0). The result is the list ṫ_1, ṫ_2, ψ̇ of arrays (K,); ψ̇ is left out if w has
+    no third component.
     """
     square, across = t[0] ** 2 + t[1] ** 2, t[0] * w[0] + t[1] * w[1]
     e = _by_angle(xp, square, 1 / 6 + 7 * square / 360, lambda a: (a / xp.sin(a) - 1) / a**2)
@@ -807,7 +810,7 @@ def _tilt_rates(xp: Namespace, t: list[Numbers], w: list[Numbers]) -> list[Numbe
 
 
 def _same(v: Numbers) -> Numbers:
-    """Return vectors unchanged: the conversion of axes for a box."""
+    """Return vectors (3, K) unchanged: the directions of a box of poses are the base axes."""
     return v
 
 
@@ -874,9 +877,10 @@ def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
 
 
 def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
-    """Test which matrices, given by 16 arrays (K,), are rigid transforms to 1e-6, as F does: (K,).
+    """Test which of K matrices (4, 4) are rigid transforms to 1e-6, as F does: (K,).
 
-    Rotations are tested only if the task commands them, but all numbers must be below 1e7.
+    ``rows`` are the 16 entries of the matrices, row by row, arrays (K,) each. Rotations are tested
+    only if the task commands them, but all numbers must be below 1e7.
     """
     near = xp.all(xp.abs(xp.stack(rows)) < _FAR, axis=0)
     rows = [xp.where(near, each, 0.0) for each in rows]
@@ -952,7 +956,7 @@ def _log_rate(xp: Namespace, w: Numbers, omega: Numbers) -> Sequence[Numbers]:
 
 
 def _versine(xp: Namespace, square: Numbers) -> Numbers:
-    """Evaluate (1 − cos θ) / θ² from θ²."""
+    """Evaluate (1 − cos θ) / θ² from θ² = ``square``."""
     return _by_angle(xp, square, 0.5 - square / 24, lambda a: 2 * (xp.sin(a / 2) / a) ** 2)
 
 
@@ -969,10 +973,11 @@ def _by_angle(
 
 
 def _angle_over_sine(xp: Namespace, square: Numbers, cosine: Numbers) -> Numbers:
-    """Evaluate θ / sin θ from s² = sin² θ and cos θ; near 0 by its series 1 + s²/6 + 3 s⁴/40.
+    """Evaluate θ / sin θ from ``square`` = sin² θ and ``cosine`` = cos θ.
 
-    The factor converts vectors of length sin θ to those of length θ. It is NaN at exactly half a
-    turn, where the vector has no direction.
+    Near 0, its series 1 + s²/6 + 3 s⁴/40 with s = sin θ is used. The factor converts vectors of
+    length sin θ to those of length θ. It is NaN at exactly half a turn, where the vector has no
+    direction.
     """
     small = (square < 1e-6) & (cosine > 0)
     sine = xp.sqrt(xp.where(small, 1.0, xp.where(square > 0, square, xp.nan)))

@@ -1,7 +1,7 @@
 """Search, in a thread of its own, for the level whose elbow is nearest to a given point.
 
-A level c identifies a leaf, the set h(q) = c of a design's potentials; it determines the elbow at a
-pose. A search takes some 10 ms, longer than a tick, one period of the control loop, may take.
+A level c (r,) identifies a leaf, the set h(q) = c of a design's r potentials; it determines the
+elbow at a pose. A search takes some 10 ms, longer than one period of the control loop.
 """
 
 from __future__ import annotations

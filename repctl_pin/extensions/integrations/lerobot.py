@@ -1,4 +1,7 @@
-"""Adapter with the interface of LeRobot's ``RobotKinematics``; LeRobot itself is not required."""
+"""Adapter with the interface of LeRobot's ``RobotKinematics``; LeRobot itself is not required.
+
+Letters: n joints of the task, r numbers of the level c.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""pink task that holds h(q) = c for repeatable motion; requires the extra ``pink``."""
+"""pink task that holds h(q) = c for repeatable motion; requires the extra ``pink``.
+
+Letters: n joints of the design, nv joint velocities of pink's model, r potentials h.
+"""
 
 from __future__ import annotations
 

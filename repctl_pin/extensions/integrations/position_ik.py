@@ -1,4 +1,7 @@
-"""Answers to MoveIt's service GetPositionIK by a cell's function; imports no ROS package."""
+"""Answers to MoveIt's service GetPositionIK by a cell's function; imports no ROS package.
+
+Letters: n joints of the task, r numbers of the level c.
+"""
 
 from __future__ import annotations
 

@@ -29,9 +29,9 @@ def add_options(parser: Parser) -> None:
         default=[],
         metavar="...",
         help="last: arguments of ROS, -p NAME:=VALUE for parameters, -r FROM:=TO for topics; "
-        "parameters: acceleration (required, rad/s² or m/s²), jerk, rate, joints, leaf, output, "
-        "timeout, tolerance, surroundings, body_distance, tool, hand_scale, hand_axes; "
-        "docs/how-to/ros2.md explains them",
+        "parameters: acceleration (required, rad/s² or m/s²), jerk (rad/s³ or m/s³), rate (Hz), "
+        "joints, leaf, output, timeout (s), tolerance (rad or m), surroundings (a URDF), "
+        "body_distance (m), tool, hand_scale, hand_axes; docs/how-to/ros2.md explains them",
     )
 
 

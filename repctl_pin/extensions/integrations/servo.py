@@ -4,7 +4,8 @@ A tick is one period of the control loop. A leaf is the set h(q) = c on which a 
 keeps the arm; its level c is the position of the elbow along the self-motion. The clutch, while it
 is engaged, makes the arm's target move with an operator's hand; while it is released, the hand
 moves freely. A tracker measures hand and elbow of the operator in a frame of its own. The age of a
-message is the present time minus its time stamp, s.
+message is the present time minus its time stamp, s. Ω is the region of joint space of a design.
+Letters: n joints, r potentials h.
 
 ``ElbowLevel`` is the level c at which the elbow is nearest to a point, and the configuration there.
 """
@@ -567,8 +568,8 @@ class Servo:
 def _levels_of(design: Design | CellDesign) -> Callable[[pin.SE3, Array], ElbowLevel]:
     """Return the function (pose x, point p_e) → level whose elbow is nearest to the point.
 
-    The search begins at F(x) of a cell, or on the leaf of the middle of Ω. So the level is a
-    function of pose and point alone.
+    The search begins at F(x), with F the function of a cell, or on the leaf of the middle of Ω. So
+    the level depends on pose and point alone.
     """
     if isinstance(design, CellDesign):
         F = design.function

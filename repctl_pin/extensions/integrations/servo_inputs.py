@@ -1,7 +1,7 @@
 """Inputs of a :class:`Servo` from messages: measured joint positions by name, and targets.
 
 Messages can be late, incomplete or stamped by another clock. A stamp is the time of origin that a
-message states.
+message states. n is the number of joints.
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
 A cell is a box of poses; its k coordinates u are from −1 to 1. A line is a curve of poses x(a),
 with a from 0 to 1. A blend is a curve of continuous curvature between two lines that meet at a
-pose, so that the arm need not stop there. A Curve is a function from a (K,) to poses (K, 4, 4):
-homogeneous matrices, with positions in m, of the tool. Its place in the frame of the cell is fixed.
+pose, so that the arm need not stop there. A Curve is a function from K values of a, (K,), to poses
+(K, 4, 4): homogeneous matrices, with positions in m, of the tool. The tool's place in the frame of
+the cell is fixed.
 
 ``Blend`` is a transition from one line of a motion to the next, without a stop.
 """
@@ -94,11 +95,10 @@ class Line:
         return cls(kind, at, turned if turns else moved, turns, ends)
 
     def velocity(self, a: float) -> tuple[Array, Array]:
-        """Evaluate v and ω, (3,) each, at an end, a = 0 or a = 1, per metre of the line.
+        """Evaluate the linear and the angular velocity, v and ω, (3,) each, at the end a = 0 or 1.
 
-        v is in m per m, ω in rad per m, both in base axes.
-
-        They are differences over a step of 1e-4 in a, which are exact on a line of the tool.
+        Both are per metre of the line, in base axes: v in m per m, ω in rad per m. They are
+        differences over a step of 1e-4 in a, which are exact on a line of the tool.
         """
         X = self.at(np.array([a - _NEAR, a] if a else [a, a + _NEAR]))
         v = X[1, :3, 3] - X[0, :3, 3]
@@ -186,7 +186,8 @@ class Blend:
 def _angle(into: Line, out: Line) -> float | None:
     """Compute the angle, rad, between the directions v of two lines at their common pose.
 
-    Return None if there is no bend: the lines have equal v and ω there.
+    Return None if there is no bend: the lines have equal v and ω there. v and ω are the linear and
+    the angular velocity, per metre of a line.
     """
     v_in, v_out = into.velocity(1.0), out.velocity(0.0)
     if np.abs(np.subtract(v_in, v_out)).max() < _STRAIGHT:

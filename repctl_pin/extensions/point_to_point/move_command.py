@@ -1,5 +1,7 @@
 """``repctl move``: time a motion through poses of a cell, and write it to files.
 
+Letters: P poses, T samples, n joints.
+
 ``JointMotion`` is a joint motion over several cycles: q, q̇ (T, n) at times t, without the path of
 the frame.
 """

@@ -3,7 +3,8 @@
 Joints along a line or blend of poses x(a), a from 0 to 1, are q = F(x(a)), with F the function of a
 cell. They are fitted by piecewise polynomials, because timing requires three derivatives. The
 parameter s of a part, from 0 to approximately the length of its joint path, rad or m, is
-proportional to the length of the tool's path along each line or blend.
+proportional to the length of the tool's path along each line or blend. Letters: P poses, K values
+of s, n joints.
 
 ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
 numbers. ``Segment`` is a smooth part of a joint path between two stops, with its speed at each
@@ -173,8 +174,7 @@ def _line_between(
 
 
 def _blend(F: Function, into: Line, out: Line, radius: float) -> tuple[Blend, PPoly | None] | None:
-    """Blend two lines at their corner, with arcs of ``radius``, m, and fit the joints q(a) along
-    it.
+    """Blend two lines at their corner, with arcs of ``radius``, m, and fit q(a) along the blend.
 
     Return the blend and the curve, or None if the arm must rest at the corner. If the second line
     continues the first without a bend, the blend has length 0, and the curve is None.

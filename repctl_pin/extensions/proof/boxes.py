@@ -1,8 +1,8 @@
 """Boxes of joint positions, on which a proof computes its bounds.
 
-A box is the set of configurations between a lower and an upper corner, each (n,), rad or m.
-``low`` and ``high`` (K, n) are the corners of K boxes. The functions cover Ω, the region of joint
-space of a design, by boxes, halve boxes, and bound their distance to the joint limits.
+A box is the set of configurations of n joints between a lower and an upper corner, each (n,), rad
+or m. ``low`` and ``high`` (K, n) are the corners of K boxes. The functions cover Ω, the region of
+joint space of a design, by boxes, halve boxes, and bound their distance to the joint limits.
 """
 
 from __future__ import annotations

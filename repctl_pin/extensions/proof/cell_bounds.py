@@ -1,9 +1,9 @@
 r"""Existence, uniqueness and margins of a cell's function F, bounded over boxes of poses, in C.
 
-F is the inverse kinematic function of the cell: it gives one configuration q = F(u) for each pose.
-A cell is a box of poses, and its k coordinates u range from −1 to 1; a sector is a cell in
-cylindrical coordinates around an axis. A search divides the cell into boxes ``Uc ± half`` of
-coordinates. The functions take K such boxes at a time.
+F is the inverse kinematic function of the cell: it gives one configuration q = F(u) of the arm's n
+joints for each pose. A cell is a box of poses, and its k coordinates u range from −1 to 1; a sector
+is a cell in cylindrical coordinates around an axis. A search divides the cell into boxes
+``Uc ± half`` of coordinates. The functions take K such boxes at a time.
 
 The chart of F is a pair of polynomials in u: q_ref (n,) approximates F, and n_ref (n, r)
 approximates the null space of J. F solves ``f(q) = x(u)`` and ``n_refᵀ (q − q_ref) = 0``; f is the
@@ -129,7 +129,7 @@ class CellProof:
     Attributes
     ----------
     distances : (L, n) array
-        Distances d* from c, rad or m, the largest first; each is above the next one in every
+        The L distances d* from c, rad or m, the largest first; each is above the next one in every
         joint. On each box, F is proved to be the only solution within one of them. At a pose of two
         boxes, both have the same F: it lies within the smaller d*, so within the larger one, too.
 
@@ -180,7 +180,7 @@ class CellProof:
         return np.where(points.found[:, None], self.away(points), 0.0)
 
     def within(self, level: int) -> str:
-        """Write within which distance d* of c F is the only solution.
+        """Describe, as text, the distance d* from c within which F is the only solution.
 
         ``level`` is the row of :attr:`distances` with the smallest d* that a box needed.
         """
@@ -206,9 +206,9 @@ class CellProof:
     def _tightness(self, chain: Chain, Uc: Array, half: Array, start: Array) -> float:
         """Sum the lower bounds of the leaf margin on boxes Uc ± half, (K, k) each, for a chain.
 
-        ``chain`` is the arm with its middle link, which stays set. ``start`` (K, n, 1 + k) is the
-        estimate of F − q_ref, see :meth:`bounds_from`. The middle link with the largest sum is
-        chosen, because its proof needs the fewest boxes.
+        ``chain`` is the arm with a middle link, which later calls use too. ``start`` (K, n, 1 + k)
+        is the estimate of F − q_ref, see :meth:`bounds_from`. The caller chooses the middle link
+        with the largest sum, because its proof needs the fewest boxes.
         """
         self.see_from(chain)
         return float(self.bounds_from(Uc, half, start).leaf_margin.sum())
@@ -368,7 +368,7 @@ class _Correction:
     Attributes
     ----------
     lines : (G + 1,) array
-        Coordinates of the nodes along each coordinate, from −1 to 1.
+        Coordinates of the nodes along each coordinate, from −1 to 1; G is the number of intervals.
     values : (G + 1, …, G + 1, n) array
         Δ at the nodes; 0 where F is not found.
     """
@@ -435,7 +435,7 @@ class _Correction:
 
 
 def _nested(found: Array) -> Array:
-    """Make the distances d* (L, n), the largest first, that are tried in a proof, rad or m.
+    """Make the L distances d* (L, n), the largest first, that are tried in a proof, rad or m.
 
     They are multiples of ``found`` (n,), the largest sampled distance ``|F − c|`` of each joint,
     plus a small summand.
@@ -478,9 +478,9 @@ class _Polynomials:
     parts : (T, M, n, 1 + r) array
         Coefficients of the polynomials ``∂^α p / α!`` in the chart's T monomials, for each of the M
         tuples α with a sum of at most 3.
-    fourth : (F, k) array of int
-        The F tuples α with the sum 4.
-    rest : (F, n, 1 + r) array
+    fourth : (B, k) array of int
+        The B tuples α with the sum 4.
+    rest : (B, n, 1 + r) array
         Bounds on ``|∂^α p / α!|`` over the whole cell, for the tuples ``fourth``.
     sizes : (n, 1 + r) array
         Sums over the M tuples of the bounds on ``|∂^α p / α!|``; rounding errors are relative to
@@ -515,7 +515,10 @@ class _Polynomials:
 
     @property
     def used(self) -> Array:
-        """Number (M,) of monomials, the first of the T, that each ``∂^α p`` can contain."""
+        """Number of monomials that each of the M derivatives ``∂^α p`` can contain: (M,).
+
+        These are the first of the chart's T monomials.
+        """
         monomials = self.chart.monomials
         orders = Monomials(monomials.k, ORDER).exponents.sum(axis=1)
         return np.asarray(monomials.starts[np.maximum(monomials.degree - orders + 1, 0)])

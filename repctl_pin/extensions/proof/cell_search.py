@@ -1,8 +1,8 @@
 """Branch and bound over a cell, to prove that its function F exists and keeps its margins.
 
-The cell is a box of poses with coordinates u from −1 to 1. F gives one configuration for each pose.
-Boxes of poses are halved until their bounds suffice. c is a continuous function of u near F, and d*
-a distance from c within which F is the only solution; they are tried in the order of
+The cell is a box of poses with k coordinates u from −1 to 1. F gives one configuration for each
+pose. Boxes of poses are halved until their bounds suffice. c is a continuous function of u near F,
+and d* a distance from c within which F is the only solution; they are tried in the order of
 :attr:`.CellProof.distances`, the largest first. The values of F are a leaf of r potentials; the
 leaf margin, from 0 to 1, is the distance from an algorithmic singularity, at which the controller
 that stays on this leaf fails. The limit margin is the distance from the joint limits, rad or m.

@@ -6,7 +6,7 @@ A leaf is the set h(q) = c of the potentials h, and c its level. Ω is the regio
 prove over. A lift is the joint motion on a leaf over a path of the frame, such as a straight line.
 A place is a box of configurations in which lifts begin, see :mod:`.lifts`. A :class:`Reach` is the
 length of lines whose lifts stay in Ω. An argument ``problem`` has bounds on J_V, the task Jacobian
-stacked on the potentials' gradients, over boxes of joints.
+stacked on the potentials' gradients, over boxes of joints. n is the number of joints.
 
 ``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle.
 ``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
@@ -150,7 +150,8 @@ def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
 def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[bool, str]:
     """Return whether the radius found is the largest provable one, and why none larger was proved.
 
-    ``goal`` is the requested radius, m, or None for the largest one.
+    ``goal`` is the requested radius, m, or None for the largest one. The first result is False only
+    if the search ended before all of Ω was decided; the second is never empty.
     """
     if goal is not None and found.radius >= goal:
         return True, "no larger radius was requested"

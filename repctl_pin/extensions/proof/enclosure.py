@@ -149,8 +149,9 @@ def _boxes(
 ) -> Array | None:
     """Bound how far the lift moves from sample Q_i between s_i and s_(i+1): (K + 1, n).
 
-    s_i are the ends of the path's ``steps``, ``Q`` (K + 1, n) the joints there. The last row of the
-    result repeats the first. Return None if the bounds are not proved.
+    s_i are the ends of the path's K arcs, which follow from ``steps``, the number of steps per
+    cycle; ``Q`` (K + 1, n) are the joints there. The last row of the result repeats the first.
+    Return None if the bounds are not proved.
     """
     K = len(Q) - 1
     samples = _Samples.of(inverse, problem, path, steps, Q[:-1])
@@ -197,8 +198,9 @@ class _Samples(NamedTuple):
     ) -> _Samples:
         """Bound the arcs of the frames from s_i to s_(i+1), and the errors of the samples Q_i.
 
-        s_i are the ends of the path's ``steps``. The samples Q (K, n) should have the poses of the
-        path at s_i, and the levels of the first sample.
+        s_i are the ends of the path's K arcs, which follow from ``steps``, the number of steps per
+        cycle. The samples Q (K, n) should have the poses of the path at s_i, and the levels of the
+        first sample.
         """
         s = path_grid(path, steps)
         arcs = np.array(

@@ -66,10 +66,10 @@ class LeafMarginBounds:
 class LeafMarginProblem:
     """Leaf margin of potentials of a task, prepared for bounds over boxes inside one region.
 
-    J_V (N, N) is the task Jacobian stacked on the potentials' gradients. It includes rows and
-    columns of virtual joints, which represent motions that the task leaves free, see
+    J_V (N, N) is the task Jacobian stacked on the potentials' gradients. N counts the n joints of
+    the task and virtual joints, which represent motions that the task leaves free, see
     :class:`.Chain`. A box Q ± half contains the joint positions q with ``|q − Q| ≤ half``, rad or
-    m; K is the number of boxes, and n is the number of joints.
+    m; K is the number of boxes.
 
     Attributes
     ----------
@@ -205,9 +205,9 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem
     def needed(f: int, links: Chain) -> float:
         """Estimate how tight the bounds are with the chain ``links`` for frame number f.
 
-        With A the inverse of J_V at the centre of ``box``, the result is the spectral radius of the
-        bound on ``|A J_V − I|`` on an eighth of ``box`` around its centre: lower is better, and inf
-        means that there is no bound.
+        A is the inverse of J_V at the centre of ``box``, the box of :func:`leaf_margin_of`. The
+        result is the spectral radius of the bound on ``|A J_V − I|`` on an eighth of ``box`` around
+        its centre: lower is better, and inf means that there is no bound.
         """
         one = _prepared(task, (*chains[:f], links, *chains[f + 1 :]), features, box)
         D = one.deviations(box.center[None], box.half_width[None] / 8)[0]

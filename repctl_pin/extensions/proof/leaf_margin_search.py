@@ -2,7 +2,8 @@
 
 The leaf margin, from 0 to 1, is the distance from an algorithmic singularity. At such a singularity
 the matrix J_V is singular: the task Jacobian J stacked on the gradients V of the potentials. A box
-of joint space is decided once the lower bound of the leaf margin on it suffices.
+of joint space is decided once the lower bound of the leaf margin on it suffices. Letters: K boxes,
+n joints.
 
 ``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
 of joint space. ``LeafMarginBounds`` are bounds on the leaf margin and on σ_min(J) over K boxes of
@@ -168,11 +169,12 @@ class _Search:
         return self.goal
 
     def _still_short(self, enough: float, stays: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Count boxes that are undecided and not just halved as decided from the bound ``enough``.
+        """Test which undecided boxes stay undecided, now that a bound of ``enough`` decides a box.
 
-        Without a goal, ``enough`` falls when a smaller leaf margin is found. ``stays`` is a mask of
-        the undecided boxes, False for those that were just halved. Return a mask of the same boxes:
-        False for those that now count as decided, True for all others, also those just halved.
+        Without a goal, ``enough`` falls when a smaller leaf margin is found, so that earlier boxes
+        become decided. ``stays`` is a mask of the undecided boxes, False for those that were just
+        halved. Return a mask of the same boxes: False for those that become decided, True for all
+        others, also those just halved. Record the smallest bounds of those that become decided.
         """
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():

@@ -13,7 +13,7 @@ motion ends at F_k(c). A wider box, in which Φ is injective, contains the ends 
 cells, so they agree on common faces: one continuous function F(x₀, c). The theory, "Hand and
 elbow", has the theorem. Ω is the region of joint space of the design. An argument ``inverse`` is
 the repeatable inverse with the potentials h, ``problem`` has bounds on its J_V over boxes of
-joints, and ``start`` (n,) is the start.
+joints, and ``start`` (n,) is the start. Letters: K cells, n joints.
 
 ``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
 of joint space. ``Enclosure`` is boxes of joints that contain a motion, their half-widths, and
@@ -56,7 +56,8 @@ def level_boxes(
     become smaller until each is proved, and its box is inside Ω: ``clearance(Q)`` bounds how far
     each joint may move within Ω from Q (K, n), rad or m. In the result, each row of Q is the
     configuration in the middle of one cell, and ``half`` bounds the distance of F(x₀, c) from it.
-    Neighbouring rows are neighbouring cells. If that is not proved, the result has a reason.
+    Neighbouring rows are neighbouring cells. If some cell cannot be proved, the result has a reason
+    and only the start in Q.
     """
     r = inverse.task.r
     why = f"levels within {most:g} of the start's"

@@ -426,7 +426,7 @@ def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
 
 
 def inverses(matrices: Array) -> Array:
-    """Invert matrices (K, N, N), such as J_V; NaN where a matrix is singular, without an error."""
+    """Invert K matrices (K, N, N), such as J_V; NaN where one is singular, without an error."""
     try:
         return np.asarray(np.linalg.inv(matrices), float)
     except np.linalg.LinAlgError:

@@ -5,7 +5,7 @@ stacked on the potentials' gradients; where it is regular, pose and level determ
 configuration locally. The straight lines from the start pose to the poses of the path form a
 surface, a cone. If J_V is regular along all these lines, each pose of the cone has one
 configuration on the leaf. Shrinking the path within the cone to the start then shows that it
-closes.
+closes. n is the number of joints.
 
 ``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle.
 """
@@ -165,7 +165,7 @@ def _require_start(task: Task, path: TaskPath, q0: Array) -> None:
 
 
 def _ray_ends(inverse: RepeatableInverse, path: TaskPath, shares: Array, q0: Array) -> Array:
-    """Follow straight lines from q0 (n,) to the poses x(s) of a path; return their ends (P, n).
+    """Follow straight lines from q0 (n,) to P poses x(s) of a path; return their ends (P, n).
 
     ``shares`` (P,) are the values of s, from 0 to 1. If a line stops early, the InputError states s
     in percent.

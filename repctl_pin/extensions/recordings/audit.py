@@ -120,7 +120,7 @@ class Audit:
 
     @property
     def joints(self) -> Trend | None:
-        """Drift of each joint, its steady change, rad/s or m/s; None without two returns."""
+        """Drift of each joint, its steady change, rad/s or m/s; None for fewer than two returns."""
         return None if self.found is None else self.found.trend
 
     @property
@@ -269,7 +269,7 @@ def audit(
     log
         File (``.csv``, ``.npz`` or ``.parquet``) with a column ``time``, s, and one column per
         joint; a data set of LeRobot (its folder) or robomimic (``.hdf5``); or a pair of times (T,),
-        s, and joint positions (T, n), rad or m; with commanded levels (T, k) as a third array.
+        s, and joint positions (T, n), rad or m; with k commanded levels (T, k) as a third array.
     robot
         Catalogue name, path to a URDF, a loaded robot or a task.
     frame, kind : str, optional
@@ -366,7 +366,8 @@ def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...])
     """Compare the configurations at the visits, measure the links, and return the audit.
 
     The verdict is on the joints. To express it in metres, the most displaced point of each link is
-    found; its speed, and its largest distance between two visits, are measured.
+    found; its speed, and its largest distance between two visits, are measured. ``notes`` are
+    remarks on the log.
     """
     scale = joint_scale(task, visits.q[0])
     found = verdict(visits.t, visits.q, visits.deviation, visits.bias, scale)

@@ -1,7 +1,8 @@
 """Report of an audit: an answer that fits a terminal of 24 rows, a page and a figure.
 
 A Span is a piece of text with a style, such as "bad" for red. Drift is a steady change of the
-joints at one hand pose. A visit is a time at which the hand is at the pose.
+joints at one hand pose. A visit is a time at which the hand is at the pose. Letters: N visits, n
+joints.
 
 ``Headline`` is a sentence on the drift, and notes on joint speed, limits and bodies.
 """
@@ -88,9 +89,10 @@ def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
 
 
 def _audit_sentence(audit: Audit) -> list[Span]:
-    """Write the verdict, its statistic, and the number of returns, in pieces of styled text.
+    """Write the verdict, its statistic, such as the drift rate, and the number of returns.
 
-    A log in which no pose is visited often enough gets a sentence that says so.
+    The result is one sentence, in pieces of styled text. If no pose of the log is visited often
+    enough, the sentence says so.
     """
     if audit.found is None:
         return [Span(f"The log does not repeat{_distance(audit)}. Drift cannot be determined.")]

@@ -197,8 +197,8 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
 class _Explanation(NamedTuple):
     """Explanation of a constant offset.
 
-    ``why`` is a text that completes an error message, ``remedy`` the instruction behind it, and
-    ``miss`` (m, rad) the difference that the explanation leaves.
+    ``why`` is a text that completes an error message, ``remedy`` the instruction that follows it,
+    and ``miss`` (m, rad) the difference that the explanation leaves.
     """
 
     why: str
@@ -209,10 +209,11 @@ class _Explanation(NamedTuple):
 def _other_frame(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int]
 ) -> _Explanation:
-    """Fit another frame of the tool, (d, D): ``p = p_own + R_own d``, ``R = R_own D``.
+    """Fit another frame of the tool: ``p = p_own + R_own d``, ``R = R_own D``.
 
-    p (K, 3) and R (K, 3, 3) are the recorded poses, p_own and R_own those by forward kinematics.
-    ``rows`` are the components of the position that the task commands.
+    d (3,), m, and D (3, 3) are the frame's position and rotation in the frame of the task. p (K, 3)
+    and R (K, 3, 3) are the recorded poses, p_own and R_own those by forward kinematics. ``rows``
+    are the components of the position that the task commands.
     """
     d = np.linalg.lstsq(R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6)[0]
     D = mean_rotation(np.swapaxes(R_own, 1, 2) @ R) if task.kind.turns else np.eye(3)
@@ -224,7 +225,7 @@ def _other_frame(
 def _other_base(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int], B: Array
 ) -> _Explanation:
-    """Fit another base, rotated by B (3, 3) and shifted: ``p = B p_own + t``, ``R = B R_own``.
+    """Fit another base, rotated by B (3, 3) and shifted by t: ``p = B p_own + t``, ``R = B R_own``.
 
     p (K, 3) and R (K, 3, 3) are the recorded poses, p_own and R_own those by forward kinematics.
     ``rows`` are the components of the position that the task commands.

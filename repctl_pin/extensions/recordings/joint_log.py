@@ -169,7 +169,7 @@ def read_joint_log(file: Any, task: Task, units: Array, levels: Sequence[str] = 
 
 
 def _clock_of(table: Table) -> str:
-    """Find the column of times of a log; InputError if it is missing or has no number per row."""
+    """Find the name of the column of times; InputError if missing or not one number per row."""
     clock = _clock(list(table.widths))
     if clock is None:
         raise InputError(
@@ -267,8 +267,8 @@ def _unit_of(clock: str) -> str:
 def _clock(header: Sequence[str]) -> str | None:
     """Find the name of the column of times; None if there is none.
 
-    If there are several, the first in the order of ``_CLOCKS`` is returned. A unit may follow the
-    name, as in ``time_ms``.
+    If there are several, the result is the one whose name comes first in the list ``time``, ``t``,
+    ``times``, ``timestamp``, …. A unit may follow the name, as in ``time_ms``.
     """
     bare = {
         name: re.sub(r"[ _.(\[]+(s|sec|secs|seconds|ms|us|µs|ns)[)\]]?$", "", name.lower())
@@ -281,7 +281,9 @@ def _clock(header: Sequence[str]) -> str | None:
 def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> InputError:
     """Make the error for a file without columns of joint positions.
 
-    The message names the missing joint, or says that the columns are velocities or efforts.
+    ``where``, the name of the file, begins the message; ``header`` are the names of its columns,
+    and ``joints`` those of the arm's joints. The message names the missing joint, or says that the
+    columns are other quantities, such as velocities.
     """
     held = [j for j in joints if any(_holds(name, j) for name in header)]
     others = [name for name in header if words_of(name, joints) & _NO_POSITION]

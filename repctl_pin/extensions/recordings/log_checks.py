@@ -1,6 +1,7 @@
 """Plausibility checks of a joint log: units, times, and order of the joints.
 
 A log in degrees, or with its columns in another order, would give a wrong verdict without an error.
+Letters: T rows of the log, n joints.
 
 ``JointLog`` is recorded joint positions q (T, n) and their times t (T,).
 """

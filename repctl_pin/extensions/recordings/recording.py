@@ -234,7 +234,7 @@ class Recording:
             table = read_table(path, task.joint_names)
         if action is not None and not (data_set and action in ACTIONS):
             raise InputError(
-                f"must be {' or '.join(ACTIONS)}, and belongs to data sets of LeRobot or "
+                f"must be {' or '.join(ACTIONS)}, and is only for data sets of LeRobot or "
                 f"robomimic; got {shown(action)}",
                 argument="action",
             )

@@ -202,10 +202,11 @@ class Relabeled:
         A data set is written in the format in which it was read, with new statistics. It is written
         completely or not at all, and never replaces an existing file or folder.
 
-        If the recording was read from a file, its other columns are kept, except ``removed`` and
-        ``recomputed``. In the same format, their values and types, and the metadata, are unchanged.
-        New joints are rounded to the type of their column. Configurations of frames that could not
-        be relabelled are NaN.
+        If the recording was read from a file, its other columns are kept, except those that depend
+        on the recorded joints: they are left out (:attr:`removed`) or, for poses, computed from the
+        new joints (:attr:`recomputed`). In the same format, their values and types, and the
+        metadata, are unchanged. New joints are rounded to the type of their column. Configurations
+        of frames that could not be relabelled are NaN.
 
         Raises
         ------
@@ -243,7 +244,7 @@ class Relabeled:
 
     @property
     def removed(self) -> tuple[str, ...]:
-        """Names of the columns that are not written, because they belong to the old joints."""
+        """Names of the columns that are not written, because they belong to the recorded joints."""
         return self._columns.removed
 
     @property

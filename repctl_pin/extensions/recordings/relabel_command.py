@@ -133,7 +133,7 @@ def _places(options: Options) -> tuple[Path, Path]:
 
 
 def _sentence(relabeled: rp.Relabeled) -> str:
-    """Write one sentence that says whether the recorded joints were ambiguous and the new are not.
+    """Write one sentence that says whether the recorded joints were ambiguous and the new ones not.
 
     Ambiguity is the misfit of a smooth function of the pose. The recorded joints count as ambiguous
     if their misfit is more than twice that of the new joints.

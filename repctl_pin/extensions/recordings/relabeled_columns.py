@@ -1,6 +1,6 @@
 """Columns of a relabelled recording: the columns of its file, with new joints and poses.
 
-Columns that depend on the old joints, such as velocities or actions, would contradict the new
+Columns that depend on the recorded joints, such as velocities or actions, would contradict the new
 joints and are removed. Columns of the gripper, of cameras and of times stay. A session is one run
 of the recorder, such as a demonstration. Letters: K frames (rows), n joints.
 
@@ -52,7 +52,7 @@ class Columns(NamedTuple):
     new : dict of str to NewCells
         New numbers, by name of the column; other columns of the file are kept.
     removed : tuple of str
-        Names of columns of the file that are left out, because they belong to the old joints.
+        Names of columns of the file that are left out, because they belong to the recorded joints.
     recomputed : tuple of str
         Names of columns of the pose that are computed from the new joints.
     """

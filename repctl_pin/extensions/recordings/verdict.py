@@ -197,8 +197,9 @@ class _Visits(NamedTuple):
 def _groups(q: Array, r: Array) -> NDArray[np.intp]:
     """Return the index of each visit's configuration: (N,), from 0.
 
-    A visit joins the first group all of whose intervals q ± r its own overlap, with q and the noise
-    r (N, n). So the visits of a group have the same configuration within the noise.
+    The intervals of a visit are its row of q ± r, with q and the noise r (N, n). A visit joins the
+    first group in which its intervals overlap those of every visit, else it begins a new group. So
+    the visits of a group have the same configuration within the noise.
     """
     low, high = np.empty_like(q), np.empty_like(q)  # of each group
     groups, count = np.zeros(len(q), np.intp), 0
@@ -215,9 +216,10 @@ def _groups(q: Array, r: Array) -> NDArray[np.intp]:
 def _few(q: Array, r: Array, groups: NDArray[np.intp]) -> bool:
     """Test whether the arm jumps between a few separate configurations.
 
-    It has at most two of them, or enters each twice on average. ``groups`` (N,) has the index of
-    each visit's configuration, and q ± r (N, n) are the intervals of its values. Two configurations
-    are separate if, for some joint, the intervals of their visits do not overlap.
+    There are few if there are at most two, or the arm enters each twice on average. ``groups`` (N,)
+    has the index of each visit's configuration, and q ± r (N, n) are the intervals of its values.
+    Two configurations are separate if, for some joint, the intervals of their visits do not
+    overlap.
     """
     count = groups.max() + 1
     entered = 1 + np.count_nonzero(np.diff(groups))

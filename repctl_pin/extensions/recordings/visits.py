@@ -7,9 +7,9 @@ counts as a length, ``radian``, m. A gap is a time step of the log that is too l
 (T − 1,) is False there. Levels are what was commanded beside the pose: positions along the
 self-motion, such as the position of the elbow. A pass is a run of consecutive rows near the pose.
 
-Letters: T rows of the log, n joints, N visits, d coordinates of a pose as a point, m task
-coordinates; e is the task error. ``noise`` (n,) is the standard deviation of a reading of each
-joint, rad or m.
+Letters: T rows of the log, K rows of one visit, n joints, N visits, d coordinates of a pose as a
+point, m task coordinates; e is the task error. ``noise`` (n,) is the standard deviation of a
+reading of each joint, rad or m.
 
 ``_Pass`` is consecutive rows of a log near one pose. ``Visits`` are the visits of the hand at one
 pose: their times and configurations. ``Kind`` is the kind of a task, such as ``pose``, with the
@@ -116,8 +116,8 @@ def _most_visited(
     """Find the row of X whose pose the hand visits most often.
 
     The rows of X (T, d) are points in m, ``steps`` (T - 1,) the distances between them; ``whole``
-    is False at gaps of the log. Returns the row, the passages within the tolerance, and how near
-    the hand comes to any tried pose at other times, m.
+    is False at gaps of the log. Return the index of the row, the passes of its pose within the
+    tolerance, and how near the hand comes to any tried pose at other times, m.
     """
     radius = tolerance + float(np.quantile(steps, 0.95))
     tree = cKDTree(X)
@@ -272,9 +272,9 @@ def _coordinates(kind: Kind, placements: Sequence[pin.SE3], radian: float) -> Ar
 def _tolerance(
     task: Task, Q: Array, X: Array, noise: Array, radian: float, whole: NDArray[np.bool_]
 ) -> float:
-    """Compute the default tolerance of a hand pose, m, without the constant ``_FLOOR``.
+    """Compute the default tolerance of a hand pose, m, without the 1e-4 arm lengths added to it.
 
-    The tolerance is four times the noise of the distance between two poses, plus the sagitta of the
+    The result is four times the noise of the distance between two poses, plus the sagitta of the
     path between two rows: a quick hand can pass a pose at that distance between two rows. ``X`` (T,
     d) are the poses as points, whose distances are those of the poses, m; ``noise`` (n,) is that of
     the joints.
@@ -382,7 +382,7 @@ def _configuration(
 
 
 def _errors(task: Task, made: list[_Estimate], noise: Array, quantum: Array) -> tuple[Array, Array]:
-    """Compute the standard deviations (N, n) and the biases (N, n), rad or m, of N configurations.
+    """Compute the standard deviations and biases, (N, n) each, rad or m, of N estimates ``made``.
 
     ``quantum`` (n,) is the resolution of the log. The correction by J⁺ removes the part of an error
     that moves the hand, and leaves the part in the null space, by ``P = I − J⁺ J``. It does not

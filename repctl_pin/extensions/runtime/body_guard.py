@@ -296,7 +296,7 @@ class BodyGuard:
 def _bodies_of(bodies: Bodies, task: Task, unchecked: bool) -> Bodies:
     """Check that bodies are those of the task's robot and joints, and return them.
 
-    An InputError is raised if not, or if there is no pair of bodies. With ``unchecked``, links
+    An InputError is raised otherwise, or if there is no pair of bodies. With ``unchecked``, links
     without a body are accepted.
     """
     require_type(bodies, Bodies, "bodies", "rp.Bodies(task)")

@@ -317,7 +317,7 @@ class Governor:
         Parameters
         ----------
         Q : (K, n) array
-            Configurations of the motion; in between, the joints move on a straight line.
+            The K configurations of the motion; in between, the joints move on a straight line.
         """
         self._check_started()
         Q = as_configurations(Q, self._task.n, repr(self._task))

@@ -3,7 +3,7 @@
 Own times are the times of the waypoints, such as the column ``time`` of a file. A robot that works
 with another machine must keep them. They give s(t), the length of the joint path over time, whose
 speed ṡ jumps, at least at both ends. So s(t) is smoothed: convolved with a triangle of width r, the
-smoothing time.
+smoothing time. Letters: T points or times, n joints.
 
 ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
 numbers. ``_OwnTimes`` is a smooth part of a joint path, timed as the motion itself was.

@@ -155,8 +155,8 @@ class Course:
     segments
         The segments, in order.
     begins, durations : arrays
-        Time at which each segment begins, and its duration, s. If the duration differs from the
-        segment's own, the segment is stretched in time.
+        Time at which each segment begins, and its duration, s, one number per segment. If the
+        duration differs from the segment's own, the segment is stretched in time.
     """
 
     segments: Sequence[Segment]
@@ -426,7 +426,8 @@ class _Program:
     grid, scale, top : (K,) arrays
         Stages, unit of each x, and largest y. ``top`` is 0 at both ends, where the arm rests.
     A : (L, K) sparse array
-        Matrix with two entries per row; a row is the limit of one joint at one end of an interval.
+        Matrix of L rows with two entries each; a row is the limit of one joint at one end of an
+        interval.
     low, high : (L,) arrays
         Bounds of the rows.
     limits

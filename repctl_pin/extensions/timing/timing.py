@@ -3,7 +3,8 @@
 The joint path is cut at the stops into segments. Each segment is timed, and the result is sampled.
 A cycle is one traversal of the closed path; the steady cycle is the one between those that speed up
 and slow down. ``JointLimits`` are the limits of all n joints, as arrays. s is the length of the
-joint path. An argument ``laps`` is the joint path of a few cycles, see :class:`_Laps`.
+joint path, and T a number of samples. An argument ``laps`` is the joint path of a few cycles, see
+:class:`_Laps`.
 
 ``Profile`` is the timing of a few cycles: segments with pauses between them. ``Segment`` is a
 smooth part of a joint path between two stops, with its speed at each stage. ``JointMotion`` is a
@@ -141,7 +142,7 @@ class _Laps:
     Attributes
     ----------
     Q : (P, n) array
-        The points, rad or m.
+        The P points, rad or m.
     clock, stays : (P,) arrays
         The motion's own time at each point, and the duration of its pause there, 0 for none, s.
     ends : tuple of int

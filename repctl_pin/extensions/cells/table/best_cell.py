@@ -397,8 +397,8 @@ def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: R
     found = ordered(box, grown(box, p, Q), at)
     if not len(found.p):
         raise InputError(
-            f"the orientation is reached at none of {_DRAWN} positions within the joint limits; "
-            "give another orientation, or a task that leaves a rotation free"
+            f"the orientation is reached from none of {_DRAWN} random configurations within the "
+            "joint limits; give another orientation, or a task that leaves a rotation free"
         )
     wide = rows_of(found, unlike_rows(found.p, box.half_width.max(), _TRIED))
     found = joined([_free(box, found, _LOOKED), _free(box, wide, _TRIED)])

@@ -109,7 +109,8 @@ def drawn_nodes(
     Q, good = table.solved(nodes, Q, np.zeros(Q.shape, bool), SETTLED)
     if not good.any():
         raise InputError(
-            f"the orientation is reached at none of {_DRAWN} positions within the joint limits",
+            f"the orientation is reached from none of {_DRAWN} random configurations within the "
+            "joint limits",
             remedy="give another orientation, or a task that leaves a rotation free",
         )
     return table, nodes[good], Q[good]

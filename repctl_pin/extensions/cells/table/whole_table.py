@@ -816,7 +816,7 @@ def _designed(fit: CellFit, ranked: list[_Place], limits: Required) -> CellDesig
         return design
     name = fit.desired.task.robot.name
     raise InputError(
-        f"no range of radius and height round the base of {name} was found that one function "
+        f"no range of radius and height around the base of {name} was found that one function "
         f"covers at this orientation{_failed(ranked, limits)}",
         remedy="give another orientation, or the size of a box of poses",
     )

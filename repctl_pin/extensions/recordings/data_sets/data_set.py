@@ -1,7 +1,7 @@
 """A data set of robot learning: many demonstrations, with joints, actions, and much else.
 
-Its demonstrations are read as one table with a row per frame; K is their number. It is written
-whole or not at all, and a new data set never replaces one that exists.
+Its demonstrations are read as one table with a row per frame; K is the number of frames. A data set
+is written whole or not at all, and a new data set never replaces one that exists.
 
 ``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
 replace.
@@ -103,8 +103,8 @@ class DataSet(Table):
 def require_new(source: Path, path: Path) -> None:
     """Raise InputError if a data set cannot be written to ``path``.
 
-    It must not exist, nor lie in the folder ``source``, so that no data set is replaced or copied
-    into itself.
+    The path must not exist, nor lie in the folder ``source``, so that no data set is replaced or
+    copied into itself.
     """
     if os.path.lexists(path):
         raise InputError(

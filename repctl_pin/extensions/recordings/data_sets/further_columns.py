@@ -83,7 +83,7 @@ def require_positions(
     for at, label in enumerate(labels or ()):
         if at not in places and any(joint in label for joint in task.joint_names):
             raise InputError(
-                f"{table.joints!r} has {label!r}, which belongs to the old joints",
+                f"{table.joints!r} has {label!r}, which belongs to the replaced joints",
                 remedy="leave these numbers out of the data set",
             )
 
@@ -121,7 +121,10 @@ def _places(
 
 
 def _require_near(table: DataSet, task: Task, name: str, A: Array, Q: Array) -> None:
-    """Raise InputError unless actions A (K, n) are joint positions near the recorded Q (K, n)."""
+    """Raise InputError unless actions A (K, n) are joint positions near the recorded Q (K, n).
+
+    ``name`` is the column of the actions, for the message.
+    """
     away = np.median(np.abs(A - Q), axis=0)
     worst = int(np.argmax(away))
     if away[worst] > _AWAY:

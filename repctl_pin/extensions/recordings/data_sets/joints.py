@@ -39,6 +39,7 @@ def joints_of(
     ``given`` are names of all numbers in a row of that column, in order. By default, they are those
     in the data set. If it has none, the column must have exactly one number per joint; a LeRobot
     data set must have names.
+
     Raises
     ------
     InputError
@@ -110,8 +111,8 @@ def places_of(name: str, width: int, task: Task, given: Sequence[str] | None) ->
 
 
 def stem(name: str, own: Sequence[str]) -> str:
-    """Return a joint's name without LeRobot's suffix ``.pos``, unless that name is a joint's own.
+    """Return a joint's name without LeRobot's suffix ``.pos``.
 
-    ``own`` are the names of the robot's joints.
+    The suffix stays if the whole name is in ``own``, the names of the robot's joints.
     """
     return name if name in own else name.removesuffix(".pos")

@@ -2,7 +2,8 @@
 
 Version 2.1 has one Parquet file per demonstration (episode), version 3.0 many demonstrations in one
 file. Both contain statistics of each column, per demonstration or over all demonstrations. The
-statistics of a changed column are computed again.
+statistics of a changed column are computed again. Letters: K frames (rows), w numbers per row of a
+column.
 
 ``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
 replace.
@@ -164,7 +165,7 @@ class LeRobotData(DataSet):
         return np.concatenate(parts)
 
     def where(self, row: int) -> str:
-        """Name a row, counted from 0: its file, and its row there."""
+        """Describe where a row, counted from 0, is stored: its file, and its row there."""
         at = int(np.searchsorted(self._ends, row, side="right")) - 1
         return f"{self._files[at]}, row {row - int(self._ends[at])}"
 
@@ -208,7 +209,7 @@ class LeRobotData(DataSet):
             name = file.relative_to(self.file).as_posix()
             if name not in _OF_STATISTICS:
                 raise InputError(
-                    f"{file} may have statistics of the old joints",
+                    f"{file} may have statistics of the replaced joints",
                     remedy="move it away, and compute it again for the new data set",
                 )
 
@@ -236,7 +237,7 @@ def _opened(file: Path) -> Any:
 
 
 def _part(new: Mapping[str, NewCells], rows: slice) -> dict[str, NewCells]:
-    """Select rows of all new columns: those of one file, counted from its start; by column name."""
+    """Select the same rows of all new columns, such as those of one file; return them by name."""
     return {name: NewCells(c.values[rows], c.at, c.rows[rows]) for name, c in new.items()}
 
 
@@ -298,8 +299,9 @@ def _updated(
 ) -> dict[str, Any]:
     """Compute the statistics of changed columns again, and return those of all columns, by name.
 
-    ``columns`` (K, w) are the changed columns, ``stats`` the old statistics, from which those of
-    the columns ``removed`` are left out. ``file`` is named in error messages.
+    ``columns`` are the changed columns, (K, w) each, by name, and ``stats`` the old statistics of
+    all columns, from which those of the columns ``removed`` are left out. ``file`` is named in
+    error messages.
     """
     made = {name: value for name, value in stats.items() if name not in removed}
     for name, X in columns.items():
@@ -318,7 +320,7 @@ def _statistic(key: str, X: Array, file: Path) -> Array:
     if key[0] == "q" and key[1:].isdecimal() and len(key) == 3:
         return np.quantile(X, int(key[1:]) / 100, axis=0)
     raise InputError(
-        f"{file}: the statistic {key!r} is not known, and would be that of the old joints",
+        f"{file}: the statistic {key!r} is not known, so it cannot be computed for the new joints",
         remedy="remove it from the data set",
     )
 

@@ -1,7 +1,7 @@
 """robomimic's data sets: an HDF5 file with a group ``data/demo_0``, ``data/demo_1``, … of arrays.
 
 An array's name is its path below the demonstration, such as ``obs/robot0_joint_pos``. The file is
-copied, and only the arrays that change are written.
+copied, and only the arrays that change are written. K is the number of frames (rows).
 
 ``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
 replace.
@@ -55,7 +55,8 @@ class RobomimicData(DataSet):
             found = [name for name in (array, f"obs/{array}") if self.widths.get(name, 0) > 0]
             if not found:
                 raise InputError(
-                    f"{file}: no array {array!r} of numbers is in every demonstration; name another"
+                    f"{file}: no array {array!r} of numbers is in every demonstration; "
+                    "name another array by joints= (--joints)"
                 )
         if len(found) > 1:
             raise InputError(
@@ -66,7 +67,7 @@ class RobomimicData(DataSet):
         self.commands = self._controller()
 
     def column(self, name: str) -> Column:
-        """Return an array of all demonstrations, one after the other."""
+        """Return the array ``name`` of all demonstrations, joined: (K,) or (K, width)."""
         if name == "demo":
             numbers = np.array([_number(demo) for demo in self._demos])
             return np.repeat(numbers, np.diff(self._ends).astype(int))
@@ -74,7 +75,7 @@ class RobomimicData(DataSet):
             return np.concatenate([h5[f"data/{demo}/{name}"][()] for demo in self._demos])
 
     def where(self, row: int) -> str:
-        """Name a row, counted from 0: its demonstration, and its row there."""
+        """Describe where a row, counted from 0, is stored: its demonstration, and its row there."""
         at = int(np.searchsorted(self._ends, row, side="right")) - 1
         return f"{self.file}, {self._demos[at]}, row {row - int(self._ends[at])}"
 
@@ -110,7 +111,7 @@ class RobomimicData(DataSet):
                     del group[name]
 
     def _controller(self) -> str | None:
-        """Return ``hand`` if robosuite's ``env_args`` say that actions command it, else None."""
+        """Return ``hand`` if, by robosuite's ``env_args``, actions command the hand, else None."""
         kinds = set(_types(self._arguments.get("controller_configs")))
         arms = {kind for kind in kinds if kind.startswith((*_HAND, "JOINT_"))}
         hand = arms and all(kind.startswith(_HAND) for kind in arms)
@@ -238,5 +239,5 @@ def _require_own(dataset: Any, file: Path) -> None:
     if shared:
         raise InputError(
             f"{file}: {dataset.name} shares its numbers with another array or file",
-            remedy="write them as an array of its own",
+            remedy="write the numbers as a separate array",
         )

@@ -1,4 +1,8 @@
-"""C++ header with a repeatable inverse as solvers of Orocos KDL, for programs built on KDL."""
+"""C++ header with a repeatable inverse as solvers of Orocos KDL, for programs built on KDL.
+
+n is the number of joints. The function F of a cell, a box of poses, gives one configuration per
+pose.
+"""
 
 from __future__ import annotations
 

@@ -162,12 +162,12 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
 
 
 def _frame_sizes(arm: Any) -> dict[str, str | int]:
-    """Return the sizes of one frame for C: task rows, joints, and maximum joints of any frame.
+    """Return the sizes of one frame of the task for C, as numbers or C expressions.
 
-    They are returned by the names of the template's placeholders, as numbers or C expressions.
-    ``arm`` is the C struct of the task's joint chains. For one frame, all are constants, so that
-    the compiler can unroll loops. For several frames, the first two are members of each frame's
-    struct ``arm``.
+    They are its number of task coordinates, its number of joints, and the largest number of joints
+    of any frame. They are returned by the names of the template's placeholders. ``arm`` is the C
+    struct of the task's joint chains. For one frame, all are constants, so that the compiler can
+    unroll loops. For several frames, the first two are members of each frame's struct ``arm``.
     """
     if arm.frames == 1:
         return {"rows": "M", "joints": arm.joints, "most": arm.joints}

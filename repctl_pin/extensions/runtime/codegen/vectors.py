@@ -91,10 +91,10 @@ def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) ->
 
 
 def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generator) -> Vector:
-    """Sample the valid test vector number k at q (n,); every sixth one away from q.
+    """Sample the valid test vector number k, with the configuration q (n,) or one away from q.
 
-    The distance is random, about 1 rad or m per joint, so that most of these lie outside the
-    region. All random numbers are drawn from ``rng``.
+    Every sixth vector has a configuration away from q, by a random 1 rad or m or so per joint, so
+    that most of these lie outside the region. All random numbers are drawn from ``rng``.
     """
     task = inverse.task
     if k % 6 == 5:  # further outside
