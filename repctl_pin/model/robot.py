@@ -397,7 +397,7 @@ class Robot(Mechanism):
     def chain(self, frame: str) -> tuple[str, ...]:
         """List the names of the movable joints between ``base`` and a frame, from the base outward.
 
-        A joint that others mimic is listed once, at the first joint that moves with it.
+        A joint that others mimic is listed once, in the place of the first joint that it moves.
         """
         up, down = path_between(self.model, self.base_id, self._frame_id(frame))
         return tuple(
@@ -596,8 +596,8 @@ def read_surroundings(
 ) -> tuple[Description, Sequence[str]]:
     """Read the URDF of the surroundings; return it, and the folders in which its meshes may be.
 
-    These folders are those of :func:`default_package_dirs`. If the file is a xacro, its
-    ``$(find package)`` is looked up in ``package_dirs`` and then in them.
+    These folders are the file's parents and the folders of ROS packages. If the file is a xacro,
+    its ``$(find package)`` is looked up in ``package_dirs`` and then in them.
     """
     beside = Path(os.path.expanduser(str(file_name(path, "surroundings"))))
     near = default_package_dirs(beside)

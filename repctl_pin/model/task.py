@@ -401,8 +401,8 @@ class Task:
     def check(self, q: ArrayLike, what: str = "q", beyond: float = 1e-9) -> Array:
         """Check a configuration of the user, and return it: (n,) finite numbers within the limits.
 
-        ``what`` is its name in messages. ``beyond`` is the distance, rad (m), by which a joint may
-        be outside its limits.
+        ``what`` is its name in messages. ``beyond`` is the distance, rad or m, by which a joint
+        may be outside its limits.
 
         Raises
         ------
@@ -454,7 +454,7 @@ class Task:
         return [ids[k] for k in np.argmax(driven, axis=0)]
 
     def _task_rows(self, J: Array) -> Array:
-        """Select the m rows of the task from the frame's Jacobian J (6, N), in base axes.
+        """Select the task's m rows from the frame's Jacobian J (6, N), in base axes: (m, N).
 
         N is the number of joints of the model, mimic joints included. The two rotations of an axis
         task are returned in tool axes. J must be the last one evaluated, because Pinocchio's data

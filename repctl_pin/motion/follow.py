@@ -3,8 +3,9 @@
 A strategy gives joint velocities q̇ from the configuration q and the task velocity ẋ. The path
 parameter s runs from 0 to 1 in each cycle; a cycle is divided into steps, which end at all corners.
 A repeatable strategy keeps its potentials h constant, and so the arm on a leaf, the set h(q) = c of
-the level c. J⁺ is the pseudoinverse, the usual strategy. T = cycles · steps is the number of all
-steps of a motion.
+the level c. A leaf lock replaces the integration by Newton steps, which correct pose and level at
+each point of the path. J⁺ is the pseudoinverse, the usual strategy. T = cycles · steps is the
+number of all steps of a motion.
 
 ``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle. ``_Method``
 is an integration method: the functions that take its steps. ``Strategy`` is a controller: a map (q,
@@ -244,12 +245,12 @@ def _locked(
 
 
 def unresolved(strategy: Strategy, motion: Motion) -> str:
-    """Return a text that says in which cycle a motion's drift is not resolved; empty if it is.
+    """Return a text that says in which cycle a motion's drift is not resolved; else empty.
 
     A study shows the text instead of a drift. The motion, which must be without feedback, is
-    integrated again with twice the steps per cycle. The drift is resolved if both runs end each
-    cycle within 1 % of the drift of each other, or within the distance that counts as closed. Near
-    a singularity, where J⁺ grows without bound, neither number of steps is enough.
+    integrated again with twice the steps per cycle. The drift is resolved if the two runs differ at
+    the end of each cycle by at most 1 % of the drift, or 1e-5 rad or m. Near a singularity, where
+    J⁺ grows without bound, neither number of steps is enough.
     """
     path = motion.path
     task = strategy.task

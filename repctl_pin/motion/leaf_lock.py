@@ -1,7 +1,8 @@
 """Leaf lock: Newton steps from point to point of a path, on a leaf h(q) = c.
 
 A leaf is the set of configurations on which the potentials h keep the level c. A repeatable inverse
-stays on its leaf up to integration errors; the leaf lock removes these errors in each step.
+stays on its leaf up to integration errors; the leaf lock removes these errors in each step. The
+path parameter s runs from 0 to 1 in each cycle.
 """
 
 from __future__ import annotations

@@ -273,8 +273,9 @@ class _Cost:
     def step(self, Q: Array, *, exact: bool) -> tuple[Array, float]:
         """Compute a Newton step (K, n) at Q (K, n) along the null space, and predict its decrease.
 
-        The decrease is that of the cost. N spans the null space of J, and H = ∂J/∂q. Self-motions
-        are ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so Newton's matrix is the Gauss–Newton matrix
+        The decrease is that of the cost. N spans the null space of J, and H = ∂J/∂q. With a (r,),
+        ``q(a) = q + N a − ½ J⁺ (H N a) N a + …`` is a self-motion, so Newton's matrix is the
+        Gauss–Newton matrix
         plus one block (r, r) per configuration, the curvature of the self-motion times the
         gradient. If ``exact`` is False, their positive semidefinite parts are used, so that the
         matrix is positive definite.

@@ -334,7 +334,7 @@ def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
-    """Return the message that no solution of f(q) = target is found from q (n,); else empty."""
+    """Try to reach the target from q (n,); return the error's message, empty if it is reached."""
     try:
         solve_near(task, q, target, tolerance=_THERE)
     except InputError as error:

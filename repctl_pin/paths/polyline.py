@@ -299,7 +299,10 @@ def _edge_sizes(corners: Array, rotation: Array | list[Array], name: str) -> Arr
 
 
 def _blend_radius(blend: float, times: ArrayLike | None) -> float:
-    """Check the radius of the rounded corners, m; raise InputError if times are given, too."""
+    """Check the radius of the rounded corners, m, and return it.
+
+    InputError is raised for a negative radius, and for one above 0 if times are given.
+    """
     blend = positive(blend, "blend", "m", zero=True)
     if blend and times is not None:
         raise InputError(

@@ -363,9 +363,10 @@ class RepeatableInverse:
         """Find the level c at which the elbow is nearest to a point, with the frame at rest.
 
         The search moves along the self-motion from q, within the joint limits and away from
-        algorithmic singularities, to the next minimum of the distance. Where :attr:`.unique` is
-        False, the level depends on q. If the search begins at a configuration that is a function of
-        the pose, such as :meth:`solve` from the start, the result is a function of pose and point.
+        algorithmic singularities, to the next minimum of the distance. Where a self-motion hardly
+        changes this distance, ``unique`` is False, and the level depends on q. If the search begins
+        at a configuration that is a function of the pose, such as :meth:`solve` from the start, the
+        result is a function of pose and point.
 
         Parameters
         ----------

@@ -124,8 +124,8 @@ def timed_cycle(
     """Choose the period of a design's cycle, so that no joint exceeds its speed limit.
 
     Returns the cycle (start, path and period), and a list of notes. A given period, s, is not
-    changed. Otherwise the period is that of the path, or the default one, and is increased if
-    necessary, which a note says.
+    changed. Otherwise the period is that of the path, else 5 s, and is increased if necessary,
+    which a note says.
     """
     path = problem.cycle
     time = period or path.period or PERIOD

@@ -244,7 +244,8 @@ def _rows(
     Controllers are J⁺, J⁺ with two postures, ``custom`` by name, and the design's inverse, in this
     order. ``cycles`` and ``steps`` are the numbers of cycles, and of steps per cycle. If ``period``
     is None, it is chosen so that no joint exceeds its speed limit under J⁺ and the design's
-    inverse. Returns the rows, the period, s, and notes on the period and of :func:`edge_warning`.
+    inverse. Returns the rows, the period, s, and notes: on the period, and on J⁺ or the design's
+    inverse if its motion changes when the start moves by 1e-6 along the self-motion.
     """
     q0 = problem.start
     path = problem.cycle

@@ -425,9 +425,10 @@ def _summaries(
     arms: Sequence[Arm],
     links: frozenset[str],
 ) -> list[MotionSummary]:
-    """Summarise every track, for each of which ``played`` has one motion or one of each chain.
+    """Summarise every track, for the headline of the page.
 
-    ``links`` are those of the arms, of which the most displaced one is named.
+    ``played`` has, for each track, a list of one motion of the task or one per chain. ``links`` are
+    the links of the arms, of which the most displaced one is named.
     """
     return [
         _summary(done, track, farthest(arm.shapes, arm.off[-1], links))

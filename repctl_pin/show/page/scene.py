@@ -386,7 +386,8 @@ def _links(own: dict[str, Any] | None, arm: Arm) -> list[Any]:
     """List, for each shape, [index of the joint that moves its link, display name of its part].
 
     The index is −1 for a link fixed to the base; a shape of the surroundings has None instead of a
-    list. ``own`` is that of :func:`animation_page`; if it is None, all entries are None.
+    list. ``own`` are the numbers by which the page follows a visitor's own path; if it is None, all
+    entries are None.
     """
     return [None] * len(arm.shapes) if own is None else own["links"]
 
