@@ -40,7 +40,7 @@ def arm_length(task: Task, q: Array) -> float:
 
 
 def arm_reach(task: Task, q: Array) -> float:
-    """Compute the arm length plus the strokes of the prismatic joints that have limits, m.
+    """Compute the arm length at q (n,), m, plus the strokes of prismatic joints that have limits.
 
     Default path sizes are fractions of this reach.
     """

@@ -171,7 +171,7 @@ class Robot(Mechanism):
         self.reference = self.poses["reference"]
 
     def _revolute(self, names: Sequence[str]) -> NDArray[np.bool_]:
-        """Return a mask: True for each of the named joints that is not prismatic."""
+        """Return a mask (K,) of the joints with K ``names``: True for each not prismatic."""
         return np.array([self.joints[name].kind != "prismatic" for name in names], bool)
 
     @classmethod

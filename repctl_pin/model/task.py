@@ -275,6 +275,7 @@ class Task:
         """Evaluate the task error from each row of Q (K, n) to its target: (K, m), m and rad.
 
         It is target minus pose; the rotation is in base axes, in an axis task in tool axes.
+        ``targets`` has one placement per row of Q.
         """
         targets = as_placements(targets, "target", "a list of placements")
         goals = {id(target): target for target in targets}  # many are the same object

@@ -439,14 +439,14 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
 
 
 def placements_along(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
-    """Evaluate a path's placements at the ends of the steps of a cycle: one more than steps."""
+    """Evaluate a path's placements at the start of a cycle and at the end of each of its steps."""
     placements: tuple[pin.SE3, ...] = _kept(_placements, path)(path, steps)
     return placements
 
 
 @lru_cache(maxsize=4)
 def _placements(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
-    """Evaluate a path's placements at the ends of the steps of a cycle: one more than steps.
+    """Evaluate a path's placements at the start of a cycle and at the end of each of its steps.
 
     The last results are cached, because several strategies follow the same path.
     """
@@ -454,10 +454,10 @@ def _placements(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
 
 
 def path_grid(path: TaskPath, steps: int) -> Array:
-    """Compute the values of s, from 0 to 1, at which the steps of a cycle begin and end.
+    """Compute the values of s (K + 1,), from 0 to 1, at which the K steps of a cycle begin and end.
 
     Each piece of the path between two corners gets its share of ``steps``, at least one. So no step
-    crosses a corner, where the velocity jumps. There can be a few more steps than ``steps``.
+    crosses a corner, where the velocity jumps. K can exceed ``steps`` by a few.
     """
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))

@@ -143,7 +143,7 @@ def least_closed_motion(
 
 
 def _plain(cost: _Cost, start: Array) -> Array:
-    """Follow the path with J⁺ from a start (n,): K + 1 configurations, in general not closed."""
+    """Follow the path with J⁺ from a start (n,): a motion (K + 1, n), in general not closed."""
     Q = [start]
     for target in [*cost.targets[1:], cost.targets[0]]:
         Q.append(solve_near(cost.task, Q[-1], target, tolerance=1e-10))

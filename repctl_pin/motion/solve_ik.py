@@ -355,8 +355,8 @@ def random_configurations(task: Task, count: int, rng: np.random.Generator) -> A
 def _longest_reach(task: Task, *, limits: bool = True) -> tuple[Array, float]:
     """Compute an upper bound on the distance of the frame from the chain's first joint.
 
-    It is the sum of the distances between successive joints, from the last one to the frame, and of
-    the largest strokes of prismatic joints; with ``limits`` False, these are infinite.
+    The bound adds the distances from joint to joint, that from the last joint to the frame, and the
+    largest strokes of prismatic joints, which are infinite if ``limits`` is False.
 
     Returns
     -------

@@ -224,7 +224,7 @@ def _limits(summary: MotionSummary) -> Span:
 
 
 def _links(summary: MotionSummary) -> Span:
-    """Format the minimum body distance: ``collide!`` below 0, ``not checked`` if it is None."""
+    """Format the minimum body distance; ``not checked`` without bodies, ``collide!`` below 0."""
     if summary.body_distance is None:
         return Span("not checked", "near")
     if summary.collision_cycle:
