@@ -300,7 +300,7 @@ def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
 def _hand(name: str, kind: Kind) -> str:
     """Write the label of a hand on the page: its name, and which rotation its task leaves free.
 
-    Such as ``hand, free to turn:`` for a task that controls the position only.
+    For a task that controls the position only, it is ``hand, free to turn:``.
     """
     if kind.turns and not kind.tool_axes:
         return name
