@@ -140,7 +140,7 @@ def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None)
     robot
         The robot that moves.
     cycles
-        Number of cycles, used if the file does not contain this number; by default 1.
+        Number of cycles in the file; by default the last value of its column ``cycle``, else 1.
 
     Raises
     ------

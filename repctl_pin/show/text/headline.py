@@ -482,7 +482,7 @@ def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write collisions and minimum body distances.
+    """Write collisions and minimum body distances; the list is empty without bodies.
 
     Links are named if they collide or come within 2 cm; if none do, one text gives the minimum
     distance over all motions.
