@@ -345,7 +345,8 @@ class Robot(Mechanism):
         """Check one entry of a list of frames, and complete it: its kind, base and joints.
 
         ``given`` is a name, (name, kind) or (name, kind, base); without a kind, ``kind`` is used.
-        Without a base, the frame is measured from the fixed base. Its joints are all that move it.
+        Without a base, the frame is placed relative to the robot's own base. Its joints are all
+        that move it.
         """
         from .several_frames import FrameSpec
 
