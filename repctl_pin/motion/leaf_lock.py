@@ -2,7 +2,8 @@
 
 A leaf is the set of configurations on which the potentials h keep the level c. A repeatable inverse
 stays on its leaf up to integration errors; the leaf lock removes these errors in each step. The
-path parameter s runs from 0 to 1 in each cycle.
+path parameter s runs from 0 to 1 in each cycle. The damping λ limits joint speeds near
+singularities, and is 0 elsewhere.
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@ A closed motion is K configurations q_k, one at each point x(s_k) of the path, w
 Its cost, an augmented Lagrangian with the joint limits, is :class:`_Cost`. It is minimised by
 Newton steps along the null space of J, each followed by a correction back onto the path. An
 argument ``cost`` is this cost; it holds the task and the placements on the path. A self-motion
-moves the joints while the frame rests. J⁺ is the pseudoinverse of the Jacobian J.
+moves the joints while the frame rests. J⁺ is the pseudoinverse of the Jacobian J, and the columns
+of N (n, r) are an orthonormal basis of its null space.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 The arguments of the C functions are in one block of memory, the struct Call, which is allocated
 once: a control loop then allocates nothing but its result. The inverse keeps r potentials h(q)
-constant, with the gradients V = ∂hᵀ/∂q; a leaf is the set h(q) = c, and c (r,) its level.
+constant, with the gradients V = ∂hᵀ/∂q; a leaf is the set h(q) = c, and c (r,) its level. With the
+Jacobian J, J_V = [J; Vᵀ].
 
 ``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``StepLimits`` are
 the limits of a step: joint speeds (n,), and the maximum damping.

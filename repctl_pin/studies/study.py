@@ -406,8 +406,8 @@ def _resolved(row: Row, strategy: Strategy) -> Row:
 def _leaf_margin(design: Design, motion: Motion | None) -> float:
     """Evaluate the minimum leaf margin along a motion, at about 50 points per cycle.
 
-    The leaf margin σ_min(Nᵀ V̂) is the distance from an algorithmic singularity, where the
-    potentials no longer determine the joints: 1 is best, 0 is singular. Without a motion, the
+    The leaf margin is the distance from an algorithmic singularity, where the potentials no longer
+    determine the joints: 1 is best, 0 is singular. Without a motion, the
     minimum over the design's region is returned.
     """
     if motion is None:

@@ -47,8 +47,9 @@ class Row:
         Motion of the strategy; None if it stopped, or if its drift depends on the number of steps,
         for the reason ``stopped``.
     leaf_margin : float or None
-        Smallest σ_min(Nᵀ V̂) along the motion, the distance from an algorithmic singularity: 1 is
-        best, 0 is singular. None if the strategy has no gradients V of potentials.
+        Smallest leaf margin along the motion, the distance from an algorithmic singularity, where
+        the potentials no longer determine the joints: 1 is best, 0 is singular. None if the
+        strategy has no potentials.
     distance : float or None
         Relative distance ``‖G − G_d‖ / ‖G_d‖`` from the desired inverse G_d, in the mean over the
         region Ω, for the design and for J⁺ if G_d is J⁺; else None.

@@ -2,7 +2,8 @@
 
 A playback, or track, is one motion of all joints of the robot, as the page shows it. A traced chain
 consists of the joints that move one frame; the page draws traces of that frame and of the chain's
-elbow, the joint in the middle of the arm that moves most during self-motion.
+elbow, the joint in the middle of the arm that moves most during self-motion. A potential is a
+function of the joints that a repeatable controller holds constant.
 
 ``TracedChain`` is a kinematic chain whose frame and elbow leave traces. ``Playback`` is one motion
 of a whole robot, as the page plays it: label, configurations, times. ``Dialog`` is the texts of a
@@ -131,7 +132,8 @@ def playback_of(label: str, motion: Motion, color: str) -> Playback:
 def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None) -> list[Playback]:
     """Read the motions of a robot from a CSV file, one for each strategy in it.
 
-    A strategy is a controller, such as J⁺. Joints without a column stay at the reference pose.
+    A strategy is a controller, such as the pseudoinverse J⁺. Joints without a column stay at the
+    reference pose.
 
     Parameters
     ----------

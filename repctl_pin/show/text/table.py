@@ -226,7 +226,7 @@ def study_notes(study: Study) -> list[str]:
 
 
 def _desired(study: Study) -> str:
-    """Return the symbol of the desired inverse, which the design approximates: J⁺ or G_d."""
+    """Return the symbol of the inverse that the design approximates: J⁺, or G_d for any other."""
     return "J⁺" if type(study.design.desired) is Pseudoinverse else "G_d"
 
 
