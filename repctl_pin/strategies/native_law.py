@@ -109,7 +109,10 @@ class NativeLaw:
         return self._result.copy()
 
     def inverse(self, q: Array) -> Array:
-        """Evaluate G_r (n, m) at q (n,); errors are raised as by :meth:`velocity`."""
+        """Evaluate the repeatable inverse G_r (n, m) at q (n,).
+
+        A SingularityError is raised where J_V is singular, and an InputError if q is not finite.
+        """
         self._q[...] = q
         status = self._run_inverse(self._call)
         if status:

@@ -91,7 +91,7 @@ def study(
         long because of the number of joints.
     weight : str or (n,) or (n, n) array, optional
         Weight of the desired inverse, which then replaces J⁺: ``"inertia"``, ``"limits"``,
-        ``"absolute"``, or as :class:`WeightedInverse` takes it.
+        ``"absolute"``, n positive numbers, or a positive definite (n, n) matrix.
     controls
         Custom controllers to compare, by name: strategies for this task, or functions
         (q, ẋ) → q̇.
