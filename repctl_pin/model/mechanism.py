@@ -252,8 +252,9 @@ def _narrowed(
 ) -> str:
     """Write which mimic joints narrow which limits of a joint.
 
-    ``left`` is the new range and ``velocity`` the new speed limit; ``by`` and ``slowed_by`` name
-    the mimic joints that narrow them. The result is empty if both are empty.
+    ``left`` is the new range (lower, upper), rad or m, and ``velocity`` the new speed limit, per s;
+    ``by`` and ``slowed_by`` name the mimic joints that narrow them. The result is empty if both are
+    empty.
     """
     said = []
     most = 0.0

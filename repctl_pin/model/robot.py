@@ -201,7 +201,7 @@ class Robot(Mechanism):
         base
             Link relative to which frames are controlled, as if it were fixed: a link of the chain
             to the frame, or one on another branch, such as the other end effector. The task's
-            joints are those between the two links.
+            joints are those between the two links. By default, the root link.
         surroundings
             URDF of the surroundings, with fixed joints only and its root at the robot's root;
             :class:`Bodies` measures the distances to it.

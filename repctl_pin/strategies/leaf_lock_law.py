@@ -87,8 +87,9 @@ class NumPyLaw:
 
         ``target`` is the placement x, and ``leaf`` the level c. ``twist`` is the velocity (v, ω) of
         the target, m/s and rad/s; its task coordinates are ẋ. If ``twist`` or ``leaf`` is None, its
-        term is omitted. ``gain`` is K, 1/s; None removes the whole error in one step. With
-        ``limits`` the step is damped near singularities, and shortened to the joint speed limits.
+        term is omitted. ``dt`` is in s. ``gain`` is K, 1/s; None removes the whole error in one
+        step. With ``limits`` the step is damped near singularities, and shortened to the joint
+        speed limits.
         """
         task = self.task
         share = 1.0 if gain is None else gain * dt

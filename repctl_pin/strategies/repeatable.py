@@ -377,7 +377,7 @@ class RepeatableInverse:
         elbow : (3,) array
             Point p_e for the elbow, in the base frame, m.
         link
-            Link whose origin is the elbow, see :meth:`elbow`.
+            Link whose origin is the elbow; by default that of the elbow joint, see :meth:`elbow`.
         margin
             Distance to keep from the joint limits, rad (m). For a governor, give at least its own
             ``margin``.

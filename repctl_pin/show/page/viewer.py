@@ -242,6 +242,7 @@ class Viewer:
 
         A shape moves if its placement differs between the start q0 (n,) and two configurations
         that are shifted by 0.3 rad or m in each joint. Only placements of these shapes are sent.
+        ``path`` is the path to draw, if any.
         """
         task = self.task
         # which bodies move: those that differ between three configurations
