@@ -6,7 +6,8 @@ joints included.
 ``JointChain`` is the serial chain of joints from the base to the frame of a task, as arrays.
 ``_JointTree`` is the tree of all joints that a task moves, as arrays. ``CarriedFrame`` is a frame
 of a robot: the joints that move it, and its placement after the last of them. ``SeveralFrames`` is
-the task of controlling several frames of a robot, stacked.
+the task of controlling several frames of a robot, stacked. ``ARM`` is the C struct of a task: its
+chain, limits and, if given, potentials and a region.
 """
 
 from __future__ import annotations
@@ -104,9 +105,12 @@ class _JointTree:
     ----------
     parents : (N,) array of int
         Index of the joint before each joint; −1 for a joint on the root.
-    R, p, axes, revolute, S, offset
-        As in :class:`JointChain`, for N joints; R (N, 3, 3) and p (N, 3) are relative to the joint
-        before, without an entry for a frame.
+    R, p : (N, 3, 3) and (N, 3) arrays
+        Rotation and origin, m, of each joint at position 0 relative to the joint before.
+    axes, revolute : (N, 3) array and (N,) array of bool
+        Unit vectors of the joint axes, each in the frame of its joint; False for prismatic joints.
+    S, offset : (N, n) and (N,) arrays
+        Map ``θ = S q + offset`` from the q of the task to the positions θ of the N joints.
     frames : tuple of CarriedFrame
         The task's frames.
     base : CarriedFrame or None
@@ -198,9 +202,10 @@ _chains: WeakKeyDictionary[Task, tuple[JointChain, Array, Array]] = WeakKeyDicti
 
 
 def _chain_along_z(task: Task) -> tuple[JointChain, Array, Array]:
-    """Return the chain of a task, and R and p of :func:`along_z`; once per task.
+    """Return the chain of a task, and its R (P + 1, 3, 3) and p (P + 1, 3), m, by :func:`along_z`.
 
-    A study makes several controllers of one task, each with a struct of its own.
+    They are computed once per task: a study makes several controllers of one task, each with a
+    struct of its own.
     """
     if task not in _chains:
         chain = joint_chain(task)
@@ -209,10 +214,10 @@ def _chain_along_z(task: Task) -> tuple[JointChain, Array, Array]:
 
 
 def _native_frames(task: SeveralFrames) -> tuple[Any, list[NDArray[np.generic]]] | None:
-    """Create one C struct with the structs of several frames, and the list of their arrays.
+    """Create one struct :data:`ARM` that contains the struct of each of several frames.
 
-    The arrays must live as long as the struct, which points to them. Return None if a chain has
-    more than 64 joints, the maximum of arm.c.
+    Return the struct, and the list of arrays that it points to, which must live as long as the
+    struct. Return None if a chain has more than 64 joints, the maximum of arm.c.
     """
     made = [native_chain(part) for part in task.parts]
     frames = [each[0] for each in made if each is not None]
@@ -263,7 +268,7 @@ of a rotation's entry that is 0."""
 
 
 def _about_z(x: float, y: float) -> Array:
-    """Compute the rotation (3, 3) about z by the angle of (x, y), which must not be (0, 0)."""
+    """Compute the rotation (3, 3) about z from the x axis to the vector (x, y), not (0, 0)."""
     c, s = np.array([x, y]) / np.hypot(x, y)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 

@@ -109,8 +109,9 @@ class Kind(str):
         return np.concatenate([p, turn])
 
     def errors(self, p: Array, R: Array, p_goal: Array, R_goal: Array) -> Array:
-        """Evaluate the task errors (K, m) from p (K, 3), R (K, 3, 3) to p_goal, R_goal, m and rad.
+        """Evaluate the task errors (K, m), m and rad, from K poses (p, R) to K goals.
 
+        p and p_goal are (K, 3), m, and R and R_goal (K, 3, 3).
         ``e = (p_goal − p, log(R_goal Rᵀ))``, restricted to the rows of this kind. An axis task has,
         instead of the logarithm, the rotation of the tool's z axis to that of the goal, about the
         tool's x and y axes. R_goal must be exact rotations.

@@ -1,7 +1,7 @@
 """Arm length, comparable joint units, and the elbow joint.
 
-Lengths along the arm are sums of the distances between successive joints. A self-motion moves the
-joints while the frame rests.
+Lengths along the arm are sums of the distances between successive joints; its middle is from 0.3 to
+0.7 of its length. A self-motion moves the joints while the frame rests.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def arm_length(task: Task, q: Array) -> float:
 
 
 def arm_reach(task: Task, q: Array) -> float:
-    """Compute the arm length plus the strokes of the prismatic joints that have limits, m.
+    """Compute the arm length at q (n,), m, plus the strokes of prismatic joints that have limits.
 
     Default path sizes are fractions of this reach.
     """
@@ -89,10 +89,7 @@ def elbow(task: Task, q: Array) -> int:
 
 
 def in_the_middle(task: Task, q: Array) -> NDArray[np.bool_]:
-    """Return a mask (n,): True for a revolute joint in the middle of the arm at q (n,).
-
-    The middle is from 0.3 to 0.7 of the length along the arm.
-    """
+    """Return a mask (n,): True for a revolute joint in the middle of the arm at q (n,)."""
     share = _along_arm(task, q)
     return (_MIDDLE[0] <= share) & (share <= _MIDDLE[1]) & task.revolute
 

@@ -252,8 +252,9 @@ def _narrowed(
 ) -> str:
     """Write which mimic joints narrow which limits of a joint.
 
-    ``left`` is the new range and ``velocity`` the new speed limit; ``by`` and ``slowed_by`` name
-    the mimic joints that narrow them. The result is empty if both are empty.
+    ``left`` is the new range (lower, upper), rad or m, and ``velocity`` the new speed limit, per s;
+    ``by`` and ``slowed_by`` name the mimic joints that narrow them. The result is empty if both are
+    empty.
     """
     said = []
     most = 0.0
@@ -283,7 +284,7 @@ def _interval(lower: float, upper: float) -> str:
 
 
 def _loss(before: float, after: float) -> float:
-    """Compute the fraction of a range or speed limit that is lost; 1 if it was infinite before."""
+    """Compute by which fraction a range or speed limit is reduced; 1 if ``before`` is infinite."""
     return 1.0 if np.isinf(before) else 1 - after / before
 
 
@@ -329,10 +330,10 @@ def pose(
 
 
 def _inside(value: float, lower: float, upper: float, turns: bool) -> float:
-    """Move a joint position within limits: a revolute joint by a full turn if that is enough.
+    """Move a joint position, rad or m, within limits: by a full turn if that is enough.
 
     Otherwise, the nearer limit is returned. A position within the limits is returned unchanged.
-    ``turns`` is True for a revolute joint.
+    ``turns`` is True for a revolute joint; only its position can be moved by a full turn.
     """
     ways = (0.0, 2 * np.pi, -2 * np.pi) if turns else (0.0,)
     inside = [value + way for way in ways if lower <= value + way <= upper]

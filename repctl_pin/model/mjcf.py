@@ -114,7 +114,7 @@ def urdf_of_model(model: Any, notes: list[str], folder: Path | None = None) -> b
 def _body_parts(
     model: Any, b: int, names: Sequence[str], mimics: Mapping[str, tuple[str, float, float]]
 ) -> list[_Part]:
-    """Convert body number b to links: one per joint, the last one with the inertia.
+    """Convert body number b to links: one per joint, at least one; the last has the inertia.
 
     ``names`` are the names of all bodies, and ``mimics`` maps a mimic joint's name to (leading
     joint, multiplier, offset).

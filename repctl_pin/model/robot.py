@@ -171,7 +171,7 @@ class Robot(Mechanism):
         self.reference = self.poses["reference"]
 
     def _revolute(self, names: Sequence[str]) -> NDArray[np.bool_]:
-        """Return a mask: True for each of the named joints that is not prismatic."""
+        """Return a mask (K,) of the joints with K ``names``: True for each not prismatic."""
         return np.array([self.joints[name].kind != "prismatic" for name in names], bool)
 
     @classmethod
@@ -201,7 +201,7 @@ class Robot(Mechanism):
         base
             Link relative to which frames are controlled, as if it were fixed: a link of the chain
             to the frame, or one on another branch, such as the other end effector. The task's
-            joints are those between the two links.
+            joints are those between the two links. By default, the root link.
         surroundings
             URDF of the surroundings, with fixed joints only and its root at the robot's root;
             :class:`Bodies` measures the distances to it.
@@ -345,7 +345,8 @@ class Robot(Mechanism):
         """Check one entry of a list of frames, and complete it: its kind, base and joints.
 
         ``given`` is a name, (name, kind) or (name, kind, base); without a kind, ``kind`` is used.
-        Without a base, the frame is measured from the fixed base. Its joints are all that move it.
+        Without a base, the frame is placed relative to the robot's own base. Its joints are all
+        that move it.
         """
         from .several_frames import FrameSpec
 
@@ -397,7 +398,7 @@ class Robot(Mechanism):
     def chain(self, frame: str) -> tuple[str, ...]:
         """List the names of the movable joints between ``base`` and a frame, from the base outward.
 
-        A joint that others mimic is listed once, at the first joint that moves with it.
+        A joint that others mimic is listed once, in the place of the first joint that it moves.
         """
         up, down = path_between(self.model, self.base_id, self._frame_id(frame))
         return tuple(
@@ -596,8 +597,8 @@ def read_surroundings(
 ) -> tuple[Description, Sequence[str]]:
     """Read the URDF of the surroundings; return it, and the folders in which its meshes may be.
 
-    These folders are those of :func:`default_package_dirs`. If the file is a xacro, its
-    ``$(find package)`` is looked up in ``package_dirs`` and then in them.
+    These folders are the file's parents and the folders of ROS packages. If the file is a xacro,
+    its ``$(find package)`` is looked up in ``package_dirs`` and then in them.
     """
     beside = Path(os.path.expanduser(str(file_name(path, "surroundings"))))
     near = default_package_dirs(beside)

@@ -168,7 +168,7 @@ class SeveralFrames(Task):
         return np.concatenate([part.jacobians(Q) for part in self.parts], axis=1)
 
     def hessians(self, Q: ArrayLike) -> Array:
-        """Evaluate H, the derivative of J, at every row of Q (K, n): an array (K, m, n, n)."""
+        """Evaluate H at every row of Q (K, n): (K, m, n, n), ``[:, a, i, k] = ∂J[a, i]/∂q[k]``."""
         return np.concatenate([part.hessians(Q) for part in self.parts], axis=1)
 
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:

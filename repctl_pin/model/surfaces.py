@@ -152,7 +152,7 @@ def _read(path: Path, most: int) -> Surface:
             if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces):
                 faces += len(mesh.faces)
                 if faces > most:
-                    raise InputError(f"it has over {most:,} triangles; simplify the mesh")
+                    raise InputError(f"the mesh has over {most:,} triangles; simplify it")
                 pieces.append(_piece(mesh, np.asarray(transform)))
         scale = unit(data) if kind == ".dae" else 1.0
     except InputError as error:
@@ -294,7 +294,7 @@ def unit(data: bytes) -> float:
     if not 0 < meters < math.inf:
         text = found[1].decode(errors="replace")[:40] if found else ""
         raise InputError(
-            f"its unit of length, {text!r} m, must be a positive number",
+            f"the mesh file has the unit of length {text!r} m, which is not a positive number",
             remedy="correct <unit meter=…> in the file",
         )
     return meters

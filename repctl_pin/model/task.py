@@ -275,6 +275,7 @@ class Task:
         """Evaluate the task error from each row of Q (K, n) to its target: (K, m), m and rad.
 
         It is target minus pose; the rotation is in base axes, in an axis task in tool axes.
+        ``targets`` has one placement per row of Q.
         """
         targets = as_placements(targets, "target", "a list of placements")
         goals = {id(target): target for target in targets}  # many are the same object
@@ -340,8 +341,8 @@ class Task:
     def dynamics(self) -> Callable[[Array, Array, Array], Array]:
         """Create the inverse dynamics (q, q̇, q̈) → ``τ = M q̈ + C q̇ + g`` (n,), N m and N.
 
-        C q̇ are velocity terms, and g is gravity. The function has its own scratch memory, so each
-        thread needs a function of its own.
+        M is the joint-space inertia, C q̇ are velocity terms, and g is gravity. The function has its
+        own scratch memory, so each thread needs a function of its own.
         """
         model, drive = self.bodies_model()
         data = model.createData()
@@ -401,8 +402,8 @@ class Task:
     def check(self, q: ArrayLike, what: str = "q", beyond: float = 1e-9) -> Array:
         """Check a configuration of the user, and return it: (n,) finite numbers within the limits.
 
-        ``what`` is its name in messages. ``beyond`` is the distance, rad (m), by which a joint may
-        be outside its limits.
+        ``what`` is its name in messages. ``beyond`` is the distance, rad or m, by which a joint
+        may be outside its limits.
 
         Raises
         ------
@@ -454,7 +455,7 @@ class Task:
         return [ids[k] for k in np.argmax(driven, axis=0)]
 
     def _task_rows(self, J: Array) -> Array:
-        """Select the m rows of the task from the frame's Jacobian J (6, N), in base axes.
+        """Select the task's m rows from the frame's Jacobian J (6, N), in base axes: (m, N).
 
         N is the number of joints of the model, mimic joints included. The two rotations of an axis
         task are returned in tool axes. J must be the last one evaluated, because Pinocchio's data

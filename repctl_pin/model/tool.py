@@ -6,7 +6,8 @@ task of the tool then has
 .. math:: J' = A\,J, \qquad A = \begin{bmatrix} I & -[R\,t]_\times \\ 0 & I \end{bmatrix},
 
 in base axes, with R the frame's rotation and t the position in T. A is invertible, so J' has the
-null space of J: regular configurations and repeatable motions do not depend on the tool.
+null space of J: regular configurations and repeatable motions do not depend on the tool. A
+self-motion moves the joints while the frame rests.
 
 ``ToolTask`` is the task of a tool that is fixed in a link of the robot.
 """

@@ -318,8 +318,9 @@ def _corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[
 def _widened_hull(robot: Mechanism, link: str) -> Array | None:
     """Compute the convex hull of a link's collision shapes, widened by half its size: (F, 4).
 
-    A point p of the link's frame, m, is inside if ``n·p + d ≤ 0`` for all rows (n, d). Return None
-    if the link has no collision shapes, one of them is missing or unreadable, or the hull is flat.
+    A point p of the link's frame, m, is inside if ``n·p + d ≤ 0`` for all F rows (n, d). The
+    result is None if the link has no collision shapes, one of them is missing or unreadable, or the
+    hull is flat.
     """
     points = []
     for shape in robot.description.collisions:
@@ -405,7 +406,7 @@ def _hull_corners(shape: Shape, surfaces: Surfaces | None) -> Array:
 
 
 def _mesh_corners(shape: Shape, surfaces: Surfaces | None) -> Arrays:
-    """Compute the corners of a mesh's convex hull, by the name ``corners``: (P, 3).
+    """Compute the corners (P, 3) of a mesh's convex hull: the entry ``corners`` of a dict.
 
     They are in the axes and units of the mesh file; the shape's scale is not applied. InputError is
     raised for a mesh that cannot be read.

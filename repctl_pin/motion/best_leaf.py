@@ -232,10 +232,10 @@ def best_leaf(
         Desired inverse G_d, such as ``design.desired``, from which the distance of the inverse is
         evaluated; by default J⁺.
     by
-        ``"limits"`` maximises the smallest relative margin. ``"speed"`` then minimises the joint
-        speed (rms) over the collision-free leaves with at least half of the joint-limit margin of
-        the start that ``"limits"`` finds. ``"speed"`` also tries random starts, on all self-motions
-        of the first point.
+        ``"limits"`` maximises the smallest relative margin. ``"speed"`` minimises the joint speed
+        (rms) over the collision-free leaves with at least half of the joint-limit margin of the
+        start that ``"limits"`` finds. ``"speed"`` also tries random starts, on all self-motions of
+        the first point.
     steps
         Number of steps per cycle.
     seed
@@ -299,6 +299,9 @@ _Better: TypeAlias = "Callable[[_LeafCandidate, _LeafCandidate], bool]"
 class _Search:
     """Search among starts on one path, which are compared with the given start.
 
+    A start is allowed if it has a full cycle inside the region, with a leaf margin of at least 0.1,
+    or of at least that of the given start.
+
     Attributes
     ----------
     inverse, desired, path, region, steps
@@ -329,11 +332,9 @@ class _Search:
             self.seen.append(self.given)
 
     def allowed(self, starts: Iterable[Array | None]) -> Iterator[_LeafCandidate]:
-        """Evaluate starts (n,), and yield the candidates among which the best is chosen.
+        """Evaluate starts (n,), and yield the allowed ones as candidates.
 
-        They have a full cycle inside the region. Their leaf margin is at least 0.1, or at least
-        that of the given start if it is smaller. A None in ``starts`` stands for a start that
-        cannot be reached; it counts as tried.
+        A None in ``starts`` stands for a start that cannot be reached; it counts as tried.
         """
         for q in starts:
             self.tried += 1
@@ -358,7 +359,7 @@ class _Search:
     def improved(
         self, best: _LeafCandidate | None, starts: Iterable[Array | None], better: _Better
     ) -> _LeafCandidate | None:
-        """Return the best of ``best``, if any, and of the starts (n,) that :meth:`allowed` yields.
+        """Return the best candidate: ``best``, if any, or one of the ``starts`` (n,) allowed.
 
         None in ``starts`` is a start that cannot be reached. ``better`` is a function: it tells
         whether its first candidate is better than its second.

@@ -3,6 +3,9 @@
 The same steps in Python would take most of the time of a study. A controller (a map from q and ẋ to
 q̇) that has no C code is integrated in Python by :mod:`follow`. J⁺ is the pseudoinverse of the
 Jacobian.
+
+``ARM`` is the C struct of a task and its potentials. ``LAW`` is the C struct of a controller, a
+Runge–Kutta method and the steps of a cycle.
 """
 
 from __future__ import annotations

@@ -3,8 +3,9 @@
 A strategy gives joint velocities q̇ from the configuration q and the task velocity ẋ. The path
 parameter s runs from 0 to 1 in each cycle; a cycle is divided into steps, which end at all corners.
 A repeatable strategy keeps its potentials h constant, and so the arm on a leaf, the set h(q) = c of
-the level c. J⁺ is the pseudoinverse, the usual strategy. T = cycles · steps is the number of all
-steps of a motion.
+the level c. A leaf lock replaces the integration by Newton steps, which correct pose and level at
+each point of the path; their damping λ limits joint speeds near singularities. J⁺ is the
+pseudoinverse, the usual strategy. T = cycles · steps is the number of all steps of a motion.
 
 ``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle. ``_Method``
 is an integration method: the functions that take its steps. ``Strategy`` is a controller: a map (q,
@@ -244,12 +245,12 @@ def _locked(
 
 
 def unresolved(strategy: Strategy, motion: Motion) -> str:
-    """Return a text that says in which cycle a motion's drift is not resolved; empty if it is.
+    """Return a text that says in which cycle a motion's drift is not resolved; else empty.
 
     A study shows the text instead of a drift. The motion, which must be without feedback, is
-    integrated again with twice the steps per cycle. The drift is resolved if both runs end each
-    cycle within 1 % of the drift of each other, or within the distance that counts as closed. Near
-    a singularity, where J⁺ grows without bound, neither number of steps is enough.
+    integrated again with twice the steps per cycle. The drift is resolved if the two runs differ at
+    the end of each cycle by at most 1 % of the drift, or 1e-5 rad or m. Near a singularity, where
+    J⁺ grows without bound, neither number of steps is enough.
     """
     path = motion.path
     task = strategy.task
@@ -438,14 +439,14 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
 
 
 def placements_along(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
-    """Evaluate a path's placements at the ends of the steps of a cycle: one more than steps."""
+    """Evaluate a path's placements at the start of a cycle and at the end of each of its steps."""
     placements: tuple[pin.SE3, ...] = _kept(_placements, path)(path, steps)
     return placements
 
 
 @lru_cache(maxsize=4)
 def _placements(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
-    """Evaluate a path's placements at the ends of the steps of a cycle: one more than steps.
+    """Evaluate a path's placements at the start of a cycle and at the end of each of its steps.
 
     The last results are cached, because several strategies follow the same path.
     """
@@ -453,10 +454,10 @@ def _placements(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
 
 
 def path_grid(path: TaskPath, steps: int) -> Array:
-    """Compute the values of s, from 0 to 1, at which the steps of a cycle begin and end.
+    """Compute the values of s (K + 1,), from 0 to 1, at which the K steps of a cycle begin and end.
 
     Each piece of the path between two corners gets its share of ``steps``, at least one. So no step
-    crosses a corner, where the velocity jumps. There can be a few more steps than ``steps``.
+    crosses a corner, where the velocity jumps. K can exceed ``steps`` by a few.
     """
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))

@@ -1,7 +1,7 @@
 """Joint motions over several cycles: speeds, limit margins, body distances and violations.
 
 A violation is a joint beyond its limit, or a collision of two bodies. A time in cycles has
-fractions: 2.5 is the middle of the third cycle.
+fractions: 2.5 is the middle of the third cycle. J⁺ is the pseudoinverse, the usual controller.
 
 ``Clearance`` is the minimum body distance of a motion, and its first collision. ``Nearest`` is the
 closest pair of bodies at a configuration, and its distance, m. ``JointMotion`` is a joint motion

@@ -1,7 +1,9 @@
 """Leaf lock: Newton steps from point to point of a path, on a leaf h(q) = c.
 
 A leaf is the set of configurations on which the potentials h keep the level c. A repeatable inverse
-stays on its leaf up to integration errors; the leaf lock removes these errors in each step.
+stays on its leaf up to integration errors; the leaf lock removes these errors in each step. The
+path parameter s runs from 0 to 1 in each cycle. The damping λ limits joint speeds near
+singularities, and is 0 elsewhere.
 """
 
 from __future__ import annotations

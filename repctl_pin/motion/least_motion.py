@@ -4,7 +4,8 @@ A closed motion is K configurations q_k, one at each point x(s_k) of the path, w
 Its cost, an augmented Lagrangian with the joint limits, is :class:`_Cost`. It is minimised by
 Newton steps along the null space of J, each followed by a correction back onto the path. An
 argument ``cost`` is this cost; it holds the task and the placements on the path. A self-motion
-moves the joints while the frame rests. J⁺ is the pseudoinverse of the Jacobian J.
+moves the joints while the frame rests. J⁺ is the pseudoinverse of the Jacobian J, and the columns
+of N (n, r) are an orthonormal basis of its null space.
 """
 
 from __future__ import annotations
@@ -143,7 +144,7 @@ def least_closed_motion(
 
 
 def _plain(cost: _Cost, start: Array) -> Array:
-    """Follow the path with J⁺ from a start (n,): K + 1 configurations, in general not closed."""
+    """Follow the path with J⁺ from a start (n,): a motion (K + 1, n), in general not closed."""
     Q = [start]
     for target in [*cost.targets[1:], cost.targets[0]]:
         Q.append(solve_near(cost.task, Q[-1], target, tolerance=1e-10))
@@ -273,8 +274,9 @@ class _Cost:
     def step(self, Q: Array, *, exact: bool) -> tuple[Array, float]:
         """Compute a Newton step (K, n) at Q (K, n) along the null space, and predict its decrease.
 
-        The decrease is that of the cost. N spans the null space of J, and H = ∂J/∂q. Self-motions
-        are ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``, so Newton's matrix is the Gauss–Newton matrix
+        The decrease is that of the cost. N spans the null space of J, and H = ∂J/∂q. With a (r,),
+        ``q(a) = q + N a − ½ J⁺ (H N a) N a + …`` is a self-motion, so Newton's matrix is the
+        Gauss–Newton matrix
         plus one block (r, r) per configuration, the curvature of the self-motion times the
         gradient. If ``exact`` is False, their positive semidefinite parts are used, so that the
         matrix is positive definite.

@@ -334,7 +334,7 @@ def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
-    """Return the message that no solution of f(q) = target is found from q (n,); else empty."""
+    """Try to reach the target from q (n,); return the error's message, empty if it is reached."""
     try:
         solve_near(task, q, target, tolerance=_THERE)
     except InputError as error:
@@ -355,8 +355,8 @@ def random_configurations(task: Task, count: int, rng: np.random.Generator) -> A
 def _longest_reach(task: Task, *, limits: bool = True) -> tuple[Array, float]:
     """Compute an upper bound on the distance of the frame from the chain's first joint.
 
-    It is the sum of the distances between successive joints, from the last one to the frame, and of
-    the largest strokes of prismatic joints; with ``limits`` False, these are infinite.
+    The bound adds the distances from joint to joint, that from the last joint to the frame, and the
+    largest strokes of prismatic joints, which are infinite if ``limits`` is False.
 
     Returns
     -------

@@ -1,6 +1,7 @@
 """Writing of trajectory files: CSV, or ROS 2 JointTrajectory as YAML; refusal of violating motions.
 
 A strategy is a controller, a map from the configuration and the task velocity to joint velocities.
+A leaf lock replaces its integration by Newton steps from point to point of the path.
 """
 
 from __future__ import annotations

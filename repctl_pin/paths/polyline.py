@@ -92,6 +92,8 @@ def polygon(
         Radius ρ, m, of the arcs that would round the corners. Each corner is rounded by a curve of
         continuous curvature that begins and ends where such an arc would. The path starts at the
         midpoint of the first curve, and the polygon is shifted accordingly.
+    name
+        Display name of the path.
 
     Returns
     -------
@@ -155,6 +157,8 @@ def waypoints(
         Radius ρ, m, of the arcs that would round the corners. Each corner is rounded by a curve of
         continuous curvature that begins and ends where such an arc would; the path begins at the
         midpoint of the first curve. A reversal of direction stays sharp. Not allowed with times.
+    name
+        Display name of the path.
 
     Returns
     -------
@@ -299,7 +303,10 @@ def _edge_sizes(corners: Array, rotation: Array | list[Array], name: str) -> Arr
 
 
 def _blend_radius(blend: float, times: ArrayLike | None) -> float:
-    """Check the radius of the rounded corners, m; raise InputError if times are given, too."""
+    """Check the radius of the rounded corners, m, and return it.
+
+    InputError is raised for a negative radius, and for one above 0 if times are given.
+    """
     blend = positive(blend, "blend", "m", zero=True)
     if blend and times is not None:
         raise InputError(
@@ -410,7 +417,7 @@ def _too_short(lengths: Array, straight: Array, radius: float, name: str) -> Inp
     """Create the error that names the edge too short for its bends, and the largest blend radius.
 
     ``lengths`` are the lengths of the edges, m, and ``straight`` what the bends of the given radius
-    leave of them, m; negative for an edge that is too short.
+    leave of them, m; negative for an edge that is too short. ``name`` is the path's name.
     """
     at = int(np.argmin(straight))
     most = radius * lengths[at] / (lengths[at] - straight[at])

@@ -239,11 +239,11 @@ def rose(
 
 
 def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Array, str]:
-    """Return the frame's placement at q0, two unit vectors in the path's plane, and its name.
+    """Return the frame's placement at q0 (n,), and the path's plane: two unit vectors, its name.
 
     ``normal`` is the axis or plane that the user gave, such as "-z" or "xz"; the name of the plane
-    is xy, yz or xz. With a minus sign, the second vector is reversed, and so is the direction of
-    the path.
+    is xy, yz or xz. The vectors (3,) are along its axes, in that order. With a minus sign, the
+    second vector is reversed, and so is the direction of the path.
     """
     normal = require_type(
         normal, str, "normal", "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'"

@@ -289,7 +289,10 @@ def _check_twist(path: TaskPath, size: float, samples: list[tuple[float, float]]
 
 
 def _inner_points(knots: Array) -> list[tuple[float, float]]:
-    """Choose 16 values s between knots, away from them: pairs (s, step of a finite difference)."""
+    """Choose 16 values s away from the knots: pairs (s, step of a finite difference at s).
+
+    ``knots`` are 0, the values of s at the corners, and 1.
+    """
     samples = []
     for j in range(16):
         i = j * (len(knots) - 1) // 16

@@ -164,7 +164,7 @@ class FourierMap(Potentials):
         return np.einsum("wi,wk,wj->ikj", self.waves, self.waves, bend)
 
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART`, from which the native library evaluates h and ∂h/∂q.
+        """Create the C struct of these potentials, from which C evaluates h and ∂h/∂q.
 
         Wave vectors whose coefficients are all 0 are left out, but at least one is kept.
         """

@@ -283,7 +283,7 @@ class PolynomialMap(Potentials):
         return M
 
     def _native_part(self) -> Any:
-        """Create the struct :data:`PART`, from which the native library evaluates h and ∂h/∂q."""
+        """Create the C struct of these potentials, from which C evaluates h and ∂h/∂q."""
         indices = {"joint": self.joints, "parent": self._parent, "factor": self._factor}
         reals = {"center": self.center, "scale": 1 / self.scale, "weight": self._weight}
         sizes = {

@@ -97,7 +97,8 @@ class Region(ABC):
     def nodes(self, count: int, seed: int) -> tuple[Array, Array]:
         """Compute quadrature nodes Q (K, n), K ≥ ``count``, and weights (K,), which sum to 1.
 
-        The weighted sum of a function over the nodes approximates its mean over the region.
+        The weighted sum of a function over the nodes approximates its mean over the region. The
+        same ``seed`` gives the same nodes.
         """
         Q = self.random(count, seed)
         return Q, self.weights(Q)

@@ -68,14 +68,17 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
 
 @lru_cache(maxsize=256)
 def _scrambling_of_seed(n: int, seed: int) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-    """Draw the scrambling of a seed, cached, because a design draws the same nodes many times."""
+    """Draw the digital shift (n,) and the scrambled direction numbers (30, n) of a seed.
+
+    They are cached, because a design draws the same nodes many times.
+    """
     return _scrambling(n, np.random.default_rng(seed).spawn(1)[0])  # as scipy does with rng=
 
 
 def _scrambling(
     n: int, random: np.random.Generator
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-    """Draw a digital shift (n,), and scramble the direction numbers (30, n) by a random matrix."""
+    """Draw a digital shift (n,), and direction numbers (30, n) scrambled by a random matrix."""
     shift_bits = random.integers(2, size=(n, _BITS), dtype=np.uint32)
     matrix = np.tril(random.integers(2, size=(n, _BITS, _BITS), dtype=np.uint32))
     matrix |= np.eye(_BITS, dtype=np.uint32)

@@ -118,6 +118,8 @@ class WorkspaceBox(Region):
     def random(self, count: int, seed: int) -> Array:
         """Draw scrambled Sobol points of ``within`` with the frame in the box: (count, n).
 
+        The same ``seed`` gives the same points.
+
         Raises
         ------
         InputError

@@ -146,7 +146,7 @@ def load_design(path: str | Path, task: Task | None = None, *, frame: str | None
     Parameters
     ----------
     path, task
-        As for :func:`load`.
+        The file, and the task to control, by default created from the robot catalogue.
     frame
         Another link, rigidly connected to the design's frame, that the design shall control; see
         :meth:`Design.with_tool`.

@@ -35,7 +35,7 @@ def readable(colour: str) -> str:
 
 
 def colours(study: Study) -> dict[str, str]:
-    """Return the colour ``#rrggbb`` of every controller of a study, by the key of its row.
+    """Return the colours ``#rrggbb`` of a study's controllers by key, such as ``pseudoinverse``.
 
     User-defined controllers share four colours, which repeat after the fourth.
     """

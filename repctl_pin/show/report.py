@@ -113,17 +113,18 @@ def versions() -> dict[str, str]:
 def _compared(study: Study) -> list[tuple[str, Motion, str]]:
     """List the label, motion and colour of J⁺ and of the repeatable inverse, for the still figure.
 
-    A strategy that stopped is left out.
+    That figure shows the arm at the start and at the end. A strategy that stopped is left out.
     """
     rows = [study.row("pseudoinverse"), study.row("repeatable")]
     return [(row.label, row.motion, COLOURS[row.key]) for row in rows if row.motion is not None]
 
 
 def _figures(study: Study, maps: ReportMaps | None) -> Iterable[tuple[str, dict[str, object]]]:
-    """Yield the heading of each figure of the report, and its picture: a dict of ``data`` (PNG in
-    base64), ``width``, ``height`` and ``words``.
+    """Yield the heading of each figure of the report, and its picture, a dict.
 
-    ``maps`` are values of the design over two joints; None leaves their figure out.
+    A picture has ``data`` (a PNG in base64), ``width`` and ``height``, pixels, and ``words``, which
+    describe it for readers who cannot see it. ``maps`` are values of the design over two joints;
+    None leaves their figure out.
     """
     moved = drawn(study)
     # its first motion to the posture would hide the others
@@ -166,9 +167,10 @@ def _maps_figure(study: Study, maps: ReportMaps) -> Figure:
 
 
 def picture(figure: Figure, text: str) -> dict[str, object]:
-    """Draw a figure, cropped to its contents; return its PNG in base64, its size and ``words``.
+    """Draw a figure, cropped to its contents, for a template of a page.
 
-    ``text`` is its description for readers who cannot see it.
+    Return a dict of ``data`` (the PNG in base64), ``width`` and ``height``, pixels, and ``words``:
+    the given text, which describes the figure for readers who cannot see it.
     """
     metadata = {"Software": None}
     picture = png(figure, DPI, bbox_inches="tight", pad_inches=0.05, metadata=metadata)

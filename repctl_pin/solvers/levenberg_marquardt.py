@@ -100,8 +100,8 @@ class _LeastSquares(Protocol[D, M]):
     def model(self, at: Point[D]) -> M:
         """Evaluate the gradient g and the Gauss–Newton matrix H of the merit at a point.
 
-        ``at`` is the evaluated objective at x. The problem chooses the form of the result, which it
-        is given back for the step.
+        ``at`` is the evaluated objective at x. The problem chooses the form of the result, the
+        argument ``model`` of :meth:`step`.
         """
 
     def step(self, model: M, damping: float) -> Step:

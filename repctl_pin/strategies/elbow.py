@@ -147,8 +147,8 @@ class Elbow:
     task
         Task of the arm.
     link
-        Link whose origin is the elbow; None for the origin of the elbow joint, see
-        :func:`repctl_pin.model.length.elbow`.
+        Link whose origin is the elbow; None for the origin of the elbow joint, the joint in the
+        middle of the arm that moves most in self-motions at the reference pose.
     """
 
     def __init__(self, task: Task, link: str | None) -> None:

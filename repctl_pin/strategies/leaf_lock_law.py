@@ -1,10 +1,10 @@
 """Law of the leaf lock in NumPy: one step of a repeatable inverse, with feedback to its leaf.
 
-The leaf is the set h(q) = c on which the potentials h keep the arm; the leaf lock corrects c − h(q)
-as a controller corrects the task error. J_V = [J; Vᵀ] is the augmented Jacobian, with V = ∂hᵀ/∂q.
-The law is written twice: in C (:mod:`.native_law`), the default, and here. This version is the
-reference, and is used for what C does not support: user-defined potentials, more than 64 joints.
-Numbers such as (31) are equations of the paper, see docs/notation.md.
+The leaf is the set h(q) = c on which the potentials h keep the arm, and c its level; the leaf lock
+corrects c − h(q) as a controller corrects the task error. J_V = [J; Vᵀ] is the augmented Jacobian,
+with V = ∂hᵀ/∂q. The law is written twice: in C (:mod:`.native_law`), the default, and here. This
+version is the reference, and is used for what C does not support: user-defined potentials, more
+than 64 joints. Numbers such as (31) are equations of the paper, see docs/notation.md.
 
 ``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``StepLimits`` are
 the limits of a step: joint speeds (n,), and the maximum damping.
@@ -87,8 +87,9 @@ class NumPyLaw:
 
         ``target`` is the placement x, and ``leaf`` the level c. ``twist`` is the velocity (v, ω) of
         the target, m/s and rad/s; its task coordinates are ẋ. If ``twist`` or ``leaf`` is None, its
-        term is omitted. ``gain`` is K, 1/s; None removes the whole error in one step. With
-        ``limits`` the step is damped near singularities, and shortened to the joint speed limits.
+        term is omitted. ``dt`` is in s. ``gain`` is K, 1/s; None removes the whole error in one
+        step. With ``limits`` the step is damped near singularities, and shortened to the joint
+        speed limits.
         """
         task = self.task
         share = 1.0 if gain is None else gain * dt

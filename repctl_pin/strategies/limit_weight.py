@@ -1,4 +1,7 @@
-"""Weight for the weighted pseudoinverse that slows joints near their limits."""
+"""Weight for the weighted pseudoinverse that slows joints near their limits.
+
+G is an inverse of the Jacobian J, with J G = I, such as the pseudoinverse J⁺.
+"""
 
 from __future__ import annotations
 

@@ -24,7 +24,8 @@ from ..regions import Box, Tube, WorkspaceBox
 def native_arm(task: Task, potentials: Potentials | None = None, region: Any = None) -> Any:
     """Create the struct :data:`ARM` of a task with potentials and a region Ω, for C.
 
-    The struct points to arrays, and keeps them alive.
+    Potentials and region are left out if they are None. The struct points to arrays, and keeps them
+    alive.
 
     Raises
     ------

@@ -2,7 +2,8 @@
 
 The arguments of the C functions are in one block of memory, the struct Call, which is allocated
 once: a control loop then allocates nothing but its result. The inverse keeps r potentials h(q)
-constant, with the gradients V = ∂hᵀ/∂q; a leaf is the set h(q) = c, and c (r,) its level.
+constant, with the gradients V = ∂hᵀ/∂q; a leaf is the set h(q) = c, and c (r,) its level. With the
+Jacobian J, J_V = [J; Vᵀ].
 
 ``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``StepLimits`` are
 the limits of a step: joint speeds (n,), and the maximum damping.
@@ -108,7 +109,10 @@ class NativeLaw:
         return self._result.copy()
 
     def inverse(self, q: Array) -> Array:
-        """Evaluate G_r (n, m) at q (n,); errors are raised as by :meth:`velocity`."""
+        """Evaluate the repeatable inverse G_r (n, m) at q (n,).
+
+        A SingularityError is raised where J_V is singular, and an InputError if q is not finite.
+        """
         self._q[...] = q
         status = self._run_inverse(self._call)
         if status:

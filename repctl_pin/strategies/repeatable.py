@@ -155,7 +155,8 @@ class RepeatableInverse:
         ----------
         q, xdot : (n,), (m,) arrays
         outside
-            Action if q lies outside Ω or violates a joint limit, see :meth:`step`.
+            Action if q lies outside Ω or violates a joint limit: ``"ignore"``, ``"warn"`` or
+            ``"raise"`` (an InputError).
 
         Raises
         ------
@@ -257,10 +258,11 @@ class RepeatableInverse:
     ) -> Step:
         """Compute the next q as :meth:`step` does, and report the step's damping and scale.
 
-        The arguments are those of :meth:`step`. Without ``twist``, ``target`` is that at the end of
-        the step, dt is in s, and ``gain``, 1/s, is 1 / dt by default. Without ``leaf``, h is held
-        at its present value. The damping and the scale show whether the step differs from
-        the requested one, as near a singularity or at a speed limit.
+        The arguments are those of :meth:`step`: ``target`` is the placement at the end of the step
+        or, with a ``twist`` (6,), now; dt is in s; ``leaf`` is the level c, by default the present
+        one; ``gain``, 1/s, is 1 / dt by default; ``damping`` is λ_max; ``outside`` is ``"ignore"``,
+        ``"warn"`` or ``"raise"``. The damping and the scale show whether the step differs from the
+        requested one, as near a singularity or at a speed limit.
 
         Returns
         -------
@@ -363,9 +365,10 @@ class RepeatableInverse:
         """Find the level c at which the elbow is nearest to a point, with the frame at rest.
 
         The search moves along the self-motion from q, within the joint limits and away from
-        algorithmic singularities, to the next minimum of the distance. Where :attr:`.unique` is
-        False, the level depends on q. If the search begins at a configuration that is a function of
-        the pose, such as :meth:`solve` from the start, the result is a function of pose and point.
+        algorithmic singularities, to the next minimum of the distance. Where a self-motion hardly
+        changes this distance, ``unique`` is False, and the level depends on q. If the search begins
+        at a configuration that is a function of the pose, such as :meth:`solve` from the start, the
+        result is a function of pose and point.
 
         Parameters
         ----------
@@ -374,7 +377,7 @@ class RepeatableInverse:
         elbow : (3,) array
             Point p_e for the elbow, in the base frame, m.
         link
-            Link whose origin is the elbow, see :meth:`elbow`.
+            Link whose origin is the elbow; by default that of the elbow joint, see :meth:`elbow`.
         margin
             Distance to keep from the joint limits, rad (m). For a governor, give at least its own
             ``margin``.

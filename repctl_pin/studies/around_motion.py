@@ -2,8 +2,9 @@
 
 A problem is an arm, its task, a start and a closed path. The region Ω is the part of joint space
 for which a design is made. If none is given, Ω is a tube: all configurations within a radius of the
-motion. G_d is the desired inverse, usually J⁺, which the design approximates. A function ``say``
-receives the name of each step when it begins.
+motion. Nodes are the configurations at which a design is fitted. G_d is the desired inverse,
+usually the pseudoinverse J⁺, which the design approximates. A function ``say`` receives the name of
+each step when it begins.
 
 ``Cycle`` is one cycle of a motion that ends in its start: start configuration, path and period, s.
 """
@@ -72,7 +73,7 @@ def design_for(
     width
         Radius of the tube around the motion; by default 0.1 rad or 0.05 m.
     seed
-        Random seed of the nodes, the configurations at which a design is fitted.
+        Random seed of the nodes.
     say
         Function of a text, the name of a step, which is called when the step begins.
 
@@ -124,8 +125,8 @@ def timed_cycle(
     """Choose the period of a design's cycle, so that no joint exceeds its speed limit.
 
     Returns the cycle (start, path and period), and a list of notes. A given period, s, is not
-    changed. Otherwise the period is that of the path, or the default one, and is increased if
-    necessary, which a note says.
+    changed. Otherwise the period is that of the path, else 5 s, and is increased if necessary,
+    which a note says.
     """
     path = problem.cycle
     time = period or path.period or PERIOD

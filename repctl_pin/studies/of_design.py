@@ -45,7 +45,8 @@ def problem_of(
     design
         :class:`Design`, or the design of an extension, such as :class:`CellDesign`.
     start, path, plane
-        As for :class:`Problem`.
+        Start configuration (n,); closed path, its name on the command line, or a function
+        (task, q0) → path; plane of a path given by name.
 
     Raises
     ------

@@ -91,7 +91,7 @@ def study(
         long because of the number of joints.
     weight : str or (n,) or (n, n) array, optional
         Weight of the desired inverse, which then replaces J⁺: ``"inertia"``, ``"limits"``,
-        ``"absolute"``, or as :class:`WeightedInverse` takes it.
+        ``"absolute"``, n positive numbers, or a positive definite (n, n) matrix.
     controls
         Custom controllers to compare, by name: strategies for this task, or functions
         (q, ẋ) → q̇.
@@ -244,7 +244,8 @@ def _rows(
     Controllers are J⁺, J⁺ with two postures, ``custom`` by name, and the design's inverse, in this
     order. ``cycles`` and ``steps`` are the numbers of cycles, and of steps per cycle. If ``period``
     is None, it is chosen so that no joint exceeds its speed limit under J⁺ and the design's
-    inverse. Returns the rows, the period, s, and notes on the period and of :func:`edge_warning`.
+    inverse. Returns the rows, the period, s, and notes: on the period, and on J⁺ or the design's
+    inverse if its motion changes when the start moves by 1e-6 along the self-motion.
     """
     q0 = problem.start
     path = problem.cycle
@@ -405,8 +406,8 @@ def _resolved(row: Row, strategy: Strategy) -> Row:
 def _leaf_margin(design: Design, motion: Motion | None) -> float:
     """Evaluate the minimum leaf margin along a motion, at about 50 points per cycle.
 
-    The leaf margin σ_min(Nᵀ V̂) is the distance from an algorithmic singularity, where the
-    potentials no longer determine the joints: 1 is best, 0 is singular. Without a motion, the
+    The leaf margin is the distance from an algorithmic singularity, where the potentials no longer
+    determine the joints: 1 is best, 0 is singular. Without a motion, the
     minimum over the design's region is returned.
     """
     if motion is None:

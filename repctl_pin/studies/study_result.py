@@ -47,8 +47,9 @@ class Row:
         Motion of the strategy; None if it stopped, or if its drift depends on the number of steps,
         for the reason ``stopped``.
     leaf_margin : float or None
-        Smallest σ_min(Nᵀ V̂) along the motion, the distance from an algorithmic singularity: 1 is
-        best, 0 is singular. None if the strategy has no gradients V of potentials.
+        Smallest leaf margin along the motion, the distance from an algorithmic singularity, where
+        the potentials no longer determine the joints: 1 is best, 0 is singular. None if the
+        strategy has no potentials.
     distance : float or None
         Relative distance ``‖G − G_d‖ / ‖G_d‖`` from the desired inverse G_d, in the mean over the
         region Ω, for the design and for J⁺ if G_d is J⁺; else None.
@@ -72,8 +73,9 @@ class Row:
     def cycle_time(self) -> float | None:
         """Time of the first cycle from rest to rest, s.
 
-        It is as short as the robot's speed limits and the accelerations of
-        :func:`presumed_acceleration` allow; None where it cannot be timed.
+        It is as short as the speed and acceleration limits of the robot allow. Without acceleration
+        limits, each joint is assumed to reach its speed limit in 0.2 s. None where it cannot be
+        timed.
         """
         if self.motion is None:
             return None
@@ -305,8 +307,8 @@ def bodies_dict(motion: JointMotion) -> dict[str, Any]:
 
     ``body_distance`` is in m. ``nearest_bodies`` and ``first_touch`` have the two ``links`` and the
     time in cycles, such as 1.25, as ``cycle``. ``between_samples`` is True if the values hold
-    between the samples, too. All values are None if no bodies are checked, and ``first_touch`` is
-    if none collide.
+    between the samples, too. All values are None if no bodies are checked; without a collision,
+    ``first_touch`` is None.
     """
     keys = "body_distance", "nearest_bodies", "first_touch", "between_samples"
     least = motion.clearance.distance

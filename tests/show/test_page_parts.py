@@ -251,7 +251,7 @@ def test_odd_meshes_are_one_line_each(tmp_path: Path) -> None:
     }
     expected |= {"pipe.stl": "not a regular file"}
     expected |= {
-        f"unit_{meter}.dae": "its unit of length" for meter in ("nan", "0", "-1", "inf", "one")
+        f"unit_{meter}.dae": "has the unit of length" for meter in ("nan", "0", "-1", "inf", "one")
     }
     for name, words in expected.items():
         with pytest.raises(rp.InputError, match=words) as caught:

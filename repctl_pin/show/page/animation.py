@@ -1,4 +1,7 @@
-"""Animation of motions: save it, open it in the browser, or show it in a notebook."""
+"""Animation of motions: save it, open it in the browser, or show it in a notebook.
+
+J⁺ is the pseudoinverse, the usual controller of a study.
+"""
 
 from __future__ import annotations
 

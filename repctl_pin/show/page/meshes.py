@@ -200,7 +200,7 @@ def _triangles(surface: Surface) -> _Element:
 
 
 def lifted(color: ArrayLike) -> NDArray[np.float64]:
-    """Map the components of a colour from the range 0 to 1 to the range 0.06 to 0.96.
+    """Map colours, an array of any shape, from the range 0 to 1 to the range 0.06 to 0.96.
 
     On pure black or white, shading, which shows the shape, would be invisible.
     """

@@ -2,7 +2,8 @@
 
 A playback, or track, is one motion of all joints of the robot, as the page shows it. A traced chain
 consists of the joints that move one frame; the page draws traces of that frame and of the chain's
-elbow, the joint in the middle of the arm that moves most during self-motion.
+elbow, the joint in the middle of the arm that moves most during self-motion. A potential is a
+function of the joints that a repeatable controller holds constant.
 
 ``TracedChain`` is a kinematic chain whose frame and elbow leave traces. ``Playback`` is one motion
 of a whole robot, as the page plays it: label, configurations, times. ``Dialog`` is the texts of a
@@ -131,7 +132,8 @@ def playback_of(label: str, motion: Motion, color: str) -> Playback:
 def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None) -> list[Playback]:
     """Read the motions of a robot from a CSV file, one for each strategy in it.
 
-    A strategy is a controller, such as J⁺. Joints without a column stay at the reference pose.
+    A strategy is a controller, such as the pseudoinverse J⁺. Joints without a column stay at the
+    reference pose.
 
     Parameters
     ----------
@@ -140,7 +142,7 @@ def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None)
     robot
         The robot that moves.
     cycles
-        Number of cycles, used if the file does not contain this number; by default 1.
+        Number of cycles in the file; by default the last value of its column ``cycle``, else 1.
 
     Raises
     ------
@@ -300,7 +302,7 @@ def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
 def _hand(name: str, kind: Kind) -> str:
     """Write the label of a hand on the page: its name, and which rotation its task leaves free.
 
-    Such as ``hand, free to turn:`` for a task that controls the position only.
+    For a task that controls the position only, it is ``hand, free to turn:``.
     """
     if kind.turns and not kind.tool_axes:
         return name
@@ -425,9 +427,10 @@ def _summaries(
     arms: Sequence[Arm],
     links: frozenset[str],
 ) -> list[MotionSummary]:
-    """Summarise every track, for each of which ``played`` has one motion or one of each chain.
+    """Summarise every track, for the headline of the page.
 
-    ``links`` are those of the arms, of which the most displaced one is named.
+    ``played`` has, for each track, a list of one motion of the task or one per chain. ``links`` are
+    the links of the arms, of which the most displaced one is named.
     """
     return [
         _summary(done, track, farthest(arm.shapes, arm.off[-1], links))

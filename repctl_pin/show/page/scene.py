@@ -2,7 +2,8 @@
 
 A pane is the part of the page that shows one arm. A shape is a body of the arm as it is drawn. A
 sample is a moment of the motion whose configuration the page holds; between samples it
-interpolates. The tip is the frame of the task.
+interpolates. The tip is the frame of the task. A potential is a function of the joints that a
+repeatable controller holds constant.
 
 ``Frames`` are the samples of a motion that the page shows. ``Arm`` is the arm in one pane of the
 page, and its motion under one controller. ``Dialog`` is the texts of a page's dialog, by name.
@@ -386,7 +387,8 @@ def _links(own: dict[str, Any] | None, arm: Arm) -> list[Any]:
     """List, for each shape, [index of the joint that moves its link, display name of its part].
 
     The index is −1 for a link fixed to the base; a shape of the surroundings has None instead of a
-    list. ``own`` is that of :func:`animation_page`; if it is None, all entries are None.
+    list. ``own`` are the numbers by which the page follows a visitor's own path; if it is None, all
+    entries are None.
     """
     return [None] * len(arm.shapes) if own is None else own["links"]
 

@@ -183,7 +183,10 @@ class Viewer:
             self._loop.call_soon_threadsafe(self._send)
 
     def _placements(self, Q: Array) -> Array:
-        """Compute the placements of S shapes at Q (T, n), relative to the base: (T, S, 4, 4), m."""
+        """Compute the placements of all S shapes at Q (T, n): (T, S, 4, 4), m, in the base frame.
+
+        The base is the link relative to which the robot's frames are placed, or the root.
+        """
         rows = self.task.to_robot(Q)
         placements = self._visuals.placements(rows)
         if self.task.robot.base is None:
@@ -239,6 +242,7 @@ class Viewer:
 
         A shape moves if its placement differs between the start q0 (n,) and two configurations
         that are shifted by 0.3 rad or m in each joint. Only placements of these shapes are sent.
+        ``path`` is the path to draw, if any.
         """
         task = self.task
         # which bodies move: those that differ between three configurations

@@ -134,8 +134,8 @@ def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
 def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     """List the rows of the short table: name of a quantity, and its value for every controller.
 
-    A controller that stopped has the word ``stopped`` in each row. The row of the body distance is
-    left out if no body has a collision shape.
+    A controller without a motion has the word ``stopped``, or a dash, in each row. The row of the
+    body distance is left out if no body has a collision shape.
     """
     summaries = [row_summary(row) for row in rows]
     some = next((row.motion for row in rows if row.motion is not None), None)
@@ -224,7 +224,7 @@ def _limits(summary: MotionSummary) -> Span:
 
 
 def _links(summary: MotionSummary) -> Span:
-    """Format the minimum body distance: ``collide!`` below 0, ``not checked`` if it is None."""
+    """Format the minimum body distance; ``not checked`` without bodies, ``collide!`` below 0."""
     if summary.body_distance is None:
         return Span("not checked", "near")
     if summary.collision_cycle:

@@ -153,7 +153,7 @@ def maps_words(study: Study, maps: ReportMaps) -> str:
 
 
 def still_words(study: Study) -> str:
-    """Describe the animation's still picture: displacement of the arm under both controllers.
+    """Describe the animation's still picture: displacement by J⁺ and by the repeatable inverse.
 
     The text is its alternative text, for readers who cannot see the picture.
     """

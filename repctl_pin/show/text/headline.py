@@ -192,9 +192,10 @@ def headline_of(
 
 
 def _collide(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write that bodies collide in the last motion, or in all; empty if not in the last.
+    """Write which bodies collide, if the last motion has a collision, and whether all have one.
 
-    The last motion is the one that a user would run.
+    The last motion is the one that a user would run. The list is empty if it has no collision, or
+    if there is only one motion.
     """
     hit = [one for one in summaries if one.collision_cycle and one.near]
     if len(summaries) < 2 or summaries[-1] not in hit:
@@ -481,7 +482,7 @@ def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write collisions and minimum body distances.
+    """Write collisions and minimum body distances; the list is empty without bodies.
 
     Links are named if they collide or come within 2 cm; if none do, one text gives the minimum
     distance over all motions.

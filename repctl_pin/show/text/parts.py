@@ -61,8 +61,8 @@ def part_name(task: Task, q: Array, link: str) -> str:
 def hand_names(task: Task) -> list[str]:
     """Name the frames of a task as hands, by their sides: ``left hand``, ``right hand``.
 
-    The frame of a task of one frame is called ``hand``. Frames without a side in their names keep
-    their own names.
+    The frame of a task of one frame is called ``hand``. If two names would be equal, all frames
+    keep their own names.
     """
     if len(task.frames) == 1:
         return ["hand"]

@@ -135,7 +135,7 @@ def outside_words(share: float) -> list[str]:
 
 
 def margin_words(motion: JointMotion) -> str:
-    """Write the minimum joint-limit margin of a motion, with its unit and its joint."""
+    """Write the minimum joint-limit margin of a motion, its unit and joint, or ``no limits``."""
     joint = int(np.argmin(motion.limit_margin.min(axis=0)))
     margin = float(motion.limit_margin[:, joint].min())
     if not np.isfinite(margin):
@@ -173,8 +173,8 @@ def study_cells(study: Study) -> list[tuple[str, list[str]]]:
 def _cell(quantity: Quantity, row: Row) -> str:
     """Format the value of a quantity for one controller, with a mark if it is bad.
 
-    ``!`` marks a bad value. Without a value, the text is ``lacking`` or ``stopped`` of the
-    quantity, such as ``not checked``.
+    ``!`` marks a bad value. Without a value, the text is the quantity's ``lacking``, such as ``not
+    checked``; without a motion, its ``stopped``, or a dash if the motion was rejected.
     """
     motion = row.motion
     if quantity.of is None:
@@ -226,7 +226,7 @@ def study_notes(study: Study) -> list[str]:
 
 
 def _desired(study: Study) -> str:
-    """Return the symbol of the desired inverse, which the design approximates: J⁺ or G_d."""
+    """Return the symbol of the inverse that the design approximates: J⁺, or G_d for any other."""
     return "J⁺" if type(study.design.desired) is Pseudoinverse else "G_d"
 
 
