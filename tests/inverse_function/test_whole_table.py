@@ -507,6 +507,42 @@ def test_a_part_that_is_of_no_use_is_not_designed(
     assert trimming.kept_where_good(fit, found, asked, lambda _: False) is None and not evaluated
 
 
+@pytest.mark.parametrize(
+    ("body", "area", "most", "tried", "taken"),
+    [
+        (0.002, 0.3, 0.2, False, False),  # no collision
+        (-0.01, 0.3, 0.2, True, True),
+        (-0.01, 0.16, 0.1, True, False),  # less than 85 % of the largest rectangle
+        (-0.01, 0.24, 0.25, True, False),  # a sector with one range may be larger
+    ],
+)
+def test_a_locked_arm_is_the_first_where_other_functions_collide(
+    body: float, area: float, most: float, tried: bool, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On tiago, two functions were designed before, which took half of the time."""
+    log: list[str] = []
+
+    def larger(table, locked, cell, least, limits) -> SimpleNamespace:
+        log.append(cell)
+        assert least == pytest.approx(0.85 * 0.2)
+        return SimpleNamespace()
+
+    monkeypatch.setattr(whole_table, "with_middles", lambda table, locked, design: locked)
+    monkeypatch.setattr(whole_table, "_inner_half", lambda *_: "inner")
+    monkeypatch.setattr(whole_table, "larger_arm", larger)
+    monkeypatch.setattr(whole_table._LockedSearch, "_place", lambda *_: None)
+    monkeypatch.setattr(whole_table, "_away", lambda *_: None)
+    monkeypatch.setattr(whole_table, "_first_design", lambda *_: made(area))
+    monkeypatch.setattr(whole_table, "_worth", lambda one: one.cell)
+    monkeypatch.setattr(whole_table, "area_of", float)
+    place = whole_table._Place(0.4, None, 0.4, design=made(0.4, body=body))
+    search = whole_table._LockedSearch(None, None, None, None, ())
+    straight = SimpleNamespace(rectangle=0.2, largest=most, most=most)
+    found = search.before_others([place], whole_table.Required(distance=0.001), straight)
+    assert (log == ["inner"]) == tried and (found is not None) == taken
+    assert search.before_others([], whole_table.Required(), straight) is None
+
+
 @pytest.mark.slow
 def test_an_arm_with_locked_joints_that_covers_more_is_reported(panda_pose: rp.Task) -> None:
     """Against a small sector, a locked joint covers more: at each of its nodes it has the pose."""
@@ -518,14 +554,13 @@ def test_an_arm_with_locked_joints_that_covers_more_is_reported(panda_pose: rp.T
     middle = pin.SE3(down, np.array([0.5, 0.0, 0.35]))
     cell = rp.Sector(task, middle, radius=0.05, height=0.05, angle="all")
     design = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, options=FEW)
-    larger = tables.locked_arms.larger_arm(
-        table, floods, design, whole_table.Required(0.5, 2.0, 0.005)
-    )
+    given = table, floods, design.function.chart.cell, 4 * 0.05 * 0.05
+    larger = tables.locked_arms.larger_arm(*given, whole_table.Required(0.5, 2.0, 0.005))
     assert larger is not None and larger.arm.area > 4 * 0.05 * 0.05 * 1.02
     found = larger.arm
     assert len(found.joints) == task.r and 0 <= found.extra <= 0.5 and found.worst <= 2.0
     dear = whole_table.Required(-1.0, 2.0, 0.005)
-    assert tables.locked_arms.larger_arm(table, floods, design, dear) is None
+    assert tables.locked_arms.larger_arm(*given, dear) is None
 
 
 @pytest.mark.slow
@@ -633,6 +668,9 @@ def test_a_function_that_keeps_away_from_the_column_has_a_larger_table() -> None
     found = place.table.design
     assert place.table.area > 0.85 * place.table.rectangle > 0.04
     assert found.requested_body_distance == 0.001 and found.extra_speed < 0.01
+    # the functions of minimum joint speed, which bodies end, were not designed: half of the time
+    assert place.table.rectangles.known is None and place.table.locked is not None
+    assert place.table.area > 0.98 * place.table.locked.area
     rng = np.random.default_rng(2)
     U = rng.uniform(-1, 1, (3000, found.cell.k))
     U = np.where(rng.random(U.shape) < 0.3, np.sign(U), U)  # many at the edges

@@ -36,7 +36,7 @@ from ..geometry.sector import ANGLE, HEIGHT, Sector
 from .flood import SPACING, Table, flooded, rectangles
 from .flood_sets import ALIKE, SETTLED, Floods
 from .joint_speeds import locked_price, locked_squares
-from .largest_profile import SPARE, Between, affordable_between, area_of, more_between, most_between
+from .largest_profile import SPARE, Between, affordable_between, more_between, most_between
 from .windows import free_nodes
 
 _SETS, _COMPARED, _ALMOST = 16, 6, 0.02
@@ -130,17 +130,16 @@ def best_locked(
 
 
 def larger_arm(
-    table: Table, locked: Floods, design: CellDesign, limits: Required
+    table: Table, locked: Floods, cell: Sector, area: float, limits: Required
 ) -> LargerArm | None:
-    """Search for an arm with locked joints that covers a larger sector than a design's.
+    """Search for an arm with locked joints that covers a larger sector than one of an area, m².
 
-    Floods with different configurations in their middles are compared; None if none is larger. The
-    range of radius of the sector may depend on the height. At the nodes of this sector, joint speed
-    is within the limits, and bodies are apart at all angles of the design's sector.
+    Floods with different configurations in their middles are compared; None if none is larger by
+    more than 2 %. The range of radius of the sector may depend on the height. At the nodes of this
+    sector, joint speed is within the limits, and bodies are apart at all angles of ``cell``, along
+    whose coordinates joint speeds are compared.
     """
-    cell = design.function.chart.cell
-    assert isinstance(cell, Sector), "a table is a sector"
-    least = area_of(design.cell) * (1 + _ALMOST) / SPACING**2
+    least = area * (1 + _ALMOST) / SPACING**2
     # the joint speed of a locked arm is known, so that no share of its limit is spared
     exact = limits._replace(worst=limits.worst / SPARE)
     found = rectangles(locked.reached)

@@ -62,12 +62,12 @@ from ....model.task import Task
 from ....strategies import Pseudoinverse
 from ..cell_design_result import CellDesign
 from ..evaluate.reach import unlike_rows
-from ..evaluate.symmetric_coordinates import reduced
+from ..evaluate.symmetric_coordinates import narrowed, reduced
 from ..fit.cell_fit import CellFit
 from ..fit.trimming import Required, Window, covered_share, trimmed, turned
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
-from ..geometry.sector import Sector
+from ..geometry.sector import ANGLE, Sector
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from ..place.posture_search import given
 from .flood import SPACING, Rectangles, Table, rectangles
@@ -245,7 +245,7 @@ class Straight:
         self, fit: CellFit, places: list[_Place], limits: Required, rectangle: float
     ) -> None:
         self._fit, self._places, self._given = fit, places, limits
-        self._rectangle = rectangle
+        self.rectangle = rectangle
 
     @property
     def most(self) -> float:
@@ -290,7 +290,7 @@ class Straight:
         """
         ranked, limits = self._ranking
         found = _designed(self._fit, ranked, limits)
-        if area_of(found.cell) < _MUCH * self._rectangle and _at_bodies(found):
+        if area_of(found.cell) < _MUCH * self.rectangle and _at_bodies(found):
             return _farther_from_bodies(self._fit, ranked[0], limits, found) or found
         return found
 
@@ -311,7 +311,7 @@ class Straight:
         found = _first_design(self._fit, tried, limits, useful)
         at = found or first.design
         near = at is not None and at.body_distance < 2 * limits.distance
-        if near and (found is None or area_of(found.cell) < _MUCH * self._rectangle):
+        if near and (found is None or area_of(found.cell) < _MUCH * self.rectangle):
             found = _farther_from_bodies(self._fit, first, limits, found, useful)
         if found is None:
             return other
@@ -385,15 +385,21 @@ def whole_table(
     report("a range of radius for each height", 0.4)
     shaped = _shaped_places(table, tested, openings, speeds, limits, line, symmetries)
     report("the function", 0.5)
-    design, limits = _best_shape(fit, shaped, limits, straight)
-    report("locked joints", 0.95)
-    locked = with_middles(table, locked, design)
-    design, larger = _at_least_locked(fit, table, locked, design, limits, line, symmetries)
+    shaped = _begun(fit, shaped, limits)
+    search = _LockedSearch(fit, table, locked, line, symmetries)
+    first = search.before_others(shaped, limits, straight)
+    if first is None:
+        design, limits = _best_shape(fit, shaped, limits, straight)
+        report("locked joints", 0.95)
+        design, larger = search.at_least_locked(design, limits)
+    else:
+        report("locked joints", 0.95)
+        design, larger = first, search.larger(first, limits)
     return WholeTable(
         design,
         straight,
-        best_locked(table, locked, design, limits),
-        larger,
+        best_locked(table, search.locked, design, limits),
+        None if larger is None else larger.arm,
         reach,
         float(rectangle * SPACING**2),
         float(within.area.max() * SPACING**2),
@@ -402,30 +408,117 @@ def whole_table(
     )
 
 
-def _at_least_locked(
-    fit: CellFit,
-    table: Table,
-    locked: Floods,
-    design: CellDesign,
-    limits: Required,
-    line: Array,
-    symmetries: tuple[Symmetry, ...],
-) -> tuple[CellDesign, LockedJoints | None]:
-    """Return a design that covers as much as arms with locked joints, if one is found.
+class _LockedSearch:
+    """Functions of free joints from the configurations of arms with locked joints.
 
-    If an arm of the floods ``locked`` covers more than the given design, a function of free joints
-    is designed from its configurations, and returned if it is larger; else the given design. It
-    keeps away from bodies, as the locked arm does: with minimum joint speed alone, it would come
-    nearer. Return also an arm with locked joints that still covers a larger sector, or None.
+    Such a function keeps away from bodies, as the locked arm does: with minimum joint speed alone,
+    it would come nearer.
+
+    Parameters
+    ----------
+    fit
+        Arguments of the designs.
+    table
+        The table.
+    locked
+        Floods with locked joints. Those that begin in the middle of a design are added.
+    line, symmetries
+        Axis of the arm, and the joints that alone turn the arm and the tool.
     """
-    larger = larger_arm(table, locked, design, limits)
-    if larger is not None:
-        place = _larger_place(table, line, symmetries, larger)
-        found = _larger_design(_away(fit, limits), [place], limits, design)
-        if found is not design:
-            larger = larger_arm(table, locked, found, limits)
-        design = found
-    return design, None if larger is None else larger.arm
+
+    def __init__(
+        self,
+        fit: CellFit,
+        table: Table,
+        locked: Floods,
+        line: Array,
+        symmetries: tuple[Symmetry, ...],
+    ) -> None:
+        self.locked = locked
+        self._fit, self._table, self._line, self._symmetries = fit, table, line, symmetries
+
+    def larger(self, design: CellDesign, limits: Required) -> LargerArm | None:
+        """Find an arm with locked joints that covers a larger sector than a design, or None."""
+        cell = design.function.chart.cell
+        assert isinstance(cell, Sector), "a table is a sector"
+        return larger_arm(self._table, self.locked, cell, area_of(design.cell), limits)
+
+    def at_least_locked(
+        self, design: CellDesign, limits: Required
+    ) -> tuple[CellDesign, LargerArm | None]:
+        """Return a design that covers as much as arms with locked joints, if one is found.
+
+        If an arm covers more than the given design, a function is designed from its configurations,
+        and returned if it is larger; else the given design. Return also an arm with locked joints
+        that still covers a larger sector, or None.
+        """
+        self.locked = with_middles(self._table, self.locked, design)
+        larger = self.larger(design, limits)
+        if larger is None:
+            return design, None
+        found = _larger_design(_away(self._fit, limits), [self._place(larger)], limits, design)
+        return found, larger if found is design else self.larger(found, limits)
+
+    def before_others(
+        self, shaped: list[_Place], limits: Required, straight: Straight
+    ) -> CellDesign | None:
+        """Design from a locked arm before other functions where these would have a collision.
+
+        That is where the quick design of the first of the places ``shaped`` has one, although the
+        configurations of its flood have none. Return None elsewhere, or if the function leaves less
+        than 85 % of the largest rectangle, or less than a sector with one range may have.
+        """
+        quick = shaped[0].design if shaped else None
+        if quick is None or quick.body_distance >= 0:
+            return None
+        self.locked = with_middles(self._table, self.locked, quick)
+        inner, least = _inner_half(shaped[0], quick), _MUCH * straight.rectangle
+        larger = larger_arm(self._table, self.locked, inner, least, limits)
+        if larger is None:
+            return None
+        found = _first_design(_away(self._fit, limits), [self._place(larger)], limits)
+        if found is None or area_of(found.cell) < max(least, straight.largest):
+            return None
+        return found if _worth(found) > _AS_GOOD * straight.most else None
+
+    def _place(self, larger: LargerArm) -> _Place:
+        """Make the place for a function of free joints from the sector of an arm with locked ones.
+
+        The bound ``most`` is the area of the sector.
+        """
+        q, turns = _central(self._table.task, self._symmetries, larger.posture)
+        cell = _shaped_sector(self._table, self._line, self._symmetries, larger.found, turns)
+        return _Place(cell, q, larger.arm.area)
+
+
+def _begun(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]:
+    """Add a quick design to the first of the places where the smaller body distance is kept.
+
+    There, it shows whether functions of minimum joint speed have a collision.
+    """
+    if not places or limits.distance != _TIGHT:
+        return places
+    first, *others = places
+    with suppress(InputError):
+        quick = fit.design(first.cell, given(first.cell, first.posture), quick=True)
+        if isinstance(quick, CellDesign):
+            return [first._replace(design=quick), *others]
+    return places
+
+
+def _inner_half(place: _Place, design: CellDesign) -> Sector:
+    """Return the sector of a place's design with the middle half of its range of angle.
+
+    A locked arm is compared at these angles. The range of angle of a function ends later, where
+    bodies are near.
+    """
+    chart = design.function.chart
+    assert isinstance(chart.cell, Sector), "a table is a sector"
+    most = np.pi if place.window is None else place.window.half
+    half = float(min(most, chart.cell.widths[ANGLE])) / 2
+    inner = narrowed(chart, {ANGLE: (-half, half)}).cell
+    assert isinstance(inner, Sector), "a part of a sector is a sector"
+    return inner
 
 
 def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -1117,16 +1210,3 @@ def _shaped_sector(
     """
     first, last = (np.array([0, j]) for j in (found.first, found.last))
     return _sector(table, line, symmetries, first, last, turns, found)
-
-
-def _larger_place(
-    table: Table, line: Array, symmetries: tuple[Symmetry, ...], larger: LargerArm
-) -> _Place:
-    """Make the place for a function of free joints from the sector of an arm with locked ones.
-
-    ``larger`` is the arm with its sector. The place has the same sector; the bound ``most`` is the
-    area of the sector.
-    """
-    q, turns = _central(table.task, symmetries, larger.posture)
-    cell = _shaped_sector(table, line, symmetries, larger.found, turns)
-    return _Place(cell, q, larger.arm.area)
