@@ -1112,6 +1112,8 @@ export class Own {
     const { classList } = document.body;
     const [notes, more, verdict] = ["notes", "more", "verdict"].map(byId);
     const [header] = document.getElementsByTagName("header");
+    // what is said of a loop has the room of the head, whatever its sentence takes of it
+    notes.style.minHeight = this.state === "study" ? this.notesHeight : "0";
     notes.style.maxHeight = "";
     // a sentence that is longer than any of a study or a gesture
     classList.toggle("tall", this.head && verdict.offsetTop + verdict.offsetHeight > this.head + 1);
@@ -1168,6 +1170,7 @@ export class Own {
       node.replaceChildren(...children);
       if (height) node.style.minHeight = `${height}px`;
     }
+    this.notesHeight = byId("notes").style.minHeight;
     this.head = header.getBoundingClientRect().height;
     body.style.setProperty("--head", `${this.head}px`);
     nodes.forEach((node, k) => node.replaceChildren(...now[k]));
