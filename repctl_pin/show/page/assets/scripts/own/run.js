@@ -47,17 +47,19 @@ export function* computed(laws, arms, paths, wanted) {
 const evenly = (count, last) =>
   Array.from({ length: count }, (_, i) => Math.round((i * last) / (count - 1)));
 
-// The row of a motion from which on it cannot be computed: where a joint would jump, or if twice the
-// steps lead elsewhere, where the joints are fastest, near a singularity, as long as the hands are on
-// their path. Null without.
+// The row of a motion from which on it cannot be computed: where a joint would jump, or if twice
+// the steps lead elsewhere, where the joints are fastest, near a singularity, as long as the hands
+// are on their path. Null without.
 function* criticalRow(law, motion, path, fine) {
-  if (motion.stopped !== null) return motion.stopped;
-  const cycle = yield* unresolvedCycle(law, motion, fine);
+  const { stopped, perCycle } = motion;
+  const inCycle = stopped === null ? null : Math.floor(stopped / perCycle) + 1;
+  const cycle = inCycle || (yield* unresolvedCycle(law, motion, fine));
   if (cycle === null) return null;
   const { n } = law.chain;
   const speed = (row) => Math.hypot(...motion.V.subarray(row * n, (row + 1) * n));
-  let critical = (cycle - 1) * motion.perCycle;
+  let critical = (cycle - 1) * perCycle;
   const till = critical + rowsOnPath(law.chain, motion, cycle, path);
+  if (inCycle && till >= stopped) return stopped;
   for (let row = critical; row < till; row++) if (speed(row) > speed(critical)) critical = row;
   return critical;
 }
