@@ -6,6 +6,7 @@ J⁺ is the pseudoinverse, the usual controller.
 from __future__ import annotations
 
 import hashlib
+import shlex
 from pathlib import Path
 from weakref import WeakKeyDictionary
 
@@ -92,8 +93,23 @@ def with_run(page: str, run: str) -> str:
 def with_command(page: str, command: str) -> str:
     """Insert the command that made a page into its dialog; an empty command changes nothing."""
     install = "<dt>To install</dt>"
-    made = f"<dt>This page</dt><dd>was made by <code>{escape(command)}</code></dd>\n    "
+    words = escape(_portable(command))
+    made = f"<dt>This page</dt><dd>was made by <code>{words}</code></dd>\n    "
     return page.replace(install, made + install, 1) if command else page
+
+
+def _portable(command: str) -> str:
+    """Remove from a command what says where it ran: the output folder, and folders of files."""
+    kept: list[str] = []
+    words = iter(shlex.split(command))
+    for word in words:
+        if word == "--out":
+            next(words, "")
+            continue
+        if not word.startswith("--out="):
+            option, sign, value = word.rpartition("=")
+            kept.append(f"{option}{sign}{Path(value).name if Path(value).is_absolute() else value}")
+    return shlex.join(kept)
 
 
 def _motions(study: Study) -> str:

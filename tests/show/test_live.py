@@ -216,11 +216,11 @@ def test_a_real_browser_shows_the_poses(task: rp.Task, driver: Any) -> None:
         )
         assert same < 0.0005 and moved > 0.01
         said = [note.text for note in driver.find_elements("class name", "past")]
-        assert said == ["0 rad off cycle 1", "0.985 rad off cycle 1"]
+        assert said == ["joints 0 rad from cycle 1", "joints 0.985 rad from cycle 1"]
         view.show(Q0, Q0, out_of_reach=True)
         until(lambda: driver.execute_script("return repctl.received") > 2)
         said = [note.text for note in driver.find_elements("class name", "past")]
-        assert said == ["0 rad off cycle 1, target out of reach"] * 2
+        assert said == ["joints 0 rad from cycle 1, target out of reach"] * 2
         body = driver.find_element("tag name", "body")
         for key, offset in (  # as it is seen from above
             (Keys.ARROW_UP, [0, 0.01, 0]),

@@ -23,6 +23,7 @@ from page_file import read
 from store import study_of
 
 import repctl_pin as rp
+from repctl_pin.show import study_files
 from repctl_pin.show.page.own_loop import own_loop
 
 SCRIPTS = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "arm"
@@ -1290,7 +1291,9 @@ def test_help_says_where_to_install_from_and_how_to_cite(page: Path) -> None:
     text = page.read_text("utf-8")
     assert "It has no public address yet, and no package index has it: ask whoever" in text
     assert "was made by" not in text
-    assert "<code>pip install .</code> in the folder of repctl_pin’s repository" in text
+    assert "<code>pip install .</code> in the folder of the source code of repctl_pin" in text
+    for name in ("target_pose", "joint_states", "joint_trajectory", "commands", "/diagnostics"):
+        assert f"<code>{name}</code>" in text
     site = (Path(rp.__file__).parents[1] / "docs" / "index.md").read_text("utf-8")
     assert f"<pre>{site.split('```bibtex')[1].split('```')[0].strip()}</pre>" in text
 
@@ -1298,10 +1301,19 @@ def test_help_says_where_to_install_from_and_how_to_cite(page: Path) -> None:
 @pytest.mark.slow
 def test_the_page_of_a_command_repeats_it_as_text(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    few = "study planar3r --degree 1 --cycles 1 --steps 40 --region 0.2 --out"
-    assert main([*few.split(), "a<b>"]) == 0
+    few = "study planar3r --degree 1 --cycles 1 --steps 40 --region 0.2"
+    assert main([*few.split(), "--out", "a<b>"]) == 0
     text = (tmp_path / "a<b>" / "animation.html").read_text("utf-8")
-    assert f"was made by <code>repctl {few} &#39;a&lt;b&gt;&#39;</code></dd>" in text
+    assert f"was made by <code>repctl {few}</code></dd>" in text
+
+
+def test_a_page_names_no_folder_of_the_machine_that_made_it() -> None:
+    """It named the output folder, and the folders of URDF, path and packages."""
+    command = "repctl study /home/me/arm.urdf --path=/home/me/a,b.csv --out=/tmp/x --task axis"
+    page = study_files.with_command("<dt>To install</dt>", command)
+    assert "<code>repctl study arm.urdf --path=a,b.csv --task axis</code>" in page
+    page = study_files.with_command("<dt>To install</dt>", "repctl study 'a<b>' --out /tmp/x")
+    assert "<code>repctl study &#39;a&lt;b&gt;&#39;</code>" in page
 
 
 _BARS = """
@@ -1349,16 +1361,16 @@ def test_a_loop_that_was_altered_is_said_to_be_another(driver: Any, page: Path) 
         "const { own } = repctl, [x, y, z] = own.chain.homes[0];"
         "own.grab(0, null, null, 0);"
         "own.lead.queue.push([x - 0.1, y, z], [x - 0.1, y + 0.1, z]); own.processQueue();"
-        "own.walk = function* () { return { refusal: 'blocked', trail: [] }; };"
+        "own.walk = function* (from) {"
+        " from.refusals = ['blocked', 'blocked']; return { refusal: 'blocked', trail: [] }; };"
         "own.release().then(() => { delete own.walk; })"
     )
     told = said(driver)
     assert told.startswith("The arm cannot follow your loop beyond its first "), told
     assert ": the solid line, " in driver.find_element("id", "title").text
-    assert not driver.find_element("id", "again").is_displayed()
+    assert driver.find_element("id", "lines").is_displayed()
     notes = [e.text for e in driver.find_elements("css selector", "#notes > span")]
-    assert notes[0].startswith("Solid: the way that the hand took instead. Dashed: "), notes
-    assert notes[1].startswith("After one cycle of the solid line the hand is back. "), notes
+    assert notes[0].startswith("After one cycle of the solid line the hand is back. "), notes
     assert errors(driver) == []
 
 
@@ -1379,16 +1391,21 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
         "own.lead.queue.push([x - 0.1, y, z], [x + 9, y, z], [x - 0.1, y + 0.1, z]);"
         "own.processQueue(); own.release();"
     )
+    lines = driver.find_element("id", "lines")
     told = said(driver)
+    assert lines.is_displayed() and lines.text.split("\n") == ["way taken", "not followed"]
     found = re.fullmatch(
         r"The arm cannot follow your loop beyond its first \d[\d.]*.c?m, at the red ball: (.*)\.",
         told,
     )
     assert found, told
     marks = [e for e in driver.find_elements("css selector", ".callout") if e.is_displayed()]
-    reason = driver.execute_script("return repctl.own.scene.failure")
-    assert [e.text for e in marks] == 2 * [f"cannot follow\n{reason}"]
-    assert found[1].startswith(reason) and reason
+    reasons = driver.execute_script("return repctl.own.scene.failure")
+    assert [e.text for e in marks] == [f"cannot follow\n{reason}" for reason in reasons]
+    assert all(reason and reason in found[1] for reason in reasons)
+    # the way that was taken is a loop, which both arms do as often as another
+    assert driver.find_element("id", "again").text == "Follow the solid line 10 times"
+    assert driver.find_element("id", "clock").text == "after 1 of 10"
     # one ball in each pane; what its lines mean is said on a phone, too
     balls = driver.execute_script(
         "return repctl.own.arms.map(({ past, stop }) => [past, stop].filter((ball) =>"
@@ -1398,7 +1415,8 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     schemes(driver, width=390, height=844)
     driver.find_element("id", "noted").click()
     notes = driver.find_element("id", "notes")
-    assert notes.is_displayed() and notes.text.startswith("Solid: the way that the hand took")
+    assert notes.is_displayed() and notes.text.startswith("After one cycle of the solid line")
+    assert lines.is_displayed()
     assert "red ball" not in notes.text
     driver.find_element("id", "noted").click()
     schemes(driver, width=900, height=700)
@@ -1421,8 +1439,83 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
 
 
 @pytest.mark.slow
+def test_a_loop_that_one_control_cannot_follow_is_done_by_the_other(
+    driver: Any, page: Path
+) -> None:
+    """Both panes said "cannot follow", and the loop ended where one control alone would fail.
+
+    The hand goes on, under either control; the arm that fails is marked where it leaves the path,
+    as far as which it is drawn, and the other closes the whole loop.
+    """
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    ways = driver.execute_script(
+        "const { own } = repctl, [x, y, z] = own.chain.homes[0];"
+        "own.grab(0, 7, null, 0);"
+        "const way = [[-1, 0.5], [-1.5, 1], [-2.5, 0], [-1.5, -1.5]];"
+        "own.lead.queue.push(...way.map(([a, b]) => [x + a, y + b, z]));"
+        "own.processQueue(); own.draw();"
+        "return [own.lead.refusals, document.getElementById('verdict').textContent]"
+    )
+    refusals, told = ways
+    assert sum(map(bool, refusals)) == 1
+    (k,) = [k for k, refusal in enumerate(refusals) if refusal]
+    under = ("the usual control", "the repeatable one")[k]
+    assert told == f"{refusals[k]} under {under}. Draw on, or let go."
+    driver.execute_script("repctl.own.release()")
+    control = ("The usual control", "The repeatable control")[k]
+    assert said(driver).startswith(f"{control} fails in cycle 1, close to a singularity, ")
+    assert driver.execute_script("return repctl.own.missed") == []
+    marks = driver.find_elements("css selector", ".callout.mark")
+    assert [mark.is_displayed() for mark in marks] == [k == 0, k == 1]
+    # the arm is on the path until it stops, the other all around it
+    off = driver.execute_script(
+        "const { own } = repctl, [path] = own.paths(), { chain, result: { motions } } = own;"
+        "const { n } = chain, gaps = (p) => Math.min(...path.slice(1).map((b, i) =>"
+        " fromPiece([...p], path[i], b)));"
+        "return motions.map(({ Q, last, perCycle }) => { let most = 0;"
+        " for (let row = 0; row <= (last ?? perCycle); row++) {"
+        "  chain.place(Q.subarray(row * n, (row + 1) * n));"
+        "  most = Math.max(most, gaps(chain.frames[0].p)); } return most; })"
+    )
+    assert max(off) < 0.01, off
+    assert errors(driver) == []
+
+
+@pytest.mark.slow
+def test_the_end_is_seen_first_however_late_pictures_are(driver: Any, page: Path) -> None:
+    """The page opened at cycle 0 where a picture took 3 s, under a headline on the end."""
+    open_page(driver, page)
+    time_ = driver.execute_async_script(
+        "const [done] = arguments, { clock } = repctl.own, since = performance.now();"
+        "clock.seek(clock.cycles); clock.open();"
+        "while (performance.now() - since < 3500);"
+        "requestAnimationFrame(() => requestAnimationFrame(() => done(repctl.time)))"
+    )
+    assert time_ == 2
+    driver.execute_script("repctl.pause()")
+
+
+@pytest.mark.slow
+def test_numbers_have_the_colour_of_their_arm(driver: Any, page: Path) -> None:
+    """A zero was blue, the colour of the repeatable control, in the pane of the usual one, too."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    shades = driver.execute_script(
+        "const colours = () => ['.callout:not(.hand, .mark) b', '.reading b'].map((what) =>"
+        " [...document.querySelectorAll(what)].map((node) => getComputedStyle(node).color));"
+        "return [0, 2].map((time) => { repctl.seek(time); return colours(); })"
+    )
+    assert shades[0] == shades[1], "whether it has drifted or not"
+    assert shades[0][0] == shades[0][1], "at the arm and beside the bars"
+    usual, repeatable = ([int(v) for v in re.findall(r"\d+", one)] for one in shades[0][0])
+    assert usual[0] > usual[2] and repeatable[0] < repeatable[2]
+
+
+@pytest.mark.slow
 def test_a_loop_that_was_not_followed_at_all_has_no_bars(driver: Any, page: Path) -> None:
     """A way there and back: its bars and numbers were 0, as if a loop had been followed."""
+    schemes(driver, width=900, height=700)
     open_page(driver, page)
     driver.execute_script(
         "const { own } = repctl, [x, y, z] = own.chain.homes[0];"
@@ -1432,7 +1525,17 @@ def test_a_loop_that_was_not_followed_at_all_has_no_bars(driver: Any, page: Path
     assert said(driver).startswith("The arm cannot follow your loop beyond its first ")
     read = "return [...document.querySelectorAll('.reading b')].map((one) => one.textContent)"
     assert driver.execute_script(read) == 2 * ["–"]
+    # it is seen once, at its far end, and no number of cycles is named
+    assert driver.find_element("id", "clock").text == "on the way"
+    assert driver.find_element("id", "done").text == "The loop was not followed"
+    assert not driver.find_element("id", "again").is_displayed()
+    off = driver.execute_script(
+        "return repctl.own.arms.map((arm) => arm.point('tip', 0, arm.now.frame, arm.now.f)"
+        ".distanceTo(arm.stop.node.position))"
+    )
+    assert max(off) < 0.05
     driver.find_element("id", "back").click()
+    assert driver.find_element("id", "clock").text == "after 2 of 2"
     assert "–" not in driver.execute_script(read)
     assert errors(driver) == []
 

@@ -401,3 +401,12 @@ def test_lines_of_scripts_and_styles_are_short() -> None:
         if len(line) > 100
     ]
     assert len(files) > 20 and long == []
+
+
+def test_lines_of_glsl_that_begin_with_a_sign_stay_lines() -> None:
+    """A shader whose #ifdef followed a bracket lost its line break, and did not compile."""
+    shader = "const CODE = `void main() {\n  #ifdef TINT\n  tint();\n  #endif\n}`;\n"
+    assert html._joined([shader]) == (
+        '"use strict";\nconst CODE = `void main() {\n#ifdef TINT\ntint();\n#endif\n}`;\n'
+    )
+    assert html._joined(["f({\n  a,\n});\n"]) == '"use strict";\nf({a});\n'

@@ -161,14 +161,23 @@ def _left_out(scene: dict[str, Any]) -> tuple[str, ...]:
 def _script(left_out: tuple[str, ...] = ()) -> str:
     """Join the page's JavaScript modules, in the order of ``SCRIPTS``, into one script.
 
-    The modules ``left_out`` are not among them. Comments, indentation, line breaks at brackets,
-    imports and exports are removed; all modules share one scope.
+    The modules ``left_out`` are not among them. All modules share one scope.
     """
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS if name not in left_out]
+    return _joined(texts)
+
+
+def _joined(texts: Sequence[str]) -> str:
+    """Join JavaScript modules into one script.
+
+    Comments, indentation, line breaks at brackets, imports and exports are removed. A line that
+    begins with #, of GLSL in a template, stays a line.
+    """
     dropped = r"(?m)^(import [^;]*;\n|export |\s*//.*\n| +)|(?<=[;,{})\]]) // .*$"
-    joined = re.sub(dropped, "", "\n".join(texts))
-    return '"use strict";\n' + re.sub(r"(?<=[{(\[])\n|,?\n(?=[})\]])", "", joined)
+    script = re.sub(dropped, "", "\n".join(texts))
+    breaks = r"(?m)(^#.*\n)|(?<=[{(\[])\n(?!#)|,?\n(?=[})\]])"
+    return '"use strict";\n' + re.sub(breaks, lambda found: found[1] or "", script)
 
 
 def _as_script(value: Any) -> str:

@@ -22,6 +22,9 @@ export function element(tag, attributes = {}, ...children) {
 export function setText(node, words) {
   if (node.textContent !== words) node.textContent = words;
 }
+export function setColor(node, color) {
+  if (node.style.color !== color) node.style.color = color;
+}
 export function setAttribute(node, name, value) {
   if (node.getAttribute(name) !== String(value)) node.setAttribute(name, value);
 }

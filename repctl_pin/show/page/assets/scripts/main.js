@@ -61,10 +61,17 @@ function run(clock, viewer, live, resize) {
       viewer.renderer.setPixelRatio(0.75);
       resize();
     }
-    clock.pass(passed);
+    // the end, of which the headline speaks, is seen first, however late pictures are
+    clock.pass(clock.opening ? Math.min(passed, 0.1) : passed);
     if (viewer.needs_render) viewer.render();
     requestAnimationFrame(tick);
   })(before);
+}
+
+// Bodies are placed by a texture of floating-point numbers, see arm/bodies.js.
+function requireTextures({ capabilities }) {
+  if (!capabilities.floatVertexTextures)
+    throw new Error("its WebGL has no floating-point textures for vertices");
 }
 
 async function main() {
@@ -80,10 +87,12 @@ async function main() {
     viewer = await openViewer(api.errors, (part) => {
       byId("loaded").value = part;
     });
+    requireTextures(viewer.renderer);
   } catch (error) {
     api.errors.push(String(error));
     if (!scene.live) {
-      await drawPlain(scene);
+      byId("picture").replaceChildren();
+      await drawPlain(scene, viewer ? error.message : "WebGL is off here");
       notify("");
       return;
     }

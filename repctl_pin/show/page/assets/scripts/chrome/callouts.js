@@ -1,7 +1,7 @@
 // What is off, said at the arm: the part that is farthest off, and the hand.
 
-import { tint } from "./chart.js";
-import { byId, element, setAttribute, setText } from "../dom.js";
+import { wordColour } from "./chart.js";
+import { byId, element, setAttribute, setColor, setText } from "../dom.js";
 import { formatLength } from "../numbers.js";
 import { Room } from "./room.js";
 
@@ -35,7 +35,7 @@ export class Callouts {
   say(atEnd, times = "", [cycle, end] = []) {
     const { failure, leading, hands: names } = this.scene;
     this.sets.forEach(({ arm, part, hands, mark }, k) => {
-      if (isStopped(this, k)) sayWhatStops(mark, failure);
+      if (isStopped(this, k)) sayWhatStops(mark, failure[k]);
       else sayWhatBreaks(mark, arm, leading, this.isNarrow(k));
       const short = this.isNarrow(k);
       const off = times && atEnd ? arm.ends[cycle][end] : arm.partOff();
@@ -45,7 +45,7 @@ export class Callouts {
       part.box.style.visibility = lost ? "hidden" : "";
       setText(part.note, when);
       setText(part.value, this.words(off));
-      part.value.className = tint(off);
+      setColor(part.value, wordColour(arm.data.color));
       setAttribute(part.box, "title", `${off.toPrecision(3)} m`);
       hands.forEach((hand, f) => {
         const name = short ? names[f].split(",")[0] : names[f];
@@ -133,15 +133,14 @@ function makeCallout(pane, kind) {
 
 // Whether arm k is one that could not follow a visitor's loop: on a cell's page, the last alone is
 // held, by its function.
-const isStopped = ({ scene: { failure, cover }, sets }, k) =>
-  failure && (!cover || k === sets.length - 1);
+const isStopped = ({ scene: { failure } }, k) => Boolean(failure && failure[k]);
 
 // Say at the red ball why a visitor's loop could not be followed.
-function sayWhatStops(mark, failure) {
+function sayWhatStops(mark, reason) {
   mark.on = true;
   mark.box.style.visibility = "";
   setText(mark.value, "cannot follow");
-  setText(mark.note, failure);
+  setText(mark.note, reason);
 }
 
 // Where the red ball is that is spoken of; one on a workpiece moves with it.

@@ -1,17 +1,18 @@
 // The time line over the slider: how far each arm is off at the end of each cycle, or the joints.
 
 import { fullScale } from "../arm/arm.js";
-import { byId, element, setAttribute, setText, sharp, sizeOf, tone } from "../dom.js";
+import { byId, element, setAttribute, setColor, setText, sharp, sizeOf, tone } from "../dom.js";
 import { formatLength, formatNumber } from "../numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
 const CONTRAST = 3; // of a bar to the paper, at least, as WCAG 2 measures it
+const TEXT_CONTRAST = 5; // of words to it
 
 export class Chart {
   // `seek`: goes to the end of a shown cycle
   constructor(arms, scene, seek) {
     const canvas = byId("chart");
-    Object.assign(this, { arms, scene, canvas, gain: 1, bars: new Map() });
+    Object.assign(this, { arms, scene, canvas, gain: 1 });
     canvas.addEventListener("click", ({ offsetX }) => {
       const last = scene.cycles.length;
       seek(
@@ -92,15 +93,16 @@ export class Chart {
   say(done, cycle, part) {
     const count = done === 1 ? "1 cycle" : `${done} cycles`;
     const times = done ? `after ${count}, from its start` : "at the start";
-    setText(byId("done"), `${times[0].toUpperCase()}${times.slice(1)}`);
+    const { idle } = this.scene;
+    const when = idle ? "the loop was not followed" : times;
+    setText(byId("done"), `${when[0].toUpperCase()}${when.slice(1)}`);
     this.values.forEach((value, k) => {
       const arm = this.arms[k];
       const { data } = arm;
       const off = this.after(arm, cycle, part);
       const known = off !== null;
-      const { idle } = this.scene;
       setText(value, idle ? "–" : known ? formatLength(off) : "not known");
-      setAttribute(value, "class", known && !idle ? tint(off) : "");
+      setColor(value, wordColour(data.color));
       const drift = done ? data.drift[done - 1] : 0;
       const joints = `${drift < 1e-6 ? 0 : formatNumber(drift)} ${data.unit}`;
       setAttribute(
@@ -126,14 +128,19 @@ export class Chart {
     const sheet = { draw, width, height, em, count, pitch, foot, at: (c) => INSET + c * pitch };
     if (document.body.classList.contains("joints")) this.drawJoints(sheet, cycle, part);
     else this.drawBars(sheet, cycle, part);
-    // where time is
+  }
+
+  // Where time is; words stand before it.
+  drawNow({ draw, foot, at }, cycle, part) {
+    const x = at(cycle + part);
     draw.strokeStyle = tone("--ink");
     draw.lineWidth = 1.5;
-    line(draw, sheet.at(cycle + part), 0, sheet.at(cycle + part), foot, []);
+    line(draw, x, 0, x, foot, []);
   }
 
   // How far each arm is off at the end of each cycle; the axis ends at a step of 1, 2 or 5.
-  drawBars({ draw, width, height, em, count, pitch, foot, at }, cycle, part) {
+  drawBars(sheet, cycle, part) {
+    const { draw, width, height, em, count, pitch, foot, at } = sheet;
     const { arms } = this;
     const room = foot - 0.5 * em;
     const group = Math.min(0.66 * pitch, 4.5 * em);
@@ -143,10 +150,12 @@ export class Chart {
     const level = (v) => foot - (v / top) * room;
     draw.strokeStyle = tone("--edge");
     line(draw, INSET, foot + 0.5, width - INSET, foot + 0.5, []);
-    let legend = this.scene.failure ? " · of the solid line" : "";
-    if (this.scene.idle) {
+    const { failure, idle } = this.scene;
+    let legend = failure ? " · of the solid line" : "";
+    if (idle) {
       // a way there and back has nothing to show
-      textWithHalo(draw, "The loop was not followed: no bars.", INSET + 2, foot - 0.5 * em, em);
+      this.drawNow(sheet, cycle, part);
+      textWithHalo(draw, "no bars: the loop was not followed", INSET + 2, foot - 0.5 * em, em);
       return;
     }
     let open = false;
@@ -159,7 +168,7 @@ export class Chart {
         const x = Math.round(at(c + 1) - group + k * wide);
         const tall = Math.max(off < 1e-4 ? 1 : 2, Math.round(foot - level(off)));
         const across = Math.max(Math.floor(wide) - (wide > 4 ? 1 : 0), 1);
-        draw.fillStyle = this.barColour(arm.data.color);
+        draw.fillStyle = legible(arm.data.color, CONTRAST);
         draw.fillRect(x, foot - tall, across, tall);
         if (!finished && hollow(draw, x, foot - tall, across, tall)) open = true;
       });
@@ -173,14 +182,8 @@ export class Chart {
     const after = inLine && words ? draw.measureText(words).width + 8 : 0;
     draw.strokeStyle = tone("--edge");
     line(draw, INSET + after, level(top), width - INSET, level(top), [3, 4]);
+    this.drawNow(sheet, cycle, part);
     if (words) textWithHalo(draw, words, INSET + 2, y, em);
-  }
-
-  // The colour of an arm, nearer to that of text where it has too little contrast to the paper.
-  barColour(color) {
-    const key = color + tone("--paper");
-    if (!this.bars.has(key)) this.bars.set(key, legible(color, tone("--paper"), tone("--ink")));
-    return this.bars.get(key);
   }
 
   // The numbers of the cycles, each under its group of bars, this wide.
@@ -205,6 +208,7 @@ export class Chart {
     const n = names.length;
     const tall = foot / n;
     draw.drawImage(this.curves(sheet, values), 0, 0, sheet.width, height);
+    this.drawNow(sheet, cycle, part);
     const row = Math.round(part * (perCycle - 1));
     for (let i = 0; i < n; i++) {
       const now = values.map((all) => all[(cycle * perCycle + row) * n + i].toFixed(2));
@@ -258,14 +262,26 @@ export class Chart {
   }
 }
 
-// A colour #rrggbb, mixed with ink until its contrast to the paper is large enough.
-function legible(color, paper, ink) {
+// What is said of an arm has its colour.
+export const wordColour = (color) => legible(color, TEXT_CONTRAST);
+
+// A colour #rrggbb, mixed with ink until its contrast to the paper is large enough; computed once.
+const legibleBefore = new Map();
+function legible(color, contrast) {
+  const key = [color, contrast, tone("--paper")].join();
+  if (!legibleBefore.has(key)) legibleBefore.set(key, mixed(color, contrast));
+  return legibleBefore.get(key);
+}
+
+function mixed(color, contrast) {
+  const [from, ink, paper] = [color, tone("--ink"), tone("--paper")].map(channels);
   for (let share = 0; share < 1; share += 0.05) {
-    const mixed = channels(color).map((v, i) => v + share * (channels(ink)[i] - v));
-    const [dark, bright] = [luminance(mixed), luminance(channels(paper))].sort((a, b) => a - b);
-    if ((bright + 0.05) / (dark + 0.05) >= CONTRAST) return `rgb(${mixed.map(Math.round).join()})`;
+    const rgb = from.map((v, i) => v + share * (ink[i] - v));
+    const [dark, bright] = [luminance(rgb), luminance(paper)].sort((a, b) => a - b);
+    if ((bright + 0.05) / (dark + 0.05) >= contrast)
+      return `rgb(${rgb.map(Math.round).join(", ")})`;
   }
-  return ink;
+  return tone("--ink");
 }
 
 const channels = (color) => [1, 3, 5].map((i) => parseInt(color.slice(i, i + 2), 16));
@@ -287,9 +303,6 @@ function range(values, i, n) {
   }
   return [low, high];
 }
-
-// What is off by a centimetre and more is wrong; what is back is right.
-export const tint = (off) => (off >= 0.01 ? "bad" : off < 1e-4 ? "good" : "");
 
 function line(draw, x0, y0, x1, y1, dash) {
   draw.setLineDash(dash);

@@ -18,6 +18,7 @@ export class Clock {
       speed: 1,
       rest: 0,
       done: null,
+      whole: true, // whether any cycle is whole
       invite() {},
     });
   }

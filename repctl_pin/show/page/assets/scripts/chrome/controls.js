@@ -84,13 +84,11 @@ export function connect(clock, view) {
   });
 
   return (done, part) => {
-    const { last } = clock;
+    const { last, whole } = clock;
     const inside = part > 0 && part < 1;
-    const words = inside
-      ? `cycle ${done + 1} of ${last}`
-      : done
-        ? `after ${done} of ${last}`
-        : "start";
+    const within = whole ? `cycle ${done + 1} of ${last}` : "on the way";
+    const after = whole ? `after ${done} of ${last}` : "as far as it goes";
+    const words = inside ? within : done ? after : "start";
     document.body.classList.toggle("playing", clock.playing);
     setAttribute(byId("play"), "aria-label", clock.playing ? "Pause" : "Play");
     byId("stepping").checked = clock.stepping;
@@ -99,7 +97,7 @@ export function connect(clock, view) {
     setAttribute(
       byId("scrub"),
       "aria-valuetext",
-      inside ? `${words}, ${Math.round(100 * part)} %` : done ? `${words} cycles` : words,
+      inside ? `${words}, ${Math.round(100 * part)} %` : done && whole ? `${words} cycles` : words,
     );
   };
 }

@@ -49,6 +49,9 @@ export class Panes {
     for (let columns = best; columns >= 1; columns--)
       if (size(columns) > 1.02 * size(best)) best = columns;
     byId("panes").style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;
+    // what is pressed stays in its pane
+    byId("stage").classList.toggle("in-columns", best > 1);
+    byId("stage").style.setProperty("--pane", `${Math.round(width / best)}px`);
     this.viewer.renderer.setSize(width, height);
     this.measure();
     this.inRows();

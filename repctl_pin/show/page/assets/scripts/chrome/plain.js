@@ -5,7 +5,7 @@ import { Chart } from "./chart.js";
 import { byId, element, sharp, sizeOf, summed, tone, unpack } from "../dom.js";
 import { formatLength } from "../numbers.js";
 
-export async function drawPlain(scene) {
+export async function drawPlain(scene, reason) {
   const motion = summed(await unpack("motion"), scene.series, scene.resolution);
   const last = scene.cycles.length * scene.perCycle - 1;
   let at = 0;
@@ -41,8 +41,8 @@ export async function drawPlain(scene) {
   );
   document.body.classList.add("plain-view");
   byId("drift-note").textContent =
-    "No 3D view: WebGL is off here. First link, elbow and hand; grey: at the start, in colour: " +
-    `after ${scene.cycles.at(-1)} cycles.`;
+    `No 3D view: ${reason}. First link, elbow and hand; grey: at the start, ` +
+    `in colour: after ${scene.cycles.at(-1)} cycles.`;
   byId("scale-note").hidden = true;
   const canvases = arms.map(({ data }) => {
     const canvas = element("canvas", {

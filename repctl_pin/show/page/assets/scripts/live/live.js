@@ -1,6 +1,6 @@
 // A running loop: its poses come over a socket, sixty times a second; keys move its target.
 
-import { tint } from "../chrome/chart.js";
+import { wordColour } from "../chrome/chart.js";
 import { byId, element } from "../dom.js";
 import { formatLength, formatNumber } from "../numbers.js";
 import { cleared, Marker, Trail } from "../arm/traces.js";
@@ -44,8 +44,8 @@ export function follow(arms, panes, scene, extent, shown) {
       const drift = numbers[2 * count * stride + k];
       const past = numbers[2 * count * stride + count + k];
       const limit = past ? ", past a limit" : "";
-      const off = `${drift < 1e-6 ? 0 : formatNumber(drift)} ${arm.data.unit} off cycle 1`;
-      arm.notice.textContent = `${off}${limit}${waiting}`;
+      const size = `${drift < 1e-6 ? 0 : formatNumber(drift)} ${arm.data.unit}`;
+      arm.notice.textContent = `joints ${size} from cycle 1${limit}${waiting}`;
     });
     const target = targetBalls.some(({ place }) => place);
     if (cycles) writeVerdict(arms, scene, { hand: Math.max(...hands), cycles, target });
@@ -129,7 +129,7 @@ function writeVerdict(arms, scene, { hand, cycles, target }) {
   const times = cycles === 1 ? "1 cycle" : `${cycles} cycles`;
   const off = arms.flatMap((arm, k) => [
     k ? ", " : "",
-    element("b", { class: tint(largest[k][0]) }, formatLength(largest[k][0])),
+    element("b", { style: `color: ${wordColour(arm.data.color)}` }, formatLength(largest[k][0])),
     k ? "" : " from there",
     ` under ${arm.data.under}`,
   ]);

@@ -26,6 +26,7 @@ import { bodiesOff, computed, drawnAt } from "./run.js";
 import { answer, failureWords, shortName, stated } from "./sentence.js";
 
 const CYCLES = 10;
+const DRIVEN = 0.5; // of what moves most along the slider, from which a part gives it its name
 const TRIED = 6; // levels, of which the slider takes the one that moves most what drifts most
 const NEAR_LIMIT = 0.002; // rad or m, before which the hand stops
 const LEAST_MARGIN = 0.15; // of the leaf, below which it stops
@@ -41,9 +42,9 @@ const BUDGET = 5; // ms of steps between two pictures
 const HEAD_FOOT = 8; // px to leave free under the notes in the page's head
 const SLICE = 25; // ms of computing between two pictures, once the hand is let go
 const LEAST_STROKE = 0.01; // of the arm, from which a stroke counts
+const JUMP = 0.5; // rad or m in one step, from which an arm does not follow
 const OUT_OF_REACH = "that is out of reach";
-const LEAF_ENDS = "the repeatable control is near a singularity";
-const LINES = "Solid: the way that the hand took instead. Dashed: where it could not follow.";
+const LEAF_ENDS = "an algorithmic singularity is near";
 
 export class Own {
   // `player`: {play(result), study(), plain(), clear(), show()}, which shows a result of
@@ -70,6 +71,7 @@ export class Own {
     this.missed = []; // strokes that the hand could not follow, each from where it stopped
     this.work = null; // what is computed in slices
     this.led = 0;
+    this.drifting = scene.part; // of the study
     this.listen();
     this.slider();
   }
@@ -245,8 +247,9 @@ export class Own {
     byId("elbow-off").textContent = off === "0" ? "0 cm" : off;
   }
 
-  // Name the slider after the part of the arm that moves most along it; not after a hand, which
-  // rests, also if the workpiece on which it rests moves.
+  // Name the slider after the part that drifts in the study, or if that hardly moves along it,
+  // after the one that moves most; not after a hand, which rests, also if the workpiece on which it
+  // rests moves.
   nameSlider() {
     const { chain, arms, selves } = this;
     const [one, other] = [selves.qs[0], selves.qs.at(-1)].map((q) => bodiesOff(chain, arms[0], q));
@@ -254,8 +257,11 @@ export class Own {
     const off = arms[0].moving.map(({ shape }, k) =>
       chain.links[shape] && hands.includes(chain.links[shape][1]) ? 0 : Math.max(one[k], other[k]),
     );
-    const most = arms[0].moving[off.indexOf(Math.max(...off))];
-    this.part = most ? chain.links[most.shape][1] : "arm";
+    const most = Math.max(0, ...off);
+    const named = arms[0].moving.map(({ shape }) => (chain.links[shape] || [])[1]);
+    const drifting = off.filter((_, k) => named[k] === this.drifting);
+    const moves = Math.max(0, ...drifting) > DRIVEN * most;
+    this.part = (moves ? this.drifting : named[off.indexOf(most)]) || "arm";
     byId("elbow-name").textContent = `Move ${shortName(this.part)}`;
   }
 
@@ -443,7 +449,8 @@ export class Own {
       arm.notice.textContent = "";
     }
     this.player.clear();
-    Object.assign(this.scene, { failure: "", idle: false });
+    Object.assign(this.scene, { failure: null, idle: false });
+    byId("lines").hidden = true;
     this.state = "leading";
     document.body.classList.add("leading", "own");
     this.scene.leading = lead.slides ? "slides" : "leads";
@@ -608,46 +615,56 @@ export class Own {
     });
   }
 
-  // Step all arms of {hand, qs, worst} to the next place of the hand; or say why one of them
-  // cannot, and stay.
-  step(from, next) {
+  // Step all arms of {hand, qs, worst} to the next place of the hand; or say why none of them can,
+  // and stay. An arm that alone cannot goes on as it can, or waits; `together`: all stay. So they
+  // do on the page of a cell, whose function holds the hand.
+  step(from, next, together = this.scene.cover) {
     const targets = this.hands(next);
     const length = gap(next, from.hand);
     const found = this.laws.map((_, k) => this.stepArm(k, from, targets, length));
     const refusals = found.map(({ refusal }) => refusal || "");
-    if (refusals.some(Boolean)) {
-      from.refusals = refusals;
-      return refusals.find(Boolean);
-    }
-    from.qs = found.map(({ q }) => q);
-    from.worst = found;
+    from.refusals = refusals;
+    if (together ? refusals.some(Boolean) : refusals.every(Boolean)) return refusals.find(Boolean);
+    from.qs = found.map(({ q }, k) => q || from.qs[k]);
+    from.worst = found.map((state, k) => (state.q ? state : from.worst[k]));
     return "";
   }
 
-  // Arm k after a step of this length to the targets: {q, limit, leaf, sine}, or {refusal}.
+  // Arm k after a step of this length to the targets: {q, limit, leaf, sine}, with a refusal where
+  // it should not go there, without q where it cannot.
   stepArm(k, from, targets, length) {
     const { chain } = this;
     const law = this.laws[k];
     const q = stepped(law, from.qs[k], targets);
     if (!q) return { refusal: OUT_OF_REACH };
     if (this.scene.cover) return this.coveredStep(law, q, targets);
+    const state = this.judged(k, from, q, length);
+    if (!this.isOff(q, targets) && gap(q, from.qs[k]) < JUMP) return state;
+    return { refusal: state.refusal || OUT_OF_REACH };
+  }
+
+  // A configuration of arm k after such a step: {q, limit, leaf, sine}, and a refusal where it
+  // comes near a limit or a singularity.
+  judged(k, from, q, length) {
+    const { chain } = this;
+    const law = this.laws[k];
     const leaf = law.margin();
     const sine = law.sine();
     const { joint, margin } = chain.nearest(q);
     const moved = q.map((v, i) => v - from.qs[k][i]);
     const state = { q, limit: margin, leaf, sine };
+    const refused = (refusal) => ({ ...state, refusal });
     // what already was near may come away again
     const { limit = Infinity, leaf: leafBefore = 1, sine: sineBefore = 1 } = from.worst[k];
     if (margin < NEAR_LIMIT && margin < limit)
-      return { refusal: `${chain.names[joint]} is at its limit` };
+      return refused(`${chain.names[joint]} is at its limit`);
     const fast = chain.fastestJoint(moved.map((v) => (v * chain.speed) / length));
     if (fast.share > MAX_SPEED_RATIO)
-      return { refusal: `${chain.names[fast.joint]} would have to be faster than it can` };
+      return refused(`${chain.names[fast.joint]} would have to be faster than it can`);
     const races = Math.hypot(...moved) > MAX_SPEED_RATIO * this.atStart[k].speed * length;
     if (races || (sine < MIN_SINE_RATIO * this.atStart[k].sine && sine < sineBefore))
-      return { refusal: "the arm comes near a singularity" };
-    if (leaf < LEAST_MARGIN && leaf < leafBefore) return { refusal: LEAF_ENDS };
-    return this.isOff(q, targets) ? { refusal: OUT_OF_REACH } : state;
+      return refused("the arm comes near a singularity");
+    return leaf < LEAST_MARGIN && leaf < leafBefore ? refused(LEAF_ENDS) : state;
   }
 
   // Whether the hands of this configuration are too far from their targets.
@@ -671,15 +688,16 @@ export class Own {
   }
 
   // Follow points in small steps, and gather where the hand has been; {refusal} where it cannot go
-  // on. Pauses after each step.
-  *walk(from, points, trail = []) {
+  // on, or with `together` where one arm cannot. Pauses after each step.
+  *walk(from, points, together) {
+    const trail = [];
     for (const goal of points)
       for (;;) {
         const far = gap(goal, from.hand);
         if (far < 1e-9) break;
         const share = this.stride / far;
         const next = share > 1 ? goal : from.hand.map((v, i) => v + share * (goal[i] - v));
-        const refusal = this.step(from, next);
+        const refusal = this.step(from, next, together);
         if (refusal) return { refusal, trail };
         from.hand = next;
         trail.push(next);
@@ -709,14 +727,22 @@ export class Own {
     // what has been beyond stays so
     const beyond = lead.beyond || this.beyond(lead.trail.slice(lead.seen));
     lead.seen = lead.trail.length;
-    if (lead.refusal !== lead.shownRefusal || beyond !== lead.beyond) {
-      Object.assign(lead, { shownRefusal: lead.refusal, beyond });
-      const sentence = lead.refusal
-        ? [[stated(lead.refusal), "bad"], [" Go another way, or let go."]]
-        : DRAW;
+    const told = this.told();
+    if (told !== lead.told || beyond !== lead.beyond) {
+      Object.assign(lead, { told, beyond });
+      const further = lead.refusal ? " Go another way, or let go." : " Draw on, or let go.";
+      const sentence = told ? [[told, lead.refusal ? "bad" : "near"], [further]] : DRAW;
       this.write(sentence, this.hint(beyond), "your loop");
     }
     this.player.show();
+  }
+
+  // What holds the hand, or the one arm that cannot follow it; empty while both can.
+  told() {
+    const { refusal, refusals = [] } = this.lead;
+    if (refusal) return stated(refusal);
+    const k = refusals.findIndex(Boolean);
+    return k < 0 ? "" : stated(`${refusals[k]} under ${this.arms[k].data.under}`);
   }
 
   // Put both arms where they have been led; the ghost is the last of them, or as `lead` says.
@@ -782,30 +808,34 @@ export class Own {
     const paths = this.paths();
     const failed = yield* this.failed(points, missed);
     const [failure] = [...failed.values(), null];
-    const result = yield* computed(this.laws, this.arms, paths, CYCLES);
-    yield;
-    this.endGesture();
-    const strokes = this.lines([...failed.keys()]);
-    yield* this.player.play({ ...result, paths: this.lines(paths), strokes });
-    yield;
     const lead = paths.find(Boolean);
     const shape = {
       encloses: enclosing(lead) > 0,
       turns: points ? windings(this.chain.axis, lead) : 0,
       whose: failure ? "the solid line" : points ? "your loop" : "the path",
     };
-    this.scene.failure = failure ? failure.reason : "";
-    this.scene.idle = Boolean(failure) && !shape.encloses;
+    // a way there and back in place of a loop is seen once
+    const idle = Boolean(failure) && !shape.encloses;
+    const result = yield* computed(this.laws, this.arms, paths, idle ? 1 : CYCLES);
+    yield;
+    this.endGesture();
+    const strokes = this.lines([...failed.keys()]);
+    yield* this.player.play({ ...result, paths: this.lines(paths), strokes });
+    yield;
+    Object.assign(this.scene, { failure: failure && failure.reasons, idle });
     Object.assign(this, { result, length: result.length, failure, shape, state: "own" });
+    this.clock.whole = !idle && result.runs.some(({ data }) => data.lost >= 1);
     document.body.classList.add("own");
     byId("own").hidden = false;
-    byId("again").hidden = Boolean(failure);
+    byId("again").hidden = idle || result.cycles < 2;
+    byId("lines").hidden = !failure;
     byId("loop-csv").hidden = !points || Boolean(this.scene.cover);
     const files = this.chain.frames.map((_, f) => (f === this.led ? "loop.csv" : "hold"));
     byId("loop-csv").title = `The loop's points, for repctl study --path ${files.join(",")}`;
     yield;
     this.report(Math.min(cycle, result.cycles));
-    this.clock.seek(this.shown);
+    // of a way there and back, its far end
+    this.clock.seek(idle ? failure.after / result.length : this.shown);
   }
 
   // Where on a loop the hand cannot follow each of these strokes, without those that it can: an
@@ -814,13 +844,13 @@ export class Own {
     const found = new Map();
     for (const stroke of strokes) {
       const stop = yield* this.stopOf(loop, stroke);
-      if (stop.reason) found.set(stroke, stop);
+      if (stop.reasons.length) found.set(stroke, stop);
     }
     return found;
   }
 
-  // Where on a loop the hand cannot follow a stroke, and why: {after, m of the loop, reason}, which
-  // is empty where it can.
+  // Where on a loop the hand cannot follow a stroke, and why: {after, m of the loop, reasons}, one
+  // for each arm that cannot.
   *stopOf(loop, stroke) {
     const from = {
       hand: loop[0],
@@ -829,12 +859,8 @@ export class Own {
     };
     const till = loop.slice(1, nearestPiece(loop, stroke[0]) + 1);
     const { refusal, trail } = yield* this.walk(from, [...till, ...stroke]);
-    const named = refusal === LEAF_ENDS || this.scene.cover; // what ends names its control
-    const refusals = (!named && this.arms.length > 1 && from.refusals) || [];
-    const refused = this.arms.filter((_, k) => refusals[k]);
-    const { under } = refused.length === 1 ? refused[0].data : {};
-    const all = refusals.length > 0 && refusals.every((each) => each === refusal);
-    return { after: lengthOf([loop[0], ...trail]), reason: refusal, under, all };
+    const reasons = refusal ? from.refusals : [];
+    return { after: lengthOf([loop[0], ...trail]), reasons };
   }
 
   // Say what has happened after a number of cycles.
@@ -852,17 +878,18 @@ export class Own {
       ? `${shape.whose}, ${formatLength(this.length)} long${moved}`
       : `the study’s path${moved}`;
     if (failure) {
-      notes.unshift([LINES], [sentence.map(([text]) => text).join("")]);
+      notes.unshift([sentence.map(([text]) => text).join("")]);
       // its ball is not drawn: the one that is seen is where the loop stops
       for (const note of notes)
         note[0] = note[0]
           .replaceAll(", at the red ball", "")
           .replace("the red ball on", "there on");
-      sentence.splice(0, Infinity, ...failureWords(chain, failure));
+      sentence.splice(0, Infinity, ...failureWords(chain, arms, failure));
     }
     this.write(sentence, notes, title);
+    const what = failure ? "Follow the solid line" : "Do it";
     byId("again").textContent =
-      cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";
+      cycles < result.cycles ? `${what} ${result.cycles} times` : "Once more";
     this.player.show();
   }
 
@@ -956,9 +983,10 @@ export class Own {
     this.endGesture();
     this.stand(0, this.first);
     Object.assign(this, { state: "study", points: null, missed: [] });
-    Object.assign(this.scene, { failure: "", idle: false });
+    Object.assign(this.scene, { failure: null, idle: false });
+    this.clock.whole = true;
     document.body.classList.remove("own", "unfolded");
-    byId("own").hidden = true;
+    for (const id of ["own", "lines"]) byId(id).hidden = true;
     for (const [node, children] of this.texts) node.replaceChildren(...children);
     if (words) this.write(words, null, null);
     else this.fold();
@@ -980,7 +1008,7 @@ export class Own {
     for (let wide = 0.16 * size; wide > 0.004 * size; wide *= 0.8)
       for (let turn = 0; turn < 8; turn++) {
         const points = this.placed(FORMS[kind], wide, (turn * Math.PI) / 4);
-        if ((yield* this.walk({ ...start }, [...points, home])).refusal) continue;
+        if ((yield* this.walk({ ...start }, [...points, home], true)).refusal) continue;
         yield* this.following(kept([home, ...points, home], home), 1);
         return;
       }
@@ -1021,7 +1049,7 @@ export class Own {
     if (first !== home) {
       const qs = laws.map(() => laws.at(-1).start);
       const from = { hand: home, qs, worst: laws.map(() => ({})) };
-      const { refusal } = yield* this.walk(from, [first]);
+      const { refusal } = yield* this.walk(from, [first], true);
       if (refusal) {
         this.leave([[`The loop in the address cannot be reached. ${stated(refusal)}`, "bad"]]);
         return;
@@ -1084,6 +1112,8 @@ export class Own {
     const { classList } = document.body;
     const [notes, more, verdict] = ["notes", "more", "verdict"].map(byId);
     const [header] = document.getElementsByTagName("header");
+    // what is said of a loop has the room of the head, whatever its sentence takes of it
+    notes.style.minHeight = this.state === "study" ? this.notesHeight : "0";
     notes.style.maxHeight = "";
     // a sentence that is longer than any of a study or a gesture
     classList.toggle("tall", this.head && verdict.offsetTop + verdict.offsetHeight > this.head + 1);
@@ -1140,6 +1170,7 @@ export class Own {
       node.replaceChildren(...children);
       if (height) node.style.minHeight = `${height}px`;
     }
+    this.notesHeight = byId("notes").style.minHeight;
     this.head = header.getBoundingClientRect().height;
     body.style.setProperty("--head", `${this.head}px`);
     nodes.forEach((node, k) => node.replaceChildren(...now[k]));

@@ -20,7 +20,7 @@ export function* computed(laws, arms, paths, wanted) {
   const motions = [];
   for (const law of laws) {
     const motion = yield* followed(law, law.start, path, wanted);
-    motion.last = yield* criticalRow(law, motion, fine);
+    motion.last = yield* criticalRow(law, motion, path, fine);
     if (motion.last !== null) stopMotion(motion, chain.n, wanted);
     motions.push(motion);
   }
@@ -47,18 +47,39 @@ export function* computed(laws, arms, paths, wanted) {
 const evenly = (count, last) =>
   Array.from({ length: count }, (_, i) => Math.round((i * last) / (count - 1)));
 
-// The row of a motion from which on it cannot be computed: where a joint would jump, or where the
-// joints are fastest, near a singularity, if twice the steps lead elsewhere. Null without.
-function* criticalRow(law, motion, fine) {
-  if (motion.stopped !== null) return motion.stopped;
-  const cycle = yield* unresolvedCycle(law, motion, fine);
+// The row of a motion from which on it cannot be computed: where a joint would jump, or if twice
+// the steps lead elsewhere, where the joints are fastest, near a singularity, as long as the hands
+// are on their path. Null without.
+function* criticalRow(law, motion, path, fine) {
+  const { stopped, perCycle } = motion;
+  const inCycle = stopped === null ? null : Math.floor(stopped / perCycle) + 1;
+  const cycle = inCycle || (yield* unresolvedCycle(law, motion, fine));
   if (cycle === null) return null;
   const { n } = law.chain;
   const speed = (row) => Math.hypot(...motion.V.subarray(row * n, (row + 1) * n));
-  let critical = (cycle - 1) * motion.perCycle;
-  for (let row = critical; row < cycle * motion.perCycle; row++)
-    if (speed(row) > speed(critical)) critical = row;
+  let critical = (cycle - 1) * perCycle;
+  const till = critical + rowsOnPath(law.chain, motion, cycle, path);
+  if (inCycle && till >= stopped) return stopped;
+  for (let row = critical; row < till; row++) if (speed(row) > speed(critical)) critical = row;
   return critical;
+}
+
+// How many rows of a cycle the hands are on their path, at least one.
+function rowsOnPath(chain, { Q, perCycle }, cycle, path) {
+  const { n, frames, size } = chain;
+  const first = (cycle - 1) * perCycle * n;
+  chain.place(Q.subarray(first, first + n));
+  const goals = frames.map(({ p }) => Array.from(p));
+  let row = 0;
+  for (const { count, h, v } of path)
+    for (let k = 0; k < count; k++) {
+      goals.forEach((goal, f) => v[f].forEach((rate, i) => (goal[i] += h * rate)));
+      row++;
+      chain.place(Q.subarray(first + row * n, first + (row + 1) * n));
+      const off = ({ p, rows }, f) => rows.map((i) => (i < 3 ? p[i] - goals[f][i] : 0));
+      if (frames.some((frame, f) => Math.hypot(...off(frame, f)) > LOST * size)) return row;
+    }
+  return perCycle;
 }
 
 // The first cycle at whose end a hand is not back, or an arm elsewhere with twice the steps; null

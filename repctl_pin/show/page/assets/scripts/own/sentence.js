@@ -24,7 +24,7 @@ export function answer(chain, arms, { runs }, cycles, shape) {
     const sentence = [[noneWords(runs, shape), "bad"]];
     return { sentence, notes: [...notesOf(arms, runs, cycles), NOT_KNOWN], part: "hand" };
   }
-  const sentence = lost.flatMap((k) => lostWords(runs[k].data));
+  const sentence = lost.flatMap((k) => lostWords(arms[k], runs[k].data));
   const context = {
     chain,
     arms: kept.map((k) => arms[k]),
@@ -41,20 +41,25 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   };
 }
 
-// What is said of a loop that the hand could not follow: how much of it, and why not all.
-export function failureWords(chain, { after, reason, under, all }) {
+// What is said of a loop that the hand could not follow: how much of it, and why not all. One
+// reason may hold for all arms, or for the function of a cell alone, which says so itself.
+export function failureWords(chain, arms, { after, reasons }) {
   const far = unbroken(formatLength(after));
-  const one = under ? ` under ${aloneUnder({ data: { under } })} alone` : "";
-  const by = all ? " under either control" : one;
+  const each = reasons.flatMap((reason, k) => (reason ? [[reason, arms[k].data.under]] : []));
+  const [[first]] = each;
+  const alike = each.every(([reason]) => reason === first);
+  const either = each.length > 1 ? " under either control" : "";
+  const listed = each.map(([reason, under]) => `${reason} under ${under}`).join(", ");
   const words = `The ${armWord(chain)} cannot follow your loop beyond its first ${far}`;
-  return [[`${words}, at the red ball: ${reason}${by}.`, "bad"]];
+  return [[`${words}, at the red ball: ${alike ? `${first}${either}` : listed}.`, "bad"]];
 }
 
 // The reason of a refusal as a sentence; it may begin with the name of a joint.
 export const stated = (reason) => `${reason.replace(/^th(?=e |at )/, "Th")}.`;
 
-function lostWords({ under, broken }) {
-  return [[`${capitalized(under)} fails in cycle ${broken.cycle}, ${WHERE}.`, "bad"], [" "]];
+function lostWords(arm, { broken }) {
+  const control = capitalized(aloneUnder(arm));
+  return [[`${control} fails in cycle ${broken.cycle}, ${WHERE}.`, "bad"], [" "]];
 }
 
 function noneWords(runs, { whose }) {
