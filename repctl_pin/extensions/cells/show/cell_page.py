@@ -68,11 +68,12 @@ def _box_of(cell: Cell) -> Array:
     return cell.placement.translation + offsets
 
 
-def _cover_of(design: CellDesign) -> dict[str, Any] | None:
-    """Describe the surface around a cell's positions, for the page's script; None without volume.
+def _cover_of(design: CellDesign, reach: Sequence[Array]) -> dict[str, Any]:
+    """Describe the surface around a cell's positions, for the page's script.
 
     A section between an inner and an outer side is shifted through a box, or turned around the axis
-    of a sector, whose angle and rotations have the ``turns``, in degrees.
+    of a sector, whose angle and rotations have the ``turns``, in degrees. ``reach`` is closed lines
+    (P, 2) around the radii and heights, m, that the arm reaches.
     """
     cell = design.cell
     if isinstance(cell, Sector):
@@ -87,6 +88,9 @@ def _cover_of(design: CellDesign) -> dict[str, Any] | None:
         motion: dict[str, Any] = {"origin": _plain(origin), "axis": _plain(axis)}
         motion |= {"from": -half, "to": half}
         motion["turns"] = degrees_turned(cell, _reaches(design))
+        if reach:
+            motion["reach"] = [np.round(line, 3).tolist() for line in reach]
+            motion["around"] = min(_joint_range(design), 2 * np.pi)
     else:
         across = np.zeros((3, 3))
         rows = cell.task.rows[: len(cell.half_width)]
@@ -97,6 +101,12 @@ def _cover_of(design: CellDesign) -> dict[str, Any] | None:
         motion = {"shift": _plain(2 * y), "turns": {}}
     inner, outer = (np.round(side, 4).tolist() for side in sides)
     return {"inner": inner, "outer": outer} | motion
+
+
+def _joint_range(design: CellDesign) -> float:
+    """Return the range, rad, of the joint that turns the arm along the angle of a sector."""
+    turns = design.evaluation.turns
+    return next((one.joint_range for one in turns if one.coordinate == "angle"), np.inf)
 
 
 def _plain(vector: Array) -> list[float]:
@@ -127,6 +137,7 @@ def cell_page(
     motions: Mapping[str, Motion],
     notes: Sequence[str] = (),
     *,
+    reach: Sequence[Array] = (),
     command: str | None = None,
 ) -> str:
     """Write the self-contained HTML page of a function over a cell.
@@ -142,6 +153,8 @@ def cell_page(
         failed, and the function.
     notes
         Notes on these motions.
+    reach
+        Closed lines (P, 2) around the radii and heights, m, that the arm reaches.
     command
         Command line that made the page.
     """
@@ -151,7 +164,8 @@ def cell_page(
     if motions:
         cycles = next(iter(motions.values())).cycles
         shown = _coloured(motions)
-        animation = _tour_page(design, shown, joint, f"{cycles} cycles of a sample path", dialog)
+        name = f"{cycles} cycles of a sample path"
+        animation = _tour_page(design, shown, joint, name, dialog, reach)
         still = picture(still_figure(shown), _STILL)
     legend = [_OF_THE_TOUR.format(shape), *(f"{capital(note)}." for note in notes)]
     return render(
@@ -197,11 +211,13 @@ def _tour_page(
     joint: int,
     name: str,
     dialog: Dialog,
+    reach: Sequence[Array],
 ) -> str:
     """Write the page with the animated motions side by side, and the outline of the cell.
 
     ``motions`` are (label, motion, colour). ``joint`` is the index of the joint whose path is
-    drawn, and ``name`` is the name of the path on the page. ``dialog`` has the texts of its dialog.
+    drawn, and ``name`` is the name of the path on the page. ``dialog`` has the texts of its dialog,
+    and ``reach`` what the arm reaches.
     """
     tracks = [playback_of(*one) for one in motions]
     way = motions[0][1].path.points()
@@ -212,7 +228,7 @@ def _tour_page(
         name=name,
         dialog=dialog,
         own=cell_loop(design, {label: motion for label, motion, _ in motions}),
-        cover=_cover_of(design),
+        cover=_cover_of(design, reach),
     )
 
 

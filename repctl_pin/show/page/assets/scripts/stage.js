@@ -6,6 +6,7 @@ import { byId, summed, unpack } from "./dom.js";
 import { clearest, Eye, towards } from "./arm/eye.js";
 import { formatLength } from "./numbers.js";
 import { Panes } from "./chrome/panes.js";
+import { TableMarks } from "./arm/table.js";
 import { drawPaths, drawTraces } from "./arm/traces.js";
 import { floor, light } from "./arm/viewer.js";
 
@@ -83,6 +84,7 @@ export async function setStage(viewer, scene) {
   const [low, high] = eye.span(points, "up");
   return {
     arms,
+    marks: scene.cover && new TableMarks(arms, scene, ground),
     paths,
     line,
     drawnTraces,
