@@ -89,7 +89,7 @@ def _cover_of(design: CellDesign, reach: Sequence[Array]) -> dict[str, Any]:
         motion |= {"from": -half, "to": half}
         motion["turns"] = degrees_turned(cell, _reaches(design))
         if reach:
-            motion["reach"] = [np.round(line, 3).tolist() for line in reach]
+            motion["reach"] = [np.rint(1e3 * line).astype(int).ravel().tolist() for line in reach]
             motion["around"] = min(_joint_range(design), 2 * np.pi)
     else:
         across = np.zeros((3, 3))
@@ -174,6 +174,7 @@ def cell_page(
         title=f"{task.robot.name}: one function for a {shape} of its workspace",
         caption=f"{task.frame_words}: {task.kind.words}, {task.n} joints, {task.r} redundant",
         headline=cell_headline(design, motions),
+        brief=_brief(design, motions),
         shape=shape,
         animation=animation.replace("<body>", '<body class="inside">', 1),
         still=still,
@@ -250,6 +251,21 @@ def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = Non
             said.append(Span(f"On the sample path, {times}.", "bad"))
     said.append(_evidence(design))
     return Headline((_unbroken(Span(_covered(design))),), tuple(map(_unbroken, said)))
+
+
+def _brief(design: CellDesign, motions: Mapping[str, Motion]) -> list[Span]:
+    """Write the notes of the headline in short, for a first screen without room for all of them.
+
+    Notes on violations are left out, because every first screen has them.
+    """
+    path = list(motions.values())[-1:]
+    proved = "Function proved, distances tested." if design.proof else "Tested, not proved."
+    extra = [
+        ratio_in_percent(max(share, 0.0), 2) for share in (design.extra_speed, design.extra_speed_worst)
+    ]
+    cost = f"Joint speed +{extra[0]}, at worst +{extra[1]}."
+    bodies = [note for note in _bodies(design, path) if note.tone != "bad"]
+    return [_unbroken(note) for note in (Span(cost), *bodies, Span(proved))]
 
 
 def _covered(design: CellDesign) -> str:

@@ -1,5 +1,5 @@
-// The whole table around an arm: what it reaches, in pale, where F has values, and where the hand
-// now is, on the ground, in the upright plane through the axis and the hand, and in numbers.
+// The whole table around an arm, on the ground and in upright planes: what the arm reaches, in pale,
+// and where F has values. Where the hand now is: on the ground, and in numbers.
 
 import { byId, setText } from "../dom.js";
 
@@ -37,57 +37,66 @@ export class TableMarks {
     });
   }
 
-  // The marks of one pane: {upright, needle, plumb}, which follow the hand.
+  // Points of the arc on the ground.
+  get arc() {
+    const { rim, origin, outward, across, axis, foot, cover } = this;
+    if (!rim) return [];
+    return Array.from({ length: 33 }, (_, i) => {
+      const angle = cover.from + (i / 32) * (cover.to - cover.from);
+      return origin
+        .clone()
+        .addScaledVector(outward, rim * Math.cos(angle))
+        .addScaledVector(across, rim * Math.sin(angle))
+        .addScaledVector(axis, foot);
+    });
+  }
+
+  // The marks of one pane: {section, ray, plumb}, which follow the hand.
   marksOf(group) {
     const T = MeshCat.THREE;
-    const { cover } = this;
-    const { inner, outer, from, to, reach = [], around } = cover;
+    const { inner, outer, from, to, reach = [], around = 0, turns } = this.cover;
     const own = [...this.section(inner), ...this.section(outer).reverse()];
-    const lines = reach.map((line) => line.map(([x, y]) => new T.Vector2(x, y)));
-    const far = (points) => Math.max(...points.map(({ x }) => x));
-    const near = (points) => Math.min(...points.map(({ x }) => x));
-    const upright = new T.Group();
-    const needle = new T.Group();
-    const still = new T.Group();
-    // on the ground: the radii that are reached, and those of F, and an arc of its angle
-    const rim = 1.05 * Math.max(far(own), ...lines.map(far));
-    if (lines.length)
-      still.add(
-        ring(Math.min(...lines.map(near)), far(lines.flat()), -around / 2, around / 2, 0.1),
-      );
-    still.add(ring(near(own), far(own), from, to, 0.1, OF_COVER));
-    still.add(ring(rim, 1.03 * rim, from, to, 0.9, OF_COVER));
-    const half = Math.round(cover.turns.angle / 2);
-    if (to - from > WHOLE) still.add(label(`${2 * half}°`, 1.1 * rim, 0, rim));
-    else
-      for (const [angle, sign] of [
-        [from, "−"],
-        [to, ""],
-      ]) {
-        still.add(ring(0.97 * rim, 1.06 * rim, angle - 0.008, angle + 0.008, 0.9, OF_COVER));
-        still.add(label(`${sign}${half}°`, 1.14 * rim, angle, rim));
-      }
-    // at the angle of the hand: a ray on the ground, and the sections of reach and F
-    needle.add(ring(0, rim, -0.006, 0.006, 0.9, OF_COVER));
-    for (const line of lines) upright.add(outline(line, OF_REACH, 0.6));
-    if (lines.length) upright.add(filled(lines, OF_REACH, 0.1));
-    upright.add(outline(own, OF_COVER, 0.9), filled([own], OF_COVER, 0.12));
-    upright.rotation.x = Math.PI / 2; // its y is the height
+    const lines = reach.map((mm) =>
+      Array.from({ length: mm.length / 2 }, (_, i) =>
+        new T.Vector2(mm[2 * i], mm[2 * i + 1]).multiplyScalar(1e-3),
+      ),
+    );
+    const [near, far] = spanOf(own);
+    const [least, most] = spanOf([...own, ...lines.flat()]);
+    const rim = 1.04 * most;
+    this.rim = rim;
+    const half = Math.round(turns.angle / 2);
+    const ends =
+      to - from > WHOLE
+        ? [[0, `${2 * half}°`]]
+        : [
+            [from, `−${half}°`],
+            [to, `${half}°`],
+          ];
+    // on the ground: the radii that are reached, those of F, and an arc of its angle
+    const ray = ring(0, rim, -0.006, 0.006, 0.9, OF_COVER);
+    const flat = new T.Group().add(
+      ring(near, far, from, to, 0.1, OF_COVER),
+      ring(rim, 1.03 * rim, from, to, 0.9, OF_COVER),
+      ...ends.map(([angle, text]) => label(text, 1.14 * rim, angle, rim)),
+      ray,
+    );
+    if (lines.length) flat.add(ring(least, most, -around / 2, around / 2, 0.16));
+    flat.position.z = this.foot + 0.002 * rim;
+    const section = uprightOf([own], OF_COVER, 0.9);
     const plumb = new T.Line(
       new T.BufferGeometry().setFromPoints([new T.Vector3(), new T.Vector3()]),
-      new T.LineBasicMaterial({ color: OF_COVER, transparent: true, opacity: 0.6 }),
+      new T.LineBasicMaterial({ color: OF_COVER }),
     );
-    const turned = new T.Group().add(upright);
-    const marks = new T.Group().add(turned, plumb);
-    const flat = new T.Group().add(still, needle);
-    flat.position.z = this.foot + 0.002 * rim;
-    marks.add(flat);
+    const marks = new T.Group().add(section, plumb, flat);
+    if (lines.length)
+      for (const side of [-1, 1]) marks.add(facing(uprightOf(lines, OF_REACH, 0.6), side, around));
     marks.position.copy(this.origin);
     marks.quaternion.setFromRotationMatrix(
       new T.Matrix4().makeBasis(this.outward, this.across, this.axis),
     );
     group.add(marks);
-    return { turned, needle, plumb };
+    return { section, ray, plumb };
   }
 
   // Show where the hand of an arm is: as it is led, or at this part of a cycle.
@@ -114,9 +123,9 @@ export class TableMarks {
     const [x, y, z] = [this.outward, this.across, axis].map((e) => away.dot(e));
     const angle = Math.atan2(y, x);
     const radius = Math.hypot(x, y);
-    for (const { turned, needle, plumb } of this.arms) {
-      turned.rotation.z = angle;
-      needle.rotation.z = angle;
+    for (const { section, ray, plumb } of this.arms) {
+      section.rotation.z = angle;
+      ray.rotation.z = angle;
       const { position } = plumb.geometry.attributes;
       position.setXYZ(0, x, y, z);
       position.setXYZ(1, x, y, this.foot);
@@ -176,22 +185,40 @@ const flatMaterial = (color, opacity) =>
     side: MeshCat.THREE.DoubleSide,
   });
 
-function outline(points, color, opacity) {
-  const T = MeshCat.THREE;
-  return new T.LineLoop(
-    new T.BufferGeometry().setFromPoints(points),
-    new T.LineBasicMaterial({ color, opacity, transparent: true }),
-  );
-}
+const spanOf = (points) => [Math.min, Math.max].map((end) => end(...points.map(({ x }) => x)));
 
-// What is inside closed lines: those around holes are clockwise.
-function filled(lines, color, opacity) {
+// Closed lines of radii and heights in an upright plane, and what is inside; those around holes are
+// clockwise.
+function uprightOf(lines, color, opacity) {
   const T = MeshCat.THREE;
   const around = lines.filter((line) => lines.length === 1 || T.ShapeUtils.area(line) > 0);
-  const holes = lines.filter((line) => !around.includes(line));
   const shapes = around.map((line) => new T.Shape(line));
-  for (const hole of holes) shapes[0].holes.push(new T.Path(hole));
-  return new T.Mesh(new T.ShapeGeometry(shapes), flatMaterial(color, opacity));
+  for (const line of lines) if (!around.includes(line)) shapes[0].holes.push(new T.Path(line));
+  const upright = new T.Group().add(
+    new T.Mesh(new T.ShapeGeometry(shapes), flatMaterial(color, 0.15 * opacity)),
+    ...lines.map(
+      (line) =>
+        new T.LineLoop(
+          new T.BufferGeometry().setFromPoints(line),
+          new T.LineBasicMaterial({ color, opacity, transparent: true }),
+        ),
+    ),
+  );
+  upright.rotation.x = Math.PI / 2; // its y is the height
+  return new T.Group().add(upright);
+}
+
+// Keep an upright plane square to the line of sight, on one side of the axis, as far as the arm
+// goes around.
+function facing(plane, side, around) {
+  const [first] = plane.children[0].children;
+  first.onBeforeRender = (renderer, scene, camera) => {
+    const { x, y } = plane.parent.worldToLocal(camera.position.clone());
+    const angle = Math.atan2(side * x, -side * y);
+    plane.rotation.z = Math.min(Math.max(angle, -around / 2), around / 2);
+    plane.updateMatrixWorld(true);
+  };
+  return plane;
 }
 
 // Words on the ground, at a radius and an angle; they face the camera.
@@ -208,6 +235,7 @@ function label(text, radius, angle, size) {
   const map = new T.CanvasTexture(canvas);
   const words = new T.Sprite(new T.SpriteMaterial({ map, depthTest: false, transparent: true }));
   words.position.set(radius * Math.cos(angle), radius * Math.sin(angle), 0.05 * size);
+  words.renderOrder = 8;
   words.scale.set(0.36 * size, 0.12 * size, 1);
   return words;
 }
