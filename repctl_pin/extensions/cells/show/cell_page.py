@@ -38,7 +38,7 @@ from ..geometry.cell import Cell
 from ..geometry.ranges import degrees_turned, range_phrase
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 from .cell_loop import cell_loop
-from .cell_words import cell_uses, cell_words, shape_word, usual
+from .cell_words import cell_uses, cell_words, reach_words, shape_word, usual
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
@@ -159,7 +159,8 @@ def cell_page(
         Command line that made the page.
     """
     task, joint = design.task, elbow(design.task, design.posture)
-    shape, dialog = shape_word(design), Dialog(cell_uses(design), cell_words(design, motions))
+    shape, words = shape_word(design), cell_words(design, motions)
+    dialog = Dialog(cell_uses(design), words | reach_words() if reach else words)
     animation, still = "", None
     if motions:
         cycles = next(iter(motions.values())).cycles

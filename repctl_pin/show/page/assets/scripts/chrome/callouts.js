@@ -35,7 +35,7 @@ export class Callouts {
   say(atEnd, times = "", [cycle, end] = []) {
     const { failure, leading, hands: names } = this.scene;
     this.sets.forEach(({ arm, part, hands, mark }, k) => {
-      if (isStopped(this, k)) sayWhatStops(mark, failure);
+      if (isStopped(this, k)) sayWhatStops(mark, this.scene);
       else sayWhatBreaks(mark, arm, leading, this.isNarrow(k));
       const short = this.isNarrow(k);
       const off = times && atEnd ? arm.ends[cycle][end] : arm.partOff();
@@ -137,10 +137,10 @@ const isStopped = ({ scene: { failure, cover }, sets }, k) =>
   failure && (!cover || k === sets.length - 1);
 
 // Say at the red ball why a visitor's loop could not be followed.
-function sayWhatStops(mark, failure) {
+function sayWhatStops(mark, { failure, cover }) {
   mark.on = true;
   mark.box.style.visibility = "";
-  setText(mark.value, "cannot follow");
+  setText(mark.value, cover ? "F ends here" : "cannot follow");
   setText(mark.note, failure);
 }
 

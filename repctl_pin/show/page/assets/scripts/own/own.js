@@ -23,7 +23,7 @@ import {
   windings,
 } from "./loops.js";
 import { bodiesOff, computed, drawnAt } from "./run.js";
-import { answer, failureWords, shortName, stated } from "./sentence.js";
+import { answer, edgeWords, failureWords, shortName, stated } from "./sentence.js";
 
 const CYCLES = 10;
 const TRIED = 6; // levels, of which the slider takes the one that moves most what drifts most
@@ -858,7 +858,8 @@ export class Own {
         note[0] = note[0]
           .replaceAll(", at the red ball", "")
           .replace("the red ball on", "there on");
-      sentence.splice(0, Infinity, ...failureWords(chain, failure));
+      const words = this.scene.cover ? edgeWords(failure) : failureWords(chain, failure);
+      sentence.splice(0, Infinity, ...words);
     }
     this.write(sentence, notes, title);
     byId("again").textContent =

@@ -50,6 +50,13 @@ export function failureWords(chain, { after, reason, under, all }) {
   return [[`${words}, at the red ball: ${reason}${by}.`, "bad"]];
 }
 
+// The same on the page of a cell, where F alone ends, by its edge or at a limit.
+export function edgeWords({ after, reason }) {
+  const why = reason.replace(/^F covers/, "it covers");
+  const far = unbroken(formatLength(after));
+  return [[`F ends after the first ${far} of your loop, at the red ball: ${why}.`, "bad"]];
+}
+
 // The reason of a refusal as a sentence; it may begin with the name of a joint.
 export const stated = (reason) => `${reason.replace(/^th(?=e |at )/, "Th")}.`;
 
