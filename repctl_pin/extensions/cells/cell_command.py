@@ -13,6 +13,7 @@ result of the search for the largest sector: its design, area and comparison wit
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -233,7 +234,7 @@ def run(options: Options) -> int:
         design = proved(design, say)
     say("drawing")
     with written_together(folder) as staged:
-        pictures, notes = _pictures(design, staged, options.command_line)
+        pictures, notes = _pictures(design, asked.reach, staged, options.command_line)
         notes = [*design.task.narrowed, *notes]
         made = [*pictures, rp.save(design, staged / "cell.json")]
     files = [folder / file.name for file in made]
@@ -300,6 +301,8 @@ class _Asked(NamedTuple):
         cell, and the approach axis of the tool.
     design : CellDesign or None
         Function over the largest sector, which was found with the sector; None for other cells.
+    reach : list of (P, 2) arrays
+        Closed lines around the radii and heights, m, that the arm reaches; empty for other cells.
     """
 
     cell: rp.Cell
@@ -308,6 +311,7 @@ class _Asked(NamedTuple):
     crowded: bool
     placed: tuple[str, ...] = ()
     design: rp.CellDesign | None = None
+    reach: Sequence[Any] = ()
 
 
 def _asked(options: Options, report: Report) -> _Asked:
@@ -406,8 +410,8 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     )
     if place.table is not None:
         design, said = _whole_table(place.table, options.prove, report)
-        notes = (*said, *_approach_note(place))
-        return _Asked(design.cell, None, "searched for the sector", False, notes, design)
+        notes, reach = (*said, *_approach_note(place)), place.table.outlines
+        return _Asked(design.cell, None, "searched for the sector", False, notes, design, reach)
     cell = place.cell
     # a box, with rotations if they are given
     posture: Any = place.posture
@@ -596,12 +600,15 @@ def _numbers(text: str, option: str, size: int | None = None) -> Any:
     return numbers if len(numbers) > 1 else numbers[0]
 
 
-def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[Path], list[str]]:
+def _pictures(
+    design: rp.CellDesign, reach: Sequence[Any], folder: Path, command: str
+) -> tuple[list[Path], list[str]]:
     """Write cell.html and, if there are slices, cell.png to a folder.
 
     A slice is a map of the function over two coordinates of the cell. The page also shows a motion
-    along a sample path, and ``command``, the command line. Return the files, and notes if the
-    period of the motion was increased or the motion failed.
+    along a sample path, what the arm reaches, and ``command``, the command line. ``reach`` is
+    closed lines (P, 2) around radii and heights, m. Return the files, and notes if the period of
+    the motion was increased or the motion failed.
     """
     from ...show.plots.motions import png
     from .cell_design_result import slices
@@ -615,7 +622,7 @@ def _pictures(design: rp.CellDesign, folder: Path, command: str) -> tuple[list[P
         figure = cell_figure(design, cuts)
         picture = png(figure)
         maps = map_pictures(figure, picture)
-    page = cell_page(design, maps, motions, notes, command=command)
+    page = cell_page(design, maps, motions, notes, reach=reach, command=command)
     files = [write_whole(folder / "cell.html", page)]
     if picture:
         files.append(write_whole(folder / "cell.png", picture))

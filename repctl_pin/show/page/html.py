@@ -51,7 +51,7 @@ from ..text.headline import Headline
 
 SCRIPTS = (
     *("dom", "numbers", "arm/viewer", "arm/bodies", "arm/arm", "arm/eye", "arm/traces"),
-    *("arm/kinematics", "arm/potentials", "arm/law", "arm/cover"),
+    *("arm/kinematics", "arm/potentials", "arm/law", "arm/cover", "arm/table"),
     *("chrome/panes", "chrome/chart", "chrome/room", "chrome/callouts", "chrome/clock"),
     *(
         "chrome/address",
@@ -154,7 +154,7 @@ def _dense(style: str) -> str:
 def _left_out(scene: dict[str, Any]) -> tuple[str, ...]:
     """List the modules that a page of this scene never calls."""
     live = () if scene["live"] else ("live/live",)
-    return live if scene["cover"] else (*live, "arm/potentials", "arm/cover")
+    return live if scene["cover"] else (*live, "arm/potentials", "arm/cover", "arm/table")
 
 
 @cache

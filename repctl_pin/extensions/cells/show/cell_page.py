@@ -38,7 +38,7 @@ from ..geometry.cell import Cell
 from ..geometry.ranges import degrees_turned, range_phrase
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 from .cell_loop import cell_loop
-from .cell_words import cell_uses, cell_words, shape_word, usual
+from .cell_words import cell_uses, cell_words, reach_words, shape_word, usual
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
@@ -68,13 +68,14 @@ def _box_of(cell: Cell) -> Array:
     return cell.placement.translation + offsets
 
 
-def _cover_of(design: CellDesign) -> dict[str, Any] | None:
+def _cover_of(design: CellDesign, reach: Sequence[Array]) -> dict[str, Any]:
     """Describe the surface around a cell's positions, for the page's script.
 
     The keys ``inner`` and ``outer`` are two lines of points, m, the sides of a section. The section
     is shifted through a box by ``shift``, m, or turned around the axis of a sector, ``origin`` and
     ``axis``, from one angle to another, rad. ``turns`` has the whole ranges of the sector's angle
-    and rotations by name, degrees; it is empty for a box.
+    and rotations by name, degrees; it is empty for a box. ``reach`` is closed lines (P, 2) around
+    the radii and heights, m, that the arm reaches.
     """
     cell = design.cell
     if isinstance(cell, Sector):
@@ -89,6 +90,9 @@ def _cover_of(design: CellDesign) -> dict[str, Any] | None:
         motion: dict[str, Any] = {"origin": _plain(origin), "axis": _plain(axis)}
         motion |= {"from": -half, "to": half}
         motion["turns"] = degrees_turned(cell, _reaches(design))
+        if reach:
+            motion["reach"] = [np.rint(1e3 * line).astype(int).ravel().tolist() for line in reach]
+            motion["around"] = min(_joint_range(design), 2 * np.pi)
     else:
         across = np.zeros((3, 3))
         rows = cell.task.rows[: len(cell.half_width)]
@@ -99,6 +103,12 @@ def _cover_of(design: CellDesign) -> dict[str, Any] | None:
         motion = {"shift": _plain(2 * y), "turns": {}}
     inner, outer = (np.round(side, 4).tolist() for side in sides)
     return {"inner": inner, "outer": outer} | motion
+
+
+def _joint_range(design: CellDesign) -> float:
+    """Return the range, rad, of the joint that turns the arm along the angle of a sector."""
+    turns = design.evaluation.turns
+    return next((one.joint_range for one in turns if one.coordinate == "angle"), np.inf)
 
 
 def _plain(vector: Array) -> list[float]:
@@ -129,6 +139,7 @@ def cell_page(
     motions: Mapping[str, Motion],
     notes: Sequence[str] = (),
     *,
+    reach: Sequence[Array] = (),
     command: str | None = None,
 ) -> str:
     """Write the self-contained HTML page of a function over a cell.
@@ -144,16 +155,20 @@ def cell_page(
         failed, and the function.
     notes
         Notes on these motions.
+    reach
+        Closed lines (P, 2) around the radii and heights, m, that the arm reaches.
     command
         Command line that made the page.
     """
     task, joint = design.task, elbow(design.task, design.posture)
-    shape, dialog = shape_word(design), Dialog(cell_uses(design), cell_words(design, motions))
+    shape, words = shape_word(design), cell_words(design, motions)
+    dialog = Dialog(cell_uses(design), words | reach_words() if reach else words)
     animation, still = "", None
     if motions:
         cycles = next(iter(motions.values())).cycles
         shown = _coloured(motions)
-        animation = _tour_page(design, shown, joint, f"{cycles} cycles of a sample path", dialog)
+        name = f"{cycles} cycles of a sample path"
+        animation = _tour_page(design, shown, joint, name, dialog, reach)
         still = picture(still_figure(shown), _STILL)
     legend = [_OF_THE_TOUR.format(shape), *(f"{capital(note)}." for note in notes)]
     return render(
@@ -162,6 +177,7 @@ def cell_page(
         title=f"{task.robot.name}: one function for a {shape} of its workspace",
         caption=f"{task.frame_words}: {task.kind.words}, {task.n} joints, {task.r} redundant",
         headline=cell_headline(design, motions),
+        brief=_brief(design, motions),
         shape=shape,
         animation=animation.replace("<body>", '<body class="inside">', 1),
         still=still,
@@ -199,11 +215,13 @@ def _tour_page(
     joint: int,
     name: str,
     dialog: Dialog,
+    reach: Sequence[Array],
 ) -> str:
     """Write the page with the animated motions side by side, and the outline of the cell.
 
     ``motions`` are (label, motion, colour). ``joint`` is the index of the joint whose path is
-    drawn, and ``name`` is the name of the path on the page. ``dialog`` has the texts of its dialog.
+    drawn, and ``name`` is the name of the path on the page. ``dialog`` has the texts of its dialog,
+    and ``reach`` what the arm reaches.
     """
     tracks = [playback_of(*one) for one in motions]
     way = motions[0][1].path.points()
@@ -214,7 +232,7 @@ def _tour_page(
         name=name,
         dialog=dialog,
         own=cell_loop(design, {label: motion for label, motion, _ in motions}),
-        cover=_cover_of(design),
+        cover=_cover_of(design, reach),
     )
 
 
@@ -236,6 +254,21 @@ def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = Non
             said.append(Span(f"On the sample path, {times}.", "bad"))
     said.append(_evidence(design))
     return Headline((_unbroken(Span(_covered(design))),), tuple(map(_unbroken, said)))
+
+
+def _brief(design: CellDesign, motions: Mapping[str, Motion]) -> list[Span]:
+    """Write the notes of the headline in short, for a first screen without room for all of them.
+
+    Notes on violations are left out, because every first screen has them.
+    """
+    path = list(motions.values())[-1:]
+    proved = "Function proved, distances tested." if design.proof else "Tested, not proved."
+    extra = [
+        ratio_in_percent(max(share, 0.0), 2) for share in (design.extra_speed, design.extra_speed_worst)
+    ]
+    cost = f"Joint speed +{extra[0]}, at worst +{extra[1]}."
+    bodies = [note for note in _bodies(design, path) if note.tone != "bad"]
+    return [_unbroken(note) for note in (Span(cost), *bodies, Span(proved))]
 
 
 def _covered(design: CellDesign) -> str:

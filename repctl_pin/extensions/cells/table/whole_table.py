@@ -83,6 +83,7 @@ from .flood_sets import (
 from .joint_speeds import least_speeds
 from .largest_profile import DEAREST, SHARES, Between, affordable_between, area_of, most_between
 from .locked_arms import LargerArm, LockedJoints, best_locked, larger_arm, with_middles
+from .outline import outlines
 from .windows import Shut, shut, windows
 
 _DESIGNED = 3
@@ -171,6 +172,15 @@ class WholeTable(NamedTuple):
         """True if the sector's range of radius depends on the height."""
         cell = self.design.cell
         return isinstance(cell, Sector) and cell.profile.degree > 0
+
+    @property
+    def outlines(self) -> list[NDArray[Any]]:
+        """Closed lines (P, 2) around what the arm reaches: radius and height, m.
+
+        They surround the nodes that one of :attr:`floods` reaches: inside the joint limits, and
+        without a collision at one angle around the arm at least.
+        """
+        return outlines(self.table, np.any(self.floods, axis=0))
 
     def __str__(self) -> str:
         design, share = self.design, self.area / self.rectangle

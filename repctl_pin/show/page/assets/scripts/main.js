@@ -102,10 +102,8 @@ async function main() {
     );
     return;
   }
-  const { arms, paths, line, drawnTraces, extent, eye, points, near, panes } = await setStage(
-    viewer,
-    scene,
-  );
+  const { arms, marks, paths, line, drawnTraces, extent, eye, points, near, panes } =
+    await setStage(viewer, scene);
   const study = { ...scene, last: scene.arms[0].drift.length };
 
   const compare = () => {
@@ -166,6 +164,7 @@ async function main() {
       arm.past.node.visible = !scene.failure && (past || arm.data.lost < Infinity);
       arm.mark(arm.past.node.position);
     }
+    if (marks) marks.follow(arms.at(-1), own, cycle, part);
     if (scene.live || leading) {
       if (leading) callouts.say(atEnd);
       viewer.set_dirty();

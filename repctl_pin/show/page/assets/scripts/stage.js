@@ -6,6 +6,7 @@ import { byId, summed, unpack } from "./dom.js";
 import { clearest, Eye, towards } from "./arm/eye.js";
 import { formatLength } from "./numbers.js";
 import { Panes } from "./chrome/panes.js";
+import { TableMarks } from "./arm/table.js";
 import { drawPaths, drawTraces } from "./arm/traces.js";
 import { floor, light } from "./arm/viewer.js";
 
@@ -76,6 +77,8 @@ export async function setStage(viewer, scene) {
   light(viewer, center, shown.getSize(new T.Vector3()).length() * 0.6, eye);
   byId("scale-note").textContent = `grid ${formatLength(floor(viewer, center, ground, extent))}`;
   if (scene.cover) drawCover(arms, scene, edges);
+  const marks = scene.cover && new TableMarks(arms, scene, ground);
+  if (marks) points.push(...marks.arc);
   const line = (drawn, strokes) => drawPaths(arms, drawn, extent, strokes);
   line(paths);
   const drawnTraces = () => drawTraces(arms, scene, extent);
@@ -83,6 +86,7 @@ export async function setStage(viewer, scene) {
   const [low, high] = eye.span(points, "up");
   return {
     arms,
+    marks,
     paths,
     line,
     drawnTraces,

@@ -35,7 +35,9 @@ export class Callouts {
   say(atEnd, times = "", [cycle, end] = []) {
     const { failure, leading, hands: names } = this.scene;
     this.sets.forEach(({ arm, part, hands, mark }, k) => {
-      if (isStopped(this, k)) sayWhatStops(mark, failure[k]);
+      const reason = failure && failure[k];
+      const edge = Boolean(this.scene.cover) && k === this.sets.length - 1;
+      if (reason) sayWhatStops(mark, edge ? "F ends here" : "cannot follow", reason);
       else sayWhatBreaks(mark, arm, leading, this.isNarrow(k));
       const short = this.isNarrow(k);
       const off = times && atEnd ? arm.ends[cycle][end] : arm.partOff();
@@ -136,10 +138,10 @@ function makeCallout(pane, kind) {
 const isStopped = ({ scene: { failure } }, k) => Boolean(failure && failure[k]);
 
 // Say at the red ball why a visitor's loop could not be followed.
-function sayWhatStops(mark, reason) {
+function sayWhatStops(mark, what, reason) {
   mark.on = true;
   mark.box.style.visibility = "";
-  setText(mark.value, "cannot follow");
+  setText(mark.value, what);
   setText(mark.note, reason);
 }
 

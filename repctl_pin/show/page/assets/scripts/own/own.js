@@ -23,7 +23,7 @@ import {
   windings,
 } from "./loops.js";
 import { bodiesOff, computed, drawnAt } from "./run.js";
-import { answer, failureWords, shortName, stated } from "./sentence.js";
+import { answer, edgeWords, failureWords, shortName, stated } from "./sentence.js";
 
 const CYCLES = 10;
 const DRIVEN = 0.5; // of what moves most along the slider, from which a part gives it its name
@@ -884,7 +884,9 @@ export class Own {
         note[0] = note[0]
           .replaceAll(", at the red ball", "")
           .replace("the red ball on", "there on");
-      sentence.splice(0, Infinity, ...failureWords(chain, arms, failure));
+      const atEdge = this.scene.cover && failure.reasons.at(-1);
+      const words = atEdge ? edgeWords(failure) : failureWords(chain, arms, failure);
+      sentence.splice(0, Infinity, ...words);
     }
     this.write(sentence, notes, title);
     const what = failure ? "Follow the solid line" : "Do it";

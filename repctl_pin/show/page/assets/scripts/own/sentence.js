@@ -54,6 +54,13 @@ export function failureWords(chain, arms, { after, reasons }) {
   return [[`${words}, at the red ball: ${alike ? `${first}${either}` : listed}.`, "bad"]];
 }
 
+// The same on the page of a cell, where F alone ends, by its edge or at a limit.
+export function edgeWords({ after, reasons }) {
+  const why = reasons.at(-1).replace(/^F covers/, "it covers");
+  const far = unbroken(formatLength(after));
+  return [[`F ends after the first ${far} of your loop, at the red ball: ${why}.`, "bad"]];
+}
+
 // The reason of a refusal as a sentence; it may begin with the name of a joint.
 export const stated = (reason) => `${reason.replace(/^th(?=e |at )/, "Th")}.`;
 
