@@ -2,12 +2,13 @@
 
 The result has the function q = F(x), its evaluation, maps over slices of the cell, and a problem
 with a closed path through the cell. A sector is a cell in cylindrical coordinates: radius, angle
-and height about an axis, two tilts of the tool, and its spin. u are the coordinates of a pose in
-the cell, from −1 to 1. A chart consists of polynomials in u: q_ref approximates a configuration at
-the pose, n_ref the null space of J there. s is the position along the self-motion of the pose,
-measured from q_ref. The controller of the function holds s constant; a leaf is the set of
-configurations with one value of s. G_d is the desired inverse, such as J⁺. Extra joint speed is the
-joint speed relative to that of G_d, minus 1. Held-out poses are poses that the fit did not use.
+and height about an axis, two tilts of the tool, and its spin. A coordinate of a sector is symmetric
+if a single joint moves the frame along it. u are the coordinates of a pose in the cell, from −1 to
+1. A chart consists of polynomials in u: q_ref approximates a configuration at the pose, n_ref the
+null space of J there. s is the position along the self-motion of the pose, measured from q_ref. The
+controller of the function holds s constant; a leaf is the set of configurations with one value of
+s. G_d is the desired inverse, such as J⁺. Extra joint speed is the joint speed relative to that of
+G_d, minus 1. Held-out poses are poses that the fit did not use.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``FailureReason`` is one reason why a function fails at some poses of its
@@ -287,7 +288,7 @@ class CellDesign:
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
 
     def _with_unchecked(self, bodies: str) -> str:
-        """Append to ``bodies``, a text on body distances, which bodies are not checked."""
+        """Add to ``bodies``, a text on body distances, a note on bodies that are not checked."""
         unchecked = bodies_of(self.task).not_checked
         if unchecked and bodies == _NO_BODIES:
             return f"not checked: {unchecked}"
@@ -414,8 +415,8 @@ class Slice:
         G_d; NaN where the function has no value. Rows are values of the second coordinate, columns
         of the first.
     turn : (C, C) array or None
-        Range of the angle of a sector, rad, in which the joint that turns the arm stays within its
-        limits at every tilt; None if the symmetry of the angle is not used.
+        Full width, rad, of the range of a sector's angle in which the joint that turns the arm
+        stays within its limits at every tilt; None if the symmetry of the angle is not used.
     """
 
     axes: tuple[int, int]
@@ -506,7 +507,8 @@ def tour(cell: Cell) -> TaskPath:
     def twists(U: Array) -> Array:
         """Evaluate the frame's velocities (v, ω), per m or rad along each coordinate: (6, k).
 
-        U (1, k) are coordinates from −1 to 1. A change of u_i by 1 is a half-width in m or rad.
+        They are those at the pose U (1, k), from −1 to 1, in base axes; the k columns are in the
+        order of u. A change of u_i by 1 is a half-width in m or rad.
         """
         return cell._frame_twists(cell.spread(U))[0][:, moved]
 

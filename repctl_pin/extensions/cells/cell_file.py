@@ -2,8 +2,11 @@
 
 A cell is a box of poses; its design is a function q = F(x) with one configuration for each pose. A
 sector is a cell in cylindrical coordinates; one of its coordinates is symmetric if a single joint
-moves the frame along it. The classes describe the objects of the JSON file, with attributes named
-like the keys. A fingerprint is a hash, or numbers, that differ if the described thing has changed.
+moves the frame along it. u (k,) are the coordinates of a pose in the cell, from −1 to 1. The
+function covers a pose if it has a configuration there inside the joint limits. Letters: n joints, m
+task coordinates, r = n − m. The classes describe the objects of the JSON file, with attributes
+named like the keys. A fingerprint is a hash, or numbers, that differ if the described thing has
+changed.
 
 ``_CellFile`` is the content of the file of an inverse kinematic function over a cell.
 ``_BodiesFile`` is a fingerprint of the collision bodies: a hash of their shapes, and numbers for
@@ -81,13 +84,14 @@ class _FailureFile(Part):
 class _TurnFile(Part):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
-    ``joint_range`` is the range of the joint (null without limits), ``spread`` the difference of
-    its values over the covered poses, and ``reach`` the range of the coordinate that is left.
-    ``nearly`` and ``most`` are those at 99.9 % and 99 % of the poses. ``price`` is the extra joint
-    speed that the requested range costs, and ``unasked`` the ``reach`` without that request.
-    ``covered`` is the fraction of poses that the function covers without regard to the joint's
-    limits, and ``as_covered`` the range at this fraction. ``bodies`` are the links that collide
-    beyond the range. Null stands for an unknown number.
+    A range is given by its full width. ``joint_range`` is that of the joint (null without limits),
+    ``spread`` the difference of the joint's largest and smallest value over the covered poses, and
+    ``reach`` the range of the coordinate that is left at all of them. ``nearly`` and ``most`` are
+    those left at 99.9 % and 99 % of the covered poses. ``price`` is the extra joint speed that the
+    requested range costs, and ``unasked`` the ``reach`` without that request. ``covered`` is the
+    fraction of poses that the function covers without regard to the joint's limits, and
+    ``as_covered`` the range at this fraction. ``bodies`` are the links that collide beyond the
+    range. Null stands for an unknown number.
     """
 
     coordinate: str
@@ -111,8 +115,9 @@ class _SectorFile(Part):
     rows: a point of the axis, m, and its direction. ``free`` has the numbers of the coordinates
     whose range ends only at the joint limits. ``symmetric`` has those of the coordinates that the
     polynomials leave out. ``spin_middle`` is the middle of the spin, rad; only a sector with tilts
-    and with the spin in ``free`` has it. ``profile`` has two rows of coefficients, bend and
-    stretch, of powers of the height above the middle, m, see
+    and with the spin in ``free`` has it. ``profile`` has two rows of coefficients of powers of the
+    height above the middle, m: those of the bend, which shifts the range of radius, and of the
+    stretch, which scales it, see
     :class:`repctl_pin.extensions.cells.geometry.sector_profile.Profile`; only a sector whose range
     of radius depends on the height has it.
     """
@@ -354,7 +359,9 @@ def _sector_file(cell: Cell) -> _SectorFile | msgspec.UnsetType:
 
 
 def _cell(content: _CellFile, task: Task) -> Cell:
-    """Create the cell of a file: a box of poses, or a sector without its symmetric coordinates.
+    """Create the cell of a file: a box of poses, or a sector.
+
+    Symmetric coordinates of a sector are not part of u.
 
     InputError is raised if the numbers do not describe a cell of this task.
     """

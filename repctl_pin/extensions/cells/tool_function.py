@@ -1,8 +1,8 @@
 """Inverse kinematic function of another tool on the same body: ``F'(x) = F(x T⁻¹)``.
 
-F gives one configuration for each pose of the frame; T is the placement of the tool in the frame. A
-change of the tool thus needs no new design. The level c (r,) of F is the position along the
-self-motion; a leaf is the set of configurations with one level.
+F gives one configuration for each pose x of the frame in a cell, a box of poses; T is the placement
+of the tool in the frame. A change of the tool thus needs no new design. The level c (r,) of F is
+the position along the self-motion; a leaf is the set of configurations with one level.
 """
 
 from __future__ import annotations

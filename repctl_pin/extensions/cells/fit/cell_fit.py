@@ -108,8 +108,9 @@ class CellFit:
     """Arguments of a design of a function over a cell, and methods that compute the design.
 
     The attributes are arguments of :func:`nearest_inverse_function`; ``keep`` means
-    ``incomplete="keep"``: the function may cover only a part of the cell. ``report`` is the
-    progress callback (step, fraction).
+    ``incomplete="keep"``: the function may cover only a part of the cell. ``samples`` and
+    ``held_out`` are the numbers of poses for the fit and for the evaluation, ``seed`` is their
+    random seed. ``report`` is the progress callback (step, fraction).
     """
 
     desired: Inverse

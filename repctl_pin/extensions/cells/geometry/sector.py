@@ -7,10 +7,10 @@ from the middle, m and rad. They are numbered from 0 (``RADIUS``) to 5 (``SPIN``
 symmetric if a single joint moves the frame along it; it can be removed from the coordinates u of
 :class:`Cell`, which also has the letters. The range of angle or spin can be ``"all"``, as far as
 the limits of that joint. The profile of a sector is its range of radius as a function of the height
-η above the middle.
+η above the middle: its bend shifts the range, its stretch scales it.
 
-``Symmetry`` is a joint that changes only one coordinate of the frame: the numbers of both, and the
-sign.
+``Symmetry`` is a joint that changes only one coordinate of the frame: the indices of both, and the
+sign, 1 or −1, of the change.
 """
 
 from __future__ import annotations
@@ -307,8 +307,8 @@ class Sector(Cell):
     def _frame_twists(self, Y: Array) -> Array:
         """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
 
-        Column i is the velocity, in base axes, per unit of task coordinate i. Y (K, m) are the
-        offsets, m and rad.
+        Column i is the velocity at the poses with the offsets Y (K, m), in base axes, while only
+        task coordinate i changes: rows 0 to 2 are v, rows 3 to 5 are ω.
         """
         y = _all_six(Y)
         T = np.zeros((len(y), 6, 6))

@@ -177,7 +177,8 @@ def _side_pair(radius: Any) -> tuple[Array, Array]:
 def _value(coefficients: Array, x: Array) -> Array:
     """Evaluate a polynomial with ``coefficients`` at x (K,): (K,).
 
-    Horner's rule is used, with the operations in the same order as in chart.c, the function in C.
+    Horner's rule is used, with the operations in the same order as in the C code for functions over
+    a cell, so that both results are equal.
     """
     value = np.zeros_like(x)
     for c in coefficients[::-1]:

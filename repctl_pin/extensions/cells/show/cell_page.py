@@ -1,10 +1,11 @@
 """Page of a function over a cell: animation of a sample path, slices, and figures of merit.
 
-The function gives one configuration for each pose of the cell, a box of poses or a sector. A sector
-is a cell in cylindrical coordinates around an axis. One joint may turn the whole arm along its
-angle, another the tool along its spin. Their ranges are given in rad or as ``"all"``, which extends
-to the limits of that joint. Extra joint speed is the joint speed relative to that of the desired
-inverse, such as J⁺, minus 1.
+The function gives one configuration for each pose of the cell, a box of poses or a sector. A slice
+is a map of the function over two coordinates of the cell. A sector is a cell in cylindrical
+coordinates around an axis. One joint may turn the whole arm along the angle about this axis,
+another the tool along its spin, the rotation about its own z axis. Their ranges are given in rad or
+as ``"all"``, which extends to the limits of that joint. Extra joint speed is the joint speed
+relative to that of the desired inverse, such as J⁺, minus 1.
 
 ``Dialog`` is the texts of a page's dialog, by name. ``Headline`` is a sentence on the drift, and
 notes on joint speed, limits and bodies. ``Span`` is a piece of text with its tone, which is shown
@@ -73,8 +74,8 @@ def _cover_of(design: CellDesign) -> dict[str, Any] | None:
 
     The keys ``inner`` and ``outer`` are two lines of points, m, the sides of a section. The section
     is shifted through a box by ``shift``, m, or turned around the axis of a sector, ``origin`` and
-    ``axis``, from one angle to another, rad. ``turns`` has the whole ranges of the sector's angle
-    and rotations by name, degrees; it is empty for a box.
+    ``axis``, from one angle to another, rad. ``turns`` has the full widths of the ranges of the
+    sector's angle, tilts and spin by name, degrees; it is empty for a box.
     """
     cell = design.cell
     if isinstance(cell, Sector):
@@ -138,7 +139,8 @@ def cell_page(
     design
         The function and its figures of merit.
     maps
-        Maps of slices, see :func:`.cell_plots.map_pictures`.
+        Maps of slices: for each, the bytes of its PNG file, a CSS polygon around its text, and a
+        description.
     motions
         Motions along a sample path through the cell, by controller: the desired inverse, unless it
         failed, and the function.
@@ -255,7 +257,7 @@ def _covered(design: CellDesign) -> str:
 
 
 def _reaches(design: CellDesign) -> dict[str, float]:
-    """Return the whole range of angle and spin inside the limits of their joints, rad, by name."""
+    """Return the full width, rad, of the ranges of angle and spin inside joint limits, by name."""
     return {turn.coordinate: turn.reach for turn in design.evaluation.turns}
 
 

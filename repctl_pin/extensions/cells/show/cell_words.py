@@ -1,6 +1,7 @@
 """Words of the page of a function over a cell, by name, with their meanings.
 
-The page lists them, and so does the dialog of its animation, in place of the words of a study.
+The page lists the words, and so does the dialog of its animation, in place of the words of a study.
+A cell is a box of poses, a sector a cell in cylindrical coordinates around an axis.
 """
 
 from __future__ import annotations

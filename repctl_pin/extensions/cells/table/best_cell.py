@@ -306,7 +306,7 @@ def _whole(
             f"{task.robot.base!r}, to which the poses are relative",
             remedy="give the size of a box",
         )
-    low, high = _pair(heights, "heights", "m")
+    low, high = _pair(heights, "heights", "in m")
     mean, worst = _pair(most_extra, "most_extra")
     if mean <= 0:
         raise InputError("must be above 0", argument="most_extra")
@@ -336,7 +336,7 @@ def _pair(value: Any, name: str, unit: str = "") -> tuple[float, float]:
     try:
         low, high = (float(each) for each in value)
     except (TypeError, ValueError):
-        raise InputError(f"must be two numbers {unit}".rstrip(), argument=name) from None
+        raise InputError(f"must be two increasing numbers {unit}".rstrip(), argument=name) from None
     if not low < high:
         raise InputError(f"must be two increasing numbers; got {low:g}, {high:g}", argument=name)
     return low, high

@@ -2,7 +2,9 @@
 
 The joint speed of a node is squared, ``‖∂F/∂u C‖_F²`` of a function (array ``own``) or of J⁺
 (``usual``), per unit of task speed, with u the coordinates of the cell, E = ∂x/∂u and C =
-(EᵀE)^(−1/2). n is the number of joints, K that of configurations.
+(EᵀE)^(−1/2). A cell is a set of poses, a function F over it gives one configuration for each pose,
+and a node is a pose on a grid. Extra joint speed is the joint speed relative to that of J⁺, minus
+1. n is the number of joints, K that of configurations.
 """
 
 from __future__ import annotations

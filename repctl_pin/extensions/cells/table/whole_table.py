@@ -3,9 +3,10 @@
 A table is a grid of radius and height around the arm, at the angle 0. A flood is the set of its
 nodes that the arm reaches from one configuration without a change of branch (of the inverse
 kinematics). Functions are designed for sectors: the largest rectangles in the best floods, and the
-largest parts of the floods whose range of radius depends on the height. A window is a range of the
-angle around the arm in which bodies keep a distance; an opening is a window of one flood, with the
-nodes that it leaves. The spin of a sector is the rotation of the tool about its own z axis.
+largest parts of the floods whose range of radius depends on the height. A sector "with one range of
+radius" has the same range at all heights. A window is a range of the angle around the arm in which
+bodies keep a distance; an opening is a window of one flood, with the nodes that it leaves. The spin
+of a sector is the rotation of the tool about its own z axis.
 
 Symmetries are the joints that alone turn the whole arm, or the tool; ``line`` (2, 3) is the axis of
 the first, a point, m, and a direction. The joint speed of a node is squared, ``‖∂F/∂u C‖_F²`` of a
@@ -30,14 +31,14 @@ is the result of the search for the largest sector: its design, area and compari
 joints. ``Floods`` are S floods: each is a set of neighbouring nodes with one configuration per
 node, so that q changes continuously. ``LockedJoints`` is an arm with r joints locked: the joints,
 their values, and the part of a sector that it covers. ``Symmetry`` is a joint that changes only one
-coordinate of the frame: the numbers of both, and the sign. ``Table`` is a grid of poses (nodes)
-over radius and height around an axis, at the angle 0 and one orientation. ``_Openings`` are K
-ranges of the angle of floods, with the nodes free of collisions at all their angles. ``Between`` is
-a set of nodes between two polynomials of the height: its area, first and last height, and both
-polynomials. ``Straight`` are the sectors with one range of radius, and the function over the
-largest that one covers. ``Shut`` is masks of the nodes that cannot be used at M angles: ``near``, a
-body is too near, and ``out``, a limit is exceeded. ``LargerArm`` is an arm with locked joints that
-covers a larger sector than a design.
+coordinate of the frame: the indices of both, and the sign, 1 or −1, of the change. ``Table`` is a
+grid of poses (nodes) over radius and height around an axis, at the angle 0 and one orientation.
+``_Openings`` are K ranges of the angle of floods, with the nodes free of collisions at all their
+angles. ``Between`` is a set of nodes between two polynomials of the height: its area, first and
+last height, and both polynomials. ``Straight`` are the sectors with one range of radius, and the
+function over the largest that one covers. ``Shut`` is masks of the nodes that cannot be used at M
+angles: ``near``, a body is too near, and ``out``, a limit is exceeded. ``LargerArm`` is an arm with
+locked joints that covers a larger sector than a design.
 """
 
 from __future__ import annotations
