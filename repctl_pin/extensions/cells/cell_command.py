@@ -4,7 +4,8 @@ A cell is a box of poses, or a sector: a cell in cylindrical coordinates around 
 function q = F(x) gives one configuration for each of its poses. The whole table is the largest
 sector that one function covers within the limits, without collisions, and within a requested extra
 joint speed. A placement is an SE3: a position and a rotation in base axes. Notes are lines of text
-below the printed table. Functions that take ``options`` read the parsed options of the command.
+below the printed table. Functions that take ``options`` read the parsed options of the command;
+``report`` is a progress callback. n is the number of joints.
 
 ``Span`` is a piece of text with its tone, which is shown as colour. ``_Asked`` is the cell that the
 options describe, the configuration in its middle, and how both were chosen. ``WholeTable`` is the

@@ -8,7 +8,8 @@ if a single joint moves the frame along it. u are the coordinates of a pose in t
 null space of J there. s is the position along the self-motion of the pose, measured from q_ref. The
 controller of the function holds s constant; a leaf is the set of configurations with one value of
 s. G_d is the desired inverse, such as J⁺. Extra joint speed is the joint speed relative to that of
-G_d, minus 1. Held-out poses are poses that the fit did not use.
+G_d, minus 1. Held-out poses are poses that the fit did not use. Letters: n joints, r components of
+s, k coordinates u.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``FailureReason`` is one reason why a function fails at some poses of its

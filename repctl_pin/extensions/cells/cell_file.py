@@ -324,8 +324,8 @@ def _solid(
     """List the data of a collision shape that a fingerprint hashes.
 
     They are link, xyz, rpy, kind, size, scale, and the hash of the mesh file: ``missing`` if the
-    file is not found, None if the shape is no mesh. ``package_dirs`` are folders in which packages
-    are looked up.
+    file is not found, None if the shape is no mesh. ``description`` is the URDF that has the shape
+    ``solid``; ``package_dirs`` are folders in which packages are looked up.
     """
     mesh = None
     if solid.filename:

@@ -195,6 +195,8 @@ class InverseFunction:
         """Evaluate F (K, n) in NumPy at K targets, placements or coordinates of the cell.
 
         It is used without the native library, and to find out why a target has no configuration.
+        With ``missing`` "nan", the row of such a target is NaN; with "raise", an InputError is
+        raised. ``leaf`` is the level, (r,) or (K, r); None is 0.
         """
         cell = self.cell
         U, off = self._coordinates(targets)

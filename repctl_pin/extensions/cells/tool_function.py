@@ -2,7 +2,8 @@
 
 F gives one configuration for each pose x of the frame in a cell, a box of poses; T is the placement
 of the tool in the frame. A change of the tool thus needs no new design. The level c (r,) of F is
-the position along the self-motion; a leaf is the set of configurations with one level.
+the position along the self-motion, with r components; a leaf is the set of configurations with one
+level. n is the number of joints, m that of task coordinates.
 """
 
 from __future__ import annotations

@@ -7,7 +7,8 @@ else. Every range that is a number is the full width of the range, from end to e
 covered if the function has a configuration there inside the joint limits. A sector is a cell in
 cylindrical coordinates, numbered from 0: radius, angle and height about an axis, two tilts of the
 tool, and its spin. A chart is the pair of polynomials of u in which the function is written: q_ref
-approximates its configurations, n_ref the null space of J. K poses are the rows of U (K, k).
+approximates its configurations, n_ref the null space of J. K poses are the rows of U (K, k). n is
+the number of joints, m that of task coordinates.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses,

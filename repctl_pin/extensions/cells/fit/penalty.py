@@ -7,7 +7,7 @@ r) are those of s(u), the position of the function along the self-motion, in N m
 coordinates u (k,) of a pose. A leaf is the set of configurations with one value of s; nearby leaves
 are those with slightly different values. Nodes are the poses at which the cost is evaluated. A
 chart consists of polynomials of u that approximate a configuration, from which s is measured, and
-the null space. The label is s, with r components.
+the null space. The label is s, with r components. K and L are numbers of poses.
 
 ``Monomials`` are all monomials ``u^α`` up to a degree in the coordinates u, the constant 1 first.
 ``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the label ``s(u) =

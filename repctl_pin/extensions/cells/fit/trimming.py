@@ -12,8 +12,8 @@ is the joint speed relative to that of the desired inverse, such as J⁺, minus 
 The argument ``fit`` has the arguments of the design, ``limits`` what a function must meet, and q
 (n,) is the configuration in the middle of the cell. ``found`` is a design or, if too few poses are
 reached, a tuple of the reasons for failure. ``useful`` is a function that tells whether a part of a
-cell is still of use. K poses are the rows of U (K, k). A corner, low or high (k,), has the ends of
-all ranges, from −1 to 1.
+cell is still of use. K poses are the rows of U (K, k), with k coordinates u each; n is the number
+of joints. A corner, low or high (k,), has the ends of all ranges, from −1 to 1.
 
 ``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
 ``Required`` holds the limits of a function: mean and maximum extra joint speed relative to G_d

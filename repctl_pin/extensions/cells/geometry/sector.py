@@ -4,10 +4,12 @@ The axis is by default the base's z axis. A sector suits an arm whose first join
 arm: then a function need not be designed along the angle. The task coordinates of a pose are
 radius, angle, height, two tilts and spin, or the first m of them; offsets are their differences
 from the middle, m and rad. They are numbered from 0 (``RADIUS``) to 5 (``SPIN``). A coordinate is
-symmetric if a single joint moves the frame along it; it can be removed from the coordinates u of
-:class:`Cell`, which also has the letters. The range of angle or spin can be ``"all"``, as far as
-the limits of that joint. The profile of a sector is its range of radius as a function of the height
-η above the middle: its bend shifts the range, its stretch scales it.
+symmetric if a single joint moves the frame along it; it can be removed from the coordinates u (k,)
+of a pose, which are the offsets divided by the half-widths, from −1 to 1. The range of angle or
+spin can be ``"all"``, as far as the limits of that joint. The profile of a sector is its range of
+radius as a function of the height η above the middle: its bend shifts the range, its stretch scales
+it. A corner, low or high (k,), has the ends of all ranges of u. Letters: m task coordinates, K
+poses; p (K, 3), m, and R (K, 3, 3) are positions and rotation matrices of the frame in base axes.
 
 ``Symmetry`` is a joint that changes only one coordinate of the frame: the indices of both, and the
 sign, 1 or −1, of the change.

@@ -5,7 +5,8 @@ radius of the middle and y the radial coordinate of the sector, from −w to w, 
 of the radius in the middle. The bend b and the stretch s are polynomials with b(0) = 0 and s(0) =
 1. With b = 0 and s = 1, the sector has the same range of radius at all heights. With any profile,
 the coordinates of the sector form a box, so a straight line in them stays in the sector.
-Coefficients (D + 1,) of a polynomial of degree D begin with the constant one.
+Coefficients (D + 1,) of a polynomial of degree D begin with the constant one. K is the number of
+heights.
 """
 
 from __future__ import annotations

@@ -147,7 +147,7 @@ def cell_page(
     notes
         Notes on these motions.
     command
-        Command line that made the page.
+        Command line that made the page; by default none is shown.
     """
     task, joint = design.task, elbow(design.task, design.posture)
     shape, dialog = shape_word(design), Dialog(cell_uses(design), cell_words(design, motions))
@@ -190,7 +190,7 @@ def _slice_words(design: CellDesign) -> str:
 
 
 def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
-    """Return (label, motion, colour) of each controller; the last is the function's."""
+    """Return (display name, motion, colour) of each controller; the last is the function's."""
     colours = [VERMILLION, BLUE][-len(motions) :]
     return [(*one, colour) for one, colour in zip(motions.items(), colours, strict=True)]
 
@@ -204,8 +204,9 @@ def _tour_page(
 ) -> str:
     """Write the page with the animated motions side by side, and the outline of the cell.
 
-    ``motions`` are (label, motion, colour). ``joint`` is the index of the joint whose path is
-    drawn, and ``name`` is the name of the path on the page. ``dialog`` has the texts of its dialog.
+    ``motions`` are (display name of the controller, motion, colour). ``joint`` is the index of the
+    joint whose path is drawn, and ``name`` is the name of the path on the page. ``dialog`` has the
+    texts of its dialog.
     """
     tracks = [playback_of(*one) for one in motions]
     way = motions[0][1].path.points()
@@ -228,7 +229,7 @@ def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = Non
     design
         The function and its figures of merit.
     motions
-        Motions along a sample path, by controller; the last one is the function's.
+        Motions along a sample path, by controller; the last one is the function's. By default none.
     """
     path = list((motions or {}).values())[-1:]
     said = [_cost(design), _limits(design, path), *_bodies(design, path)]

@@ -66,7 +66,10 @@ def cell_words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, s
 
 
 def _of_the_sentences(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
-    """Explain, by name, the words of the first sentences, and the sample path if there is one."""
+    """Explain, by name, the words of the first sentences, and the sample path if there is one.
+
+    There is one if ``motions``, by the label of the controller, is not empty.
+    """
     shape = shape_word(design)
     kind = "all hand poses" if shape == "sector" else "a box of hand poses"
     around = " in a range of radius around an axis of the arm" if shape == "sector" else ""

@@ -9,7 +9,7 @@ low accuracy, with which boxes are compared. A :class:`Grown` has many middles, 
 at each and the size to which a box grew there. A :class:`Candidate` is one configuration in the
 middle of a box, with figures of the motions from there to the corners. A sector is a cell in
 cylindrical coordinates around the arm: radius, angle and height, two tilts of the tool, and its
-spin.
+spin. n is the number of joints.
 
 ``Approach`` is the axis of the tool that points at the work, and why it was chosen. ``_Fitting`` is
 the largest box that one function covers: its cell, the configuration in its middle, and what limits

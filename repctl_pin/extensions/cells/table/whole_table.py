@@ -633,8 +633,9 @@ def _best_shape(
 ) -> tuple[CellDesign, Required]:
     """Design the sector of the best shape, whose range of radius may depend on the height.
 
-    The largest sector with one range is designed only where it may be as good. Return also the
-    limits of the design, of which the body distance may be reduced.
+    ``shaped`` are the sectors, the best first. ``straight``, the largest sector with one range, is
+    designed only where it may be as good. Return also the limits of the design, of which the body
+    distance may be reduced.
     """
     if shaped and shaped[0].most > (1 + _BETTER) * straight.most:
         found = _first_design(fit, shaped, limits)
@@ -655,8 +656,9 @@ def _best_shape(
 def _settled(found: CellDesign, most: float, limits: Required, straight: Straight) -> bool:
     """Test that no sector with one range is larger, and that a smaller body distance is not needed.
 
-    It is not needed if ``limits`` have it already, if bodies do not come near in ``found``, or if
-    its worth is above 85 % of ``most``, m², an upper bound of the worth of any sector's design.
+    ``straight`` are the sectors with one range. The smaller distance is not needed if ``limits``
+    have it already, if bodies do not come near in ``found``, or if its worth is above 85 % of
+    ``most``, m², an upper bound of the worth of any sector's design.
     """
     larger = _worth(found) > straight.most and area_of(found.cell) > straight.largest
     free = limits.distance < _CLEAR or not _at_bodies(found) or _worth(found) > _MUCH * most
