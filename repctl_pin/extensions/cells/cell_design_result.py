@@ -201,7 +201,7 @@ class CellDesign:
     def limit_margin_worst(self) -> float:
         """Limit margin at the worst pose found by a search over the cell, rad or m.
 
-        The sign is as in :attr:`limit_margin`.
+        It is negative if a limit is violated, and infinite if no joint has limits.
         """
         return self.evaluation.limit_margin_worst
 
@@ -536,10 +536,10 @@ def tour(cell: Cell) -> TaskPath:
 
 
 def _waves(count: int) -> tuple[Array, Array, Array]:
-    """Draw J waves: their wave numbers 2πj (J,), and cosine and sine coefficients (count, J) each.
+    """Draw J waves: wave numbers 2πj (J,), and cosine and sine coefficients a and b (count, J).
 
-    Their sums over j are the ``count`` coordinates of the sample path, see :func:`tour`. The waves
-    are always the same ones.
+    j is from 1 to J. The sums ``Σ_j a_ij cos 2πjs + b_ij sin 2πjs`` are the ``count`` coordinates
+    of the sample path. The random numbers are always the same.
     """
     rng = np.random.default_rng(0)
     k = 2 * np.pi * np.arange(1, _WAVES + 1)

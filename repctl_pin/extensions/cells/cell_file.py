@@ -72,7 +72,9 @@ _MOST_DEGREE = 64
 class _FailureFile(Part):
     """Reason why a function fails at some poses of its cell.
 
-    The keys are its cause, the share of the poses, the worst pose u (k,), and a text.
+    ``cause`` is ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``, ``share`` the
+    fraction of the sampled poses that fail for it, ``u`` (k,) the worst pose, and ``what`` a
+    message on it.
     """
 
     cause: str
@@ -492,7 +494,7 @@ KIND = FileKind(_CellFile, CellDesign, cell_file, cell_of, _unchecked)
 
 
 def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
-    """Read a function over a cell from a file, see :func:`load`.
+    """Read a function over a cell from a file, and check that it was made for this task.
 
     Parameters
     ----------
@@ -509,7 +511,8 @@ def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
     Raises
     ------
     InputError
-        If the file holds a repeatable inverse, or as for :func:`load`.
+        If the file holds a repeatable inverse, is no design file, was changed after it was written,
+        or is for another robot or task; or if the robot has changed since.
 
     Examples
     --------

@@ -249,7 +249,8 @@ def _block(
     """Evaluate a candidate function at some poses U (K, k) of a sample.
 
     ``side`` (1,) is the sign of det [J; n_refᵀ] in the middle of the cell; poses with the other
-    sign are beyond a fold. ``directions`` is that of :func:`sampled`.
+    sign are beyond a fold. Without ``directions``, joint speeds in the worst direction and leaf
+    margins are NaN.
     """
     chart, at = candidate.chart, candidate.at(U)
     N, s = null_bases(at.J, at.n_ref), singular_values(at.J)

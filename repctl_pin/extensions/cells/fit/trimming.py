@@ -158,7 +158,8 @@ def _between(
     """Return the part of a cell between two corners (k,), and a configuration (n,) in its middle.
 
     The configuration is that of the design ``found`` or, if ``found`` is no design, the end of a
-    ray from q (n,). Return None if it does not reach the middle, is singular or violates a limit.
+    ray from q (n,). Return None if inverse kinematics from there does not reach the middle of the
+    part, or ends at a singularity or outside a limit.
     """
     part = cell._part(low, high)
     with suppress(InputError):

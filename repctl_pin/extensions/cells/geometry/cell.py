@@ -457,8 +457,8 @@ class Cell:
     def _lifted(self, U: Array) -> Array:
         """Convert coordinates U (K, k) to those of :attr:`whole`, (K, k + l).
 
-        That is the same cell with the removed coordinates, which are 0 here. All are in the order
-        of the task coordinates.
+        The coordinates that symmetries remove from u are added, with the value 0. All are in the
+        order of the task coordinates.
         """
         Y, whole = self.spread(U), self.whole
         return (Y - whole._offset)[:, whole.moved] / whole._active_widths

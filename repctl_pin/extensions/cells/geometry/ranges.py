@@ -80,8 +80,9 @@ def range_phrase(cell: Cell, reaches: Mapping[str, float] | None = None) -> str:
 def degrees_turned(sector: Sector, reaches: Mapping[str, float] | None = None) -> dict[str, int]:
     """Compute the full widths of the ranges of a sector's angle, tilts and spin, degrees, by name.
 
-    They are rounded down to whole degrees, and at most 360. ``reaches`` are as in
-    :func:`range_phrase`. A coordinate that is constant is left out.
+    They are rounded down to whole degrees, and at most 360. ``reaches`` are full widths, rad, that
+    a design found, by the names ``angle`` and ``spin``; a wider range of the sector gets this
+    width. A coordinate that is constant is left out.
     """
     found = dict(reaches or {})
     widths = {

@@ -88,7 +88,8 @@ class Sector(Cell):
     task
         The task. A task in two coordinates requires an axis normal to its plane.
     placement
-        Middle of the sector, away from the axis, as in :class:`Cell`.
+        Middle of the sector, away from the axis: a rigid transform, a homogeneous matrix (4, 4), or
+        a position (3,), m, with the orientation of the task's reference.
     radius : float or (list, list)
         Half-width, m; or the smallest and the largest radius, m, as coefficients of polynomials in
         the height above the placement divided by ``height``, the constant first. The placement is
@@ -103,7 +104,8 @@ class Sector(Cell):
         of ψ, like ``spin``, but its symmetry is not used; over a small range, this can give a lower
         cost.
     spin : float or "all"
-        Half-width of ψ, rad, for a pose task; ``"all"`` as for ``angle``.
+        Half-width of ψ, rad, for a pose task. With ``"all"``, the design finds the largest range of
+        ψ that the joint limits allow, and its middle.
     axis : (2, 3) array, optional
         A point on the axis, m, and the direction of the axis, in base coordinates. The default is
         the base's z axis. If the axis of the joint that turns the whole arm differs from it by at
@@ -355,7 +357,7 @@ class Sector(Cell):
 
     @property
     def _half_height(self) -> float:
-        """Half-width of the height, m, with the tolerance at the edge; 0 without a height."""
+        """Half-width of the height, m, plus the tolerance for rounding at the ends, or 0."""
         return float(self.widths[HEIGHT]) * (1 + EDGE) if self.task.m > 2 else 0.0
 
     def radii(self, z: ArrayLike) -> Array:

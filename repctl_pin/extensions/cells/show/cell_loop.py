@@ -34,8 +34,9 @@ def cell_loop(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, An
     """Collect the numbers for the page, with the coefficients as the array ``weights``.
 
     They describe the arm, the motions, and the chart of the function, by the keys that the page's
-    scripts read. The result is None if the page cannot compute the motions: the tool tilts in the
-    cell, the desired inverse is not J⁺, or the chart has more than 4000 coefficients.
+    scripts read. ``motions`` are those along a sample path, by controller, that of the function
+    last. The result is None if the page cannot compute the motions: the tool tilts in the cell, the
+    desired inverse is not J⁺, or the chart has more than 4000 coefficients.
     """
     chart = design.function.chart
     cell = chart.cell

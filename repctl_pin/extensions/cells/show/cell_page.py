@@ -74,8 +74,8 @@ def _cover_of(design: CellDesign) -> dict[str, Any] | None:
 
     The keys ``inner`` and ``outer`` are two lines of points, m, the sides of a section. The section
     is shifted through a box by ``shift``, m, or turned around the axis of a sector, ``origin`` and
-    ``axis``, from one angle to another, rad. ``turns`` has the full widths of the ranges of the
-    sector's angle, tilts and spin by name, degrees; it is empty for a box.
+    ``axis``, from the angle ``from`` to the angle ``to``, rad. ``turns`` has the full widths of the
+    ranges of the sector's angle, tilts and spin by name, degrees; it is empty for a box.
     """
     cell = design.cell
     if isinstance(cell, Sector):
