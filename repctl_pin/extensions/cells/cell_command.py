@@ -4,7 +4,8 @@ A cell is a box of poses, or a sector: a cell in cylindrical coordinates around 
 function q = F(x) gives one configuration for each of its poses. The whole table is the largest
 sector that one function covers within the limits, without collisions, and within a requested extra
 joint speed. A placement is an SE3: a position and a rotation in base axes. Notes are lines of text
-below the printed table. Functions that take ``options`` read the parsed options of the command.
+below the printed table. Functions that take ``options`` read the parsed options of the command;
+``report`` is a progress callback. n is the number of joints.
 
 ``Span`` is a piece of text with its tone, which is shown as colour. ``_Asked`` is the cell that the
 options describe, the configuration in its middle, and how both were chosen. ``WholeTable`` is the
@@ -86,20 +87,26 @@ def add_options(parser: Parser) -> None:
         "chosen such that the cell fits)",
     )
     parser.path("closed path that the box encloses, beginning at --start: ", "")
-    add("--degree", default="auto", metavar="D", help="degree of the polynomial, or auto (default)")
+    add(
+        "--degree",
+        default="auto",
+        metavar="D",
+        help="degree of the polynomial that describes the function, or auto: as high as worthwhile "
+        "(default)",
+    )
     add(
         "--limit-margin",
         type=positive,
         default=0.05,
-        help="joint-limit margin to keep where possible, rad (default 0.05)",
+        help="distance to keep from the joint limits where possible, rad (default 0.05)",
     )
     add(
         "--body-distance",
         type=float,
         default=0.0,
-        help="body distance to keep where possible, m (default 0: none)",
+        help="distance to keep between bodies where possible, m (default 0: none)",
     )
-    sigma = "σ_min(J) to keep where possible (default 0: none)"
+    sigma = "singular value σ_min(J) to keep where possible (default 0: none)"
     add("--sigma-min", type=float, default=0.0, help=sigma)
     add(
         "--shrink",
@@ -111,8 +118,9 @@ def add_options(parser: Parser) -> None:
         action="store_true",
         help="keep the function on the part of the cell that it covers",
     )
-    add("--held-out", type=integer, default=8192, help="number of held-out poses (default 8192)")
-    add("--seed", type=natural, default=0, help="random seed of all nodes (default 0)")
+    held = "number of poses, not used by the fit, at which the function is evaluated (default 8192)"
+    add("--held-out", type=integer, default=8192, help=held)
+    add("--seed", type=natural, default=0, help="random seed of all poses (default 0)")
     add("--out", metavar="FOLDER", help="output folder (default repctl-out/ROBOT)")
     add(
         "--prove",
@@ -158,7 +166,8 @@ def _add_size(parser: Parser) -> None:
     add(
         "--most-extra",
         metavar="MEAN,WORST",
-        help="maximum extra joint speed of the largest sector, %% (default 5,30)",
+        help="maximum extra joint speed of the largest sector relative to J⁺, %%: on average, and "
+        "at the worst pose (default 5,30)",
     )
 
 
@@ -171,7 +180,8 @@ def _add_sector(parser: Parser) -> None:
         help="cell in cylindrical coordinates around an axis, in place of a box",
     )
     add("--radius", metavar="W", help="half-width of the radius, m (with --sector)")
-    add("--height", default="0", metavar="W", help="half-width of the height, m (default 0)")
+    height = "half-width of the height, m (with --sector; default 0)"
+    add("--height", default="0", metavar="W", help=height)
     add(
         "--angle",
         default="all",
@@ -183,7 +193,7 @@ def _add_sector(parser: Parser) -> None:
         "--spin",
         default="0",
         metavar="A",
-        help="half-width of the rotation about the tool, rad, or all (default 0)",
+        help="half-width of the rotation about the tool's z axis, rad, or all (default 0)",
     )
     add(
         "--axis",

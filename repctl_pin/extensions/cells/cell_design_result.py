@@ -2,12 +2,14 @@
 
 The result has the function q = F(x), its evaluation, maps over slices of the cell, and a problem
 with a closed path through the cell. A sector is a cell in cylindrical coordinates: radius, angle
-and height about an axis, two tilts of the tool, and its spin. u are the coordinates of a pose in
-the cell, from −1 to 1. A chart consists of polynomials in u: q_ref approximates a configuration at
-the pose, n_ref the null space of J there. s is the position along the self-motion of the pose,
-measured from q_ref. The controller of the function holds s constant; a leaf is the set of
-configurations with one value of s. G_d is the desired inverse, such as J⁺. Extra joint speed is the
-joint speed relative to that of G_d, minus 1. Held-out poses are poses that the fit did not use.
+and height about an axis, two tilts of the tool, and its spin. A coordinate of a sector is symmetric
+if a single joint moves the frame along it. u are the coordinates of a pose in the cell, from −1 to
+1. A chart consists of polynomials in u: q_ref approximates a configuration at the pose, n_ref the
+null space of J there. s is the position along the self-motion of the pose, measured from q_ref. The
+controller of the function holds s constant; a leaf is the set of configurations with one value of
+s. G_d is the desired inverse, such as J⁺. Extra joint speed is the joint speed relative to that of
+G_d, minus 1. Held-out poses are poses that the fit did not use. Letters: n joints, r components of
+s, k coordinates u.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``FailureReason`` is one reason why a function fails at some poses of its
@@ -199,7 +201,7 @@ class CellDesign:
     def limit_margin_worst(self) -> float:
         """Limit margin at the worst pose found by a search over the cell, rad or m.
 
-        The sign is as in :attr:`limit_margin`.
+        It is negative if a limit is violated, and infinite if no joint has limits.
         """
         return self.evaluation.limit_margin_worst
 
@@ -287,7 +289,7 @@ class CellDesign:
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
 
     def _with_unchecked(self, bodies: str) -> str:
-        """Append to ``bodies``, a text on body distances, which bodies are not checked."""
+        """Add to ``bodies``, a text on body distances, a note on bodies that are not checked."""
         unchecked = bodies_of(self.task).not_checked
         if unchecked and bodies == _NO_BODIES:
             return f"not checked: {unchecked}"
@@ -414,8 +416,8 @@ class Slice:
         G_d; NaN where the function has no value. Rows are values of the second coordinate, columns
         of the first.
     turn : (C, C) array or None
-        Range of the angle of a sector, rad, in which the joint that turns the arm stays within its
-        limits at every tilt; None if the symmetry of the angle is not used.
+        Full width, rad, of the range of a sector's angle in which the joint that turns the arm
+        stays within its limits at every tilt; None if the symmetry of the angle is not used.
     """
 
     axes: tuple[int, int]
@@ -506,7 +508,8 @@ def tour(cell: Cell) -> TaskPath:
     def twists(U: Array) -> Array:
         """Evaluate the frame's velocities (v, ω), per m or rad along each coordinate: (6, k).
 
-        U (1, k) are coordinates from −1 to 1. A change of u_i by 1 is a half-width in m or rad.
+        They are those at the pose U (1, k), from −1 to 1, in base axes; the k columns are in the
+        order of u. A change of u_i by 1 is a half-width in m or rad.
         """
         return cell._frame_twists(cell.spread(U))[0][:, moved]
 
@@ -533,10 +536,10 @@ def tour(cell: Cell) -> TaskPath:
 
 
 def _waves(count: int) -> tuple[Array, Array, Array]:
-    """Draw J waves: their wave numbers 2πj (J,), and cosine and sine coefficients (count, J) each.
+    """Draw J waves: wave numbers 2πj (J,), and cosine and sine coefficients a and b (count, J).
 
-    Their sums over j are the ``count`` coordinates of the sample path, see :func:`tour`. The waves
-    are always the same ones.
+    j is from 1 to J. The sums ``Σ_j a_ij cos 2πjs + b_ij sin 2πjs`` are the ``count`` coordinates
+    of the sample path. The random numbers are always the same.
     """
     rng = np.random.default_rng(0)
     k = 2 * np.pi * np.arange(1, _WAVES + 1)

@@ -2,8 +2,11 @@
 
 A cell is a box of poses; its design is a function q = F(x) with one configuration for each pose. A
 sector is a cell in cylindrical coordinates; one of its coordinates is symmetric if a single joint
-moves the frame along it. The classes describe the objects of the JSON file, with attributes named
-like the keys. A fingerprint is a hash, or numbers, that differ if the described thing has changed.
+moves the frame along it. u (k,) are the coordinates of a pose in the cell, from −1 to 1. The
+function covers a pose if it has a configuration there inside the joint limits. Letters: n joints, m
+task coordinates, r = n − m. The classes describe the objects of the JSON file, with attributes
+named like the keys. A fingerprint is a hash, or numbers, that differ if the described thing has
+changed.
 
 ``_CellFile`` is the content of the file of an inverse kinematic function over a cell.
 ``_BodiesFile`` is a fingerprint of the collision bodies: a hash of their shapes, and numbers for
@@ -69,7 +72,9 @@ _MOST_DEGREE = 64
 class _FailureFile(Part):
     """Reason why a function fails at some poses of its cell.
 
-    The keys are its cause, the share of the poses, the worst pose u (k,), and a text.
+    ``cause`` is ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``, ``share`` the
+    fraction of the sampled poses that fail for it, ``u`` (k,) the worst pose, and ``what`` a
+    message on it.
     """
 
     cause: str
@@ -81,13 +86,14 @@ class _FailureFile(Part):
 class _TurnFile(Part):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
-    ``joint_range`` is the range of the joint (null without limits), ``spread`` the difference of
-    its values over the covered poses, and ``reach`` the range of the coordinate that is left.
-    ``nearly`` and ``most`` are those at 99.9 % and 99 % of the poses. ``price`` is the extra joint
-    speed that the requested range costs, and ``unasked`` the ``reach`` without that request.
-    ``covered`` is the fraction of poses that the function covers without regard to the joint's
-    limits, and ``as_covered`` the range at this fraction. ``bodies`` are the links that collide
-    beyond the range. Null stands for an unknown number.
+    A range is given by its full width. ``joint_range`` is that of the joint (null without limits),
+    ``spread`` the difference of the joint's largest and smallest value over the covered poses, and
+    ``reach`` the range of the coordinate that is left at all of them. ``nearly`` and ``most`` are
+    those left at 99.9 % and 99 % of the covered poses. ``price`` is the extra joint speed that the
+    requested range costs, and ``unasked`` the ``reach`` without that request. ``covered`` is the
+    fraction of poses that the function covers without regard to the joint's limits, and
+    ``as_covered`` the range at this fraction. ``bodies`` are the links that collide beyond the
+    range. Null stands for an unknown number.
     """
 
     coordinate: str
@@ -111,8 +117,9 @@ class _SectorFile(Part):
     rows: a point of the axis, m, and its direction. ``free`` has the numbers of the coordinates
     whose range ends only at the joint limits. ``symmetric`` has those of the coordinates that the
     polynomials leave out. ``spin_middle`` is the middle of the spin, rad; only a sector with tilts
-    and with the spin in ``free`` has it. ``profile`` has two rows of coefficients, bend and
-    stretch, of powers of the height above the middle, m, see
+    and with the spin in ``free`` has it. ``profile`` has two rows of coefficients of powers of the
+    height above the middle, m: those of the bend, which shifts the range of radius, and of the
+    stretch, which scales it, see
     :class:`repctl_pin.extensions.cells.geometry.sector_profile.Profile`; only a sector whose range
     of radius depends on the height has it.
     """
@@ -319,8 +326,8 @@ def _solid(
     """List the data of a collision shape that a fingerprint hashes.
 
     They are link, xyz, rpy, kind, size, scale, and the hash of the mesh file: ``missing`` if the
-    file is not found, None if the shape is no mesh. ``package_dirs`` are folders in which packages
-    are looked up.
+    file is not found, None if the shape is no mesh. ``description`` is the URDF that has the shape
+    ``solid``; ``package_dirs`` are folders in which packages are looked up.
     """
     mesh = None
     if solid.filename:
@@ -354,7 +361,9 @@ def _sector_file(cell: Cell) -> _SectorFile | msgspec.UnsetType:
 
 
 def _cell(content: _CellFile, task: Task) -> Cell:
-    """Create the cell of a file: a box of poses, or a sector without its symmetric coordinates.
+    """Create the cell of a file: a box of poses, or a sector.
+
+    Symmetric coordinates of a sector are not part of u.
 
     InputError is raised if the numbers do not describe a cell of this task.
     """
@@ -485,7 +494,7 @@ KIND = FileKind(_CellFile, CellDesign, cell_file, cell_of, _unchecked)
 
 
 def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
-    """Read a function over a cell from a file, see :func:`load`.
+    """Read a function over a cell from a file, and check that it was made for this task.
 
     Parameters
     ----------
@@ -502,7 +511,8 @@ def load_cell(path: str | Path, task: Task | None = None) -> CellDesign:
     Raises
     ------
     InputError
-        If the file holds a repeatable inverse, or as for :func:`load`.
+        If the file holds a repeatable inverse, is no design file, was changed after it was written,
+        or is for another robot or task; or if the robot has changed since.
 
     Examples
     --------

@@ -195,6 +195,8 @@ class InverseFunction:
         """Evaluate F (K, n) in NumPy at K targets, placements or coordinates of the cell.
 
         It is used without the native library, and to find out why a target has no configuration.
+        With ``missing`` "nan", the row of such a target is NaN; with "raise", an InputError is
+        raised. ``leaf`` is the level, (r,) or (K, r); None is 0.
         """
         cell = self.cell
         U, off = self._coordinates(targets)
@@ -334,9 +336,10 @@ class InverseFunction:
     ) -> ElbowLevel:
         """Find the level c of F(x; c) at which the elbow is nearest to a point.
 
-        The search begins at F(x), so the result is a function c*(x, p_e) of pose and point: the
-        same pose and point give the same configuration. The result has the level, the configuration
-        there, and the distance of the elbow from the point, m.
+        The search begins at the configuration F(x) of level 0, and moves along the self-motion to
+        the next minimum of the distance. So the result is a function c*(x, p_e) of pose and point:
+        the same pose and point give the same configuration. The result has the level, the
+        configuration there, and the distance of the elbow from the point, m.
 
         Parameters
         ----------
@@ -345,7 +348,8 @@ class InverseFunction:
         elbow : (3,) array
             Point p_e for the elbow, in the base frame, m.
         link
-            Link whose origin is the elbow; by default the origin of the elbow joint.
+            Link whose origin is the elbow. By default, the elbow is the origin of the joint in the
+            middle of the arm that moves most in self-motions.
         margin
             Distance to keep from the joint limits, rad or m.
         """

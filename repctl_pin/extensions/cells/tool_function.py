@@ -1,8 +1,9 @@
 """Inverse kinematic function of another tool on the same body: ``F'(x) = F(x T⁻¹)``.
 
-F gives one configuration for each pose of the frame; T is the placement of the tool in the frame. A
-change of the tool thus needs no new design. The level c (r,) of F is the position along the
-self-motion; a leaf is the set of configurations with one level.
+F gives one configuration for each pose x of the frame in a cell, a box of poses; T is the placement
+of the tool in the frame. A change of the tool thus needs no new design. The level c (r,) of F is
+the position along the self-motion, with r components; a leaf is the set of configurations with one
+level. n is the number of joints, m that of task coordinates.
 """
 
 from __future__ import annotations
@@ -56,8 +57,9 @@ class ToolFunction:
     def __call__(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate F': the configuration (n,) for a pose of the tool.
 
-        ``leaf`` is the level c (r,), by default 0. Errors are those of
-        :meth:`InverseFunction.__call__`.
+        ``target`` is the pose of the tool: a pinocchio.SE3 or a homogeneous matrix (4, 4). ``leaf``
+        is the level c (r,), by default 0. An InputError is raised if the pose of the frame lies
+        outside the cell, or F has no configuration inside the limits there.
         """
         q: Array = self.of_frame(as_placement(target) * self._back, leaf=leaf)
         return q
@@ -70,15 +72,21 @@ class ToolFunction:
         missing: Literal["raise", "nan"] = "raise",
         threads: int = 1,
     ) -> Array:
-        """Evaluate F' at many poses of the tool: (K, n); see :meth:`InverseFunction.batch`.
+        """Evaluate F' at K poses of the tool: configurations (K, n), rad (m for prismatic joints).
 
         Parameters
         ----------
         targets : list of placements, or (K, 4, 4) or (K, 7) array
             Poses of the tool. Coordinates of the cell are not accepted, because they describe poses
             of the frame; give them to ``of_frame``.
-        leaf, missing, threads
-            As for :meth:`InverseFunction.batch`.
+            A row of seven is a position, m, and a quaternion, ``x, y, z, qx, qy, qz, qw``.
+        leaf : (r,) or (K, r) array, optional
+            Level c, by default 0: one for all poses, or one for each pose.
+        missing : "raise" or "nan"
+            Result for a pose outside the cell or without a configuration: an InputError, or a row
+            of NaN.
+        threads
+            Number of threads.
         """
         threads = as_int(threads, "threads", 1)
         if isinstance(targets, np.ndarray):
@@ -99,7 +107,8 @@ class ToolFunction:
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
         """Compute the tool's pose X (K, 4, 4) at each configuration, and its level c (K, r).
 
-        See :meth:`InverseFunction.pose_and_leaf`.
+        Q (K, n) are configurations; X are homogeneous matrices. The level is NaN where the pose of
+        the frame lies outside the cell.
         """
         X, C = self.of_frame.pose_and_leaf(Q)
         return X @ self.tool.homogeneous, C

@@ -4,7 +4,8 @@ The cell is a box of poses, u (k,) are the coordinates of a pose in it, from −
 s (r,) is the position along the self-motion at that pose. The polynomials q_ref(u) and n_ref(u) of
 a chart approximate a configuration at the pose, where s = 0, and the null space of J there. A
 function q = F(u) over the cell is described by s(u); the function of the chart itself is s = 0.
-x(u) is the pose.
+x(u) is the pose; ∂x/∂u is the task velocity per unit of each coordinate u, and C = (EᵀE)^(−1/2),
+with E = ∂x/∂u, scales the coordinates to unit task speed.
 
 Letters: n joints, m task coordinates, r = n − m components of s, k coordinates in u, K poses, N
 monomials. Each of l further coordinates of the cell is symmetric: a single joint moves the frame

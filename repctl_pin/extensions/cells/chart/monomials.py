@@ -70,7 +70,8 @@ class Monomials:
     def derivative(self, C: Array, j: int) -> Array:
         """Differentiate the polynomials with coefficients C with respect to u_j.
 
-        Return the coefficients (N, …) of the derivatives, in the same monomials.
+        ``j`` is from 0 to k − 1. Return the coefficients (N, …) of the derivatives, in the same
+        monomials.
         """
         some = np.flatnonzero(self.exponents[:, j])  # each leads to another monomial
         weight = self.exponents[some, j].reshape(-1, *[1] * (C.ndim - 1))

@@ -3,7 +3,8 @@
 The function q = F(x) gives one configuration for each pose of the cell, a box of poses with
 coordinates u from −1 to 1. Formulas use ∂F = ∂F/∂u, E = ∂x/∂u, and C = (EᵀE)^(−1/2), so that ∂F C
 and G_d E C are joint speeds per unit of task speed. G_d is the desired inverse, such as J⁺.
-Held-out poses are Sobol points of the cell that the fit did not use.
+Held-out poses are Sobol points of the cell that the fit did not use. ∂x/∂u is the task velocity per
+unit of each coordinate u.
 
 A candidate function is written in a chart: s is its position along the self-motion at each pose,
 and n_ref the approximate null space of J. At a fold, the leaf turns back along the self-motion, and
@@ -24,7 +25,8 @@ columns.
 speeds and margins. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses,
 with the kinematics there. ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the
 label s (r,) the position along its self-motion. ``FailureReason`` is one reason why a function
-fails at some poses of its cell: cause, share of the poses, worst pose.
+fails at some poses of its cell: cause, share of the poses, worst pose. ``Turn`` is the range of a
+function along a symmetric coordinate, which one joint alone changes, rad.
 """
 
 from __future__ import annotations
@@ -247,7 +249,8 @@ def _block(
     """Evaluate a candidate function at some poses U (K, k) of a sample.
 
     ``side`` (1,) is the sign of det [J; n_refᵀ] in the middle of the cell; poses with the other
-    sign are beyond a fold. ``directions`` is that of :func:`sampled`.
+    sign are beyond a fold. Without ``directions``, joint speeds in the worst direction and leaf
+    margins are NaN.
     """
     chart, at = candidate.chart, candidate.at(U)
     N, s = null_bases(at.J, at.n_ref), singular_values(at.J)

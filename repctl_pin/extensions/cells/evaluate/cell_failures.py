@@ -1,9 +1,10 @@
 """Reasons why an inverse function fails at poses of a cell, each with its worst pose.
 
-The causes are: out of reach, singularity, joint limit, fold, collision. U (K, k) are coordinates of
-poses in the cell, from −1 to 1, and Q (K, n) configurations of the function there, for n joints. A
-share is a fraction of all sampled poses, 0 to 1. A leaf is the set of configurations q = F(x) of
-one function, on which its controller stays.
+The causes are: out of reach, singularity, joint limit, fold, collision. U (K, k) are the k
+coordinates of K poses in the cell, from −1 to 1, and Q (K, n) configurations of the function there,
+for n joints. A share is a fraction of all sampled poses, 0 to 1. A leaf is the set of
+configurations q = F(x) of one function, on which its controller stays. At a fold, the leaf turns
+back along the self-motion, and is no longer a function of the pose.
 
 ``FailureReason`` is one reason why a function fails at some poses of its cell: cause, share of the
 poses, worst pose.

@@ -100,8 +100,9 @@ def reached(
 def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) -> list[int]:
     """Select rows (K, ·) farther than ``distance`` from each other; return their indices.
 
-    Rows are taken in order: a row is left out if it is too near to one that was taken before. At
-    most ``count`` are taken. ``norm`` is the order of the norm of the difference of two rows.
+    Distances have the unit of the rows. Rows are taken in order: a row is left out if it is too
+    near to one that was taken before. At most ``count`` are taken. ``norm`` is the order of the
+    norm of the difference of two rows.
     """
     kept: list[int] = []
     left = np.arange(len(rows))

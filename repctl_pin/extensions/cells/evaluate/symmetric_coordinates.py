@@ -3,11 +3,12 @@
 A single joint moves the frame along such a coordinate, so the function is designed without it; the
 coordinate is then removed from the coordinates u of a pose, which go from −1 to 1. The range of the
 coordinate ends at the limits of that joint. If its range is given as ``"all"``, it ends nowhere
-else. A pose is covered if the function has a configuration there inside the joint limits. A sector
-is a cell in cylindrical coordinates, numbered from 0: radius, angle and height about an axis, two
-tilts of the tool, and its spin. A chart is the pair of polynomials of u in which the function is
-written: q_ref approximates its configurations, n_ref the null space of J. K poses are the rows of
-U (K, k).
+else. Every range that is a number is the full width of the range, from end to end, rad. A pose is
+covered if the function has a configuration there inside the joint limits. A sector is a cell in
+cylindrical coordinates, numbered from 0: radius, angle and height about an axis, two tilts of the
+tool, and its spin. A chart is the pair of polynomials of u in which the function is written: q_ref
+approximates its configurations, n_ref the null space of J. K poses are the rows of U (K, k). n is
+the number of joints, m that of task coordinates.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses,
@@ -63,7 +64,8 @@ class Turn:
         99 % of the covered poses.
     price : float
         Extra joint speed that the requested range costs: that of the function, minus that of a
-        function designed for the range ``"all"``. 0 if the latter was not designed.
+        function designed for the range ``"all"``; 0.05 is 5 % of the joint speed of G_d. 0 if the
+        latter was not designed.
     unasked : float
         ``reach`` of the function designed for the range ``"all"``, rad; NaN if it was not designed.
     covered : float
@@ -256,10 +258,10 @@ def expanded(chart: Chart) -> Chart:
 
 
 def turn_at(chart: Chart, U: Array) -> Array | None:
-    """Compute the range (K,) of a sector's angle, rad, at the radius and height of each row of U.
+    """Compute the width (K,) of the range of the angle, rad, at the radius and height of rows of U.
 
     Within the range, the joint that turns the arm stays within its limits at every tilt. Rows of U
-    (K, k) are coordinates in the sector; their tilts and spin are ignored. The range is NaN where
+    (K, k) are coordinates in the sector; their tilts and spin are ignored. The width is NaN where
     no pose is covered. Return None if the symmetry of the angle is not used.
     """
     sector = chart.cell

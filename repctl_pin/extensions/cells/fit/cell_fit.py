@@ -10,7 +10,9 @@ is minimised with rising degree of s, and with penalties on small margins.
 A quick design has a lower degree, fewer nodes and a quick evaluation, without searches for the
 worst joint speeds, leaf margins and body distances. A coordinate of a sector, angle or spin, is
 symmetric if a single joint moves the frame along it; its range can be given as ``"all"``. Extra
-joint speed is the joint speed relative to that of the desired inverse, minus 1.
+joint speed is the joint speed relative to that of the desired inverse, minus 1. Nodes are the poses
+at which the cost is evaluated. Letters: n joints, r components of s, k coordinates u, N monomials
+of u, K and L poses.
 
 ``Candidate`` is a configuration in the middle of a cell, with the share of corners that rays from
 there reach, and its margins. ``Chart`` is coordinates (u, s) of configurations: u gives the pose,
@@ -108,8 +110,9 @@ class CellFit:
     """Arguments of a design of a function over a cell, and methods that compute the design.
 
     The attributes are arguments of :func:`nearest_inverse_function`; ``keep`` means
-    ``incomplete="keep"``: the function may cover only a part of the cell. ``report`` is the
-    progress callback (step, fraction).
+    ``incomplete="keep"``: the function may cover only a part of the cell. ``samples`` and
+    ``held_out`` are the numbers of poses for the fit and for the evaluation, ``seed`` is their
+    random seed. ``report`` is the progress callback (step, fraction).
     """
 
     desired: Inverse
@@ -225,7 +228,7 @@ class CellFit:
         The final chart was fitted such that the optimised function has s = 0 in it. ``turns`` are
         its ranges along symmetric coordinates, ``descent`` is the minimisation, ``degrees`` are
         pairs (degree, cost), and ``samples`` is the number of poses at which the fit evaluated the
-        cost.
+        cost. With ``quick``, the evaluation is quick.
         """
         self.report("the evaluation", 0.8)
         held_out = min(512, self.held_out) if quick else self.held_out

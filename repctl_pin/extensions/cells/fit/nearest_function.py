@@ -1,8 +1,9 @@
 """Design of the inverse kinematic function over a cell that is nearest to a desired inverse.
 
 A cell is a box of poses; the function q = F(x) gives one configuration for each of them. It covers
-a pose if this configuration is inside the joint limits. A coordinate of a sector is symmetric if a
-single joint moves the frame along it.
+a pose if this configuration is inside the joint limits. A coordinate of a sector, which is a cell
+in cylindrical coordinates around an axis, is symmetric if a single joint moves the frame along it.
+n is the number of joints.
 
 ``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
 ``FailureReason`` is one reason why a function fails at some poses of its cell: cause, share of the

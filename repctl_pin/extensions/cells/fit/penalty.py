@@ -1,13 +1,13 @@
 """Penalty method for margins: the weight of the penalties is raised until the margins are met.
 
-A margin is a distance from joint limits, between bodies, or σ_min of J, at the configurations of a
-candidate function, which gives one configuration for each pose of the cell. The required margin
-must be met at every pose at which the arm can meet it. Coefficients a (N, r) are those of s(u), the
-position of the function along the self-motion, in N monomials of the coordinates u (k,) of a pose.
-A leaf is the set of configurations with one value of s; nearby leaves are those with slightly
-different values. Nodes are the poses at which the cost is evaluated. A chart consists of
-polynomials of u that approximate a configuration, from which s is measured, and the null space. The
-label is s, with r components.
+A cell is a box of poses. A margin is a distance from joint limits, between bodies, or σ_min of J,
+at the configurations of a candidate function, which gives one configuration for each pose of the
+cell. The required margin must be met at every pose at which the arm can meet it. Coefficients a (N,
+r) are those of s(u), the position of the function along the self-motion, in N monomials of the
+coordinates u (k,) of a pose. A leaf is the set of configurations with one value of s; nearby leaves
+are those with slightly different values. Nodes are the poses at which the cost is evaluated. A
+chart consists of polynomials of u that approximate a configuration, from which s is measured, and
+the null space. The label is s, with r components. K and L are numbers of poses.
 
 ``Monomials`` are all monomials ``u^α`` up to a degree in the coordinates u, the constant 1 first.
 ``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the label ``s(u) =

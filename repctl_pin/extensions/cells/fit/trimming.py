@@ -1,28 +1,29 @@
 """Trimming of a cell: sides are moved inward until one function covers what is left.
 
-A box or sector in which the function fails at one corner thus becomes smaller on one side only.
-Coordinates u of a pose go from −1 to 1 between the sides. A coordinate of a sector, angle or spin,
-is symmetric if a single joint moves the frame along it; it is then removed from u, and "all
-coordinates" include it. Its range ``"all"`` ends only at the limits of that joint. A ray is a
-motion along a straight line from the middle of the cell. A quick design is faster and less
+A box or sector in which the function fails at one corner thus becomes smaller on one side only. To
+cut a cell along a coordinate is to move one or both ends of its range inward, so that a part of the
+cell is left. Coordinates u of a pose go from −1 to 1 between the sides. A coordinate of a sector,
+angle or spin, is symmetric if a single joint moves the frame along it; it is then removed from u,
+and "all coordinates" include it. Its range ``"all"`` ends only at the limits of that joint. A ray
+is a motion along a straight line from the middle of the cell. A quick design is faster and less
 accurate. A chart is the pair of polynomials of u in which a function is written. Extra joint speed
 is the joint speed relative to that of the desired inverse, such as J⁺, minus 1.
 
 The argument ``fit`` has the arguments of the design, ``limits`` what a function must meet, and q
 (n,) is the configuration in the middle of the cell. ``found`` is a design or, if too few poses are
 reached, a tuple of the reasons for failure. ``useful`` is a function that tells whether a part of a
-cell is still of use. K poses are the rows of U (K, k). A corner, low or high (k,), has the ends of
-all ranges, from −1 to 1.
+cell is still of use. K poses are the rows of U (K, k), with k coordinates u each; n is the number
+of joints. A corner, low or high (k,), has the ends of all ranges, from −1 to 1.
 
 ``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
 ``Required`` holds the limits of a function: mean and maximum extra joint speed relative to G_d
 (0.05 is 5 %), and body distance, m. ``Sample`` is a function F evaluated at K poses of its cell:
 configurations, joint speeds and margins. ``Symmetry`` is a joint that changes only one coordinate
-of the frame: the numbers of both, and the sign. ``Window`` is a range of the angle around the arm:
-the direction of its middle, and its half-width, rad. ``Chart`` is coordinates (u, s) of
-configurations: u gives the pose, the label s (r,) the position along its self-motion.
-``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the label ``s(u) =
-Σ_t a_t T_t(u)``.
+of the frame: the indices of both, and the sign, 1 or −1, of the change. ``Window`` is a range of
+the angle around the arm: the direction of its middle, and its half-width, rad. ``Chart`` is
+coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position along its
+self-motion. ``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the
+label ``s(u) = Σ_t a_t T_t(u)``.
 """
 
 from __future__ import annotations
@@ -157,7 +158,8 @@ def _between(
     """Return the part of a cell between two corners (k,), and a configuration (n,) in its middle.
 
     The configuration is that of the design ``found`` or, if ``found`` is no design, the end of a
-    ray from q (n,). Return None if it does not reach the middle, is singular or violates a limit.
+    ray from q (n,). Return None if inverse kinematics from there does not reach the middle of the
+    part, or ends at a singularity or outside a limit.
     """
     part = cell._part(low, high)
     with suppress(InputError):
@@ -457,9 +459,11 @@ def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> C
 
 
 def _evaluated(fit: CellFit, found: CellDesign, chart: Chart, limits: Required) -> CellDesign:
-    """Evaluate the function of the design ``found`` over the cut ``chart``; return its new design.
+    """Evaluate the function of a design over the part of its cell that a cut has left.
 
-    The requested body distance of the new design is that of ``limits``, if they have one.
+    ``found`` is the design before the cut, ``chart`` the chart of the same function over the part;
+    nothing is fitted again. Return the design over the part. Its requested body distance is that of
+    ``limits``, if they have one.
     """
     evaluation = evaluate_cell(
         fit.desired,

@@ -457,8 +457,8 @@ class Cell:
     def _lifted(self, U: Array) -> Array:
         """Convert coordinates U (K, k) to those of :attr:`whole`, (K, k + l).
 
-        That is the same cell with the removed coordinates, which are 0 here. All are in the order
-        of the task coordinates.
+        The coordinates that symmetries remove from u are added, with the value 0. All are in the
+        order of the task coordinates.
         """
         Y, whole = self.spread(U), self.whole
         return (Y - whole._offset)[:, whole.moved] / whole._active_widths
@@ -781,8 +781,9 @@ class Cell:
     def _all_twists(self, Y: Array, R: Array) -> Array:
         """Evaluate the task velocity per m or rad of each task coordinate: (K, m, m).
 
-        Y (K, m) are the offsets, R (K, 3, 3) the rotations of the frame. In an axis task, the
-        angular velocity is about the frame's own x and y axes.
+        Column i is the task velocity at the poses with the offsets Y (K, m), in base axes, while
+        only task coordinate i changes. R (K, 3, 3) are the rotations of the frame. In an axis task,
+        the angular velocity is about the frame's own x and y axes.
         """
         T = self._frame_twists(Y)
         if self.task.kind != "axis":
@@ -792,8 +793,8 @@ class Cell:
     def _frame_twists(self, Y: Array) -> Array:
         """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
 
-        Column i is the velocity, in base axes, per unit of task coordinate i. Y (K, m) are the
-        offsets, m and rad.
+        Column i is the velocity at the poses with the offsets Y (K, m), in base axes, while only
+        task coordinate i changes: rows 0 to 2 are v, rows 3 to 5 are ω.
         """
         positions = len(self.half_width)
         T = np.zeros((len(Y), 6, self.task.m))

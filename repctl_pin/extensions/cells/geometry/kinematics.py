@@ -54,8 +54,8 @@ def run(name: str, arm: Any, count: int, *given: Any) -> None:
     """Call a function of the native library for ``count`` configurations, with a kinematic chain.
 
     ``name`` is the name of the function, and ``arm`` the C struct of the chain. The function is
-    called with its address, ``count``, and ``given``: further arguments, arrays or C numbers.
-    Arrays that the function fills must be contiguous arrays of float.
+    called with the address of ``arm``, ``count``, and ``given``: further arguments, arrays or C
+    numbers. Arrays that the function fills must be contiguous arrays of float.
     """
     kept = [np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x for x in given]
     pointers = (ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x for x in kept)
@@ -229,10 +229,12 @@ def left_jacobian(omega: Array) -> Array:
     Parameters
     ----------
     omega : (K, 3) array
+        Rotation vectors ω, rad.
 
     Returns
     -------
     (K, 3, 3) array
+        J_l(ω).
     """
     square = np.sum(omega**2, axis=-1)
     theta = np.sqrt(square)

@@ -1,7 +1,10 @@
 """Ranges of a cell in words: rows of a table, and a phrase for a sentence.
 
-A sector is a cell in cylindrical coordinates around an axis. Its heights are measured along the
-axis from the base. In the phrase, ends are rounded inward, so that all of it belongs to the cell.
+A cell is a box of poses. A sector is a cell in cylindrical coordinates around an axis: radius,
+angle and height, two tilts of the tool, and its spin about its own z axis. The range of angle or
+spin can be ``"all"``: as far as the limits of the joint that alone changes it. Heights are measured
+along the axis from the base. In the phrase, ends are rounded inward, so that all of it belongs to
+the cell.
 """
 
 from __future__ import annotations
@@ -57,8 +60,9 @@ def range_phrase(cell: Cell, reaches: Mapping[str, float] | None = None) -> str:
     cell
         The cell or sector.
     reaches
-        Whole ranges that a design found, rad, by the names ``angle`` and ``spin``; a range of the
-        cell that is larger is replaced.
+        Full widths, rad, of the ranges of ``angle`` and ``spin`` (the keys) in which their joints
+        stay within the limits, as a design found them. A range of the cell that is wider is written
+        with this width. With None, the ranges are those of the cell.
     """
     if not isinstance(cell, Sector):
         return _box_phrase(cell)
@@ -74,9 +78,11 @@ def range_phrase(cell: Cell, reaches: Mapping[str, float] | None = None) -> str:
 
 
 def degrees_turned(sector: Sector, reaches: Mapping[str, float] | None = None) -> dict[str, int]:
-    """Compute the whole range of a sector's angle and of each rotation, whole degrees, by name.
+    """Compute the full widths of the ranges of a sector's angle, tilts and spin, degrees, by name.
 
-    ``reaches`` are as in :func:`range_phrase`. A coordinate without a range is left out.
+    They are rounded down to whole degrees, and at most 360. ``reaches`` are full widths, rad, that
+    a design found, by the names ``angle`` and ``spin``; a wider range of the sector gets this
+    width. A coordinate that is constant is left out.
     """
     found = dict(reaches or {})
     widths = {

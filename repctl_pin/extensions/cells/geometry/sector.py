@@ -4,13 +4,15 @@ The axis is by default the base's z axis. A sector suits an arm whose first join
 arm: then a function need not be designed along the angle. The task coordinates of a pose are
 radius, angle, height, two tilts and spin, or the first m of them; offsets are their differences
 from the middle, m and rad. They are numbered from 0 (``RADIUS``) to 5 (``SPIN``). A coordinate is
-symmetric if a single joint moves the frame along it; it can be removed from the coordinates u of
-:class:`Cell`, which also has the letters. The range of angle or spin can be ``"all"``, as far as
-the limits of that joint. The profile of a sector is its range of radius as a function of the height
-η above the middle.
+symmetric if a single joint moves the frame along it; it can be removed from the coordinates u (k,)
+of a pose, which are the offsets divided by the half-widths, from −1 to 1. The range of angle or
+spin can be ``"all"``, as far as the limits of that joint. The profile of a sector is its range of
+radius as a function of the height η above the middle: its bend shifts the range, its stretch scales
+it. A corner, low or high (k,), has the ends of all ranges of u. Letters: m task coordinates, K
+poses; p (K, 3), m, and R (K, 3, 3) are positions and rotation matrices of the frame in base axes.
 
-``Symmetry`` is a joint that changes only one coordinate of the frame: the numbers of both, and the
-sign.
+``Symmetry`` is a joint that changes only one coordinate of the frame: the indices of both, and the
+sign, 1 or −1, of the change.
 """
 
 from __future__ import annotations
@@ -86,7 +88,8 @@ class Sector(Cell):
     task
         The task. A task in two coordinates requires an axis normal to its plane.
     placement
-        Middle of the sector, away from the axis, as in :class:`Cell`.
+        Middle of the sector, away from the axis: a rigid transform, a homogeneous matrix (4, 4), or
+        a position (3,), m, with the orientation of the task's reference.
     radius : float or (list, list)
         Half-width, m; or the smallest and the largest radius, m, as coefficients of polynomials in
         the height above the placement divided by ``height``, the constant first. The placement is
@@ -101,7 +104,8 @@ class Sector(Cell):
         of ψ, like ``spin``, but its symmetry is not used; over a small range, this can give a lower
         cost.
     spin : float or "all"
-        Half-width of ψ, rad, for a pose task; ``"all"`` as for ``angle``.
+        Half-width of ψ, rad, for a pose task. With ``"all"``, the design finds the largest range of
+        ψ that the joint limits allow, and its middle.
     axis : (2, 3) array, optional
         A point on the axis, m, and the direction of the axis, in base coordinates. The default is
         the base's z axis. If the axis of the joint that turns the whole arm differs from it by at
@@ -307,8 +311,8 @@ class Sector(Cell):
     def _frame_twists(self, Y: Array) -> Array:
         """Evaluate the frame's velocity (v, ω) per m or rad of each task coordinate: (K, 6, m).
 
-        Column i is the velocity, in base axes, per unit of task coordinate i. Y (K, m) are the
-        offsets, m and rad.
+        Column i is the velocity at the poses with the offsets Y (K, m), in base axes, while only
+        task coordinate i changes: rows 0 to 2 are v, rows 3 to 5 are ω.
         """
         y = _all_six(Y)
         T = np.zeros((len(y), 6, 6))
@@ -353,7 +357,7 @@ class Sector(Cell):
 
     @property
     def _half_height(self) -> float:
-        """Half-width of the height, m, with the tolerance at the edge; 0 without a height."""
+        """Half-width of the height, m, plus the tolerance for rounding at the ends, or 0."""
         return float(self.widths[HEIGHT]) * (1 + EDGE) if self.task.m > 2 else 0.0
 
     def radii(self, z: ArrayLike) -> Array:

@@ -5,7 +5,8 @@ radius of the middle and y the radial coordinate of the sector, from −w to w, 
 of the radius in the middle. The bend b and the stretch s are polynomials with b(0) = 0 and s(0) =
 1. With b = 0 and s = 1, the sector has the same range of radius at all heights. With any profile,
 the coordinates of the sector form a box, so a straight line in them stays in the sector.
-Coefficients (D + 1,) of a polynomial of degree D begin with the constant one.
+Coefficients (D + 1,) of a polynomial of degree D begin with the constant one. K is the number of
+heights.
 """
 
 from __future__ import annotations
@@ -177,7 +178,8 @@ def _side_pair(radius: Any) -> tuple[Array, Array]:
 def _value(coefficients: Array, x: Array) -> Array:
     """Evaluate a polynomial with ``coefficients`` at x (K,): (K,).
 
-    Horner's rule is used, with the operations in the same order as in chart.c, the function in C.
+    Horner's rule is used, with the operations in the same order as in the C code for functions over
+    a cell, so that both results are equal.
     """
     value = np.zeros_like(x)
     for c in coefficients[::-1]:

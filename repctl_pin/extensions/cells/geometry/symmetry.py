@@ -6,8 +6,8 @@ angle of the frame's pose; a joint that turns the tool about its own z axis, onl
 function F, which gives one configuration per pose, need not be designed along that coordinate. An
 axis (2, 3) is a point, m, and a unit direction.
 
-``Symmetry`` is a joint that changes only one coordinate of the frame: the numbers of both, and the
-sign.
+``Symmetry`` is a joint that changes only one coordinate of the frame: the indices of both, and the
+sign, 1 or −1, of the change.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Search for the best configuration in the middle of a cell, from which a function is designed.
 
-A ray is the motion of the arm, by the desired inverse G_d (such as J⁺), along the straight line
-from the middle of the cell to a corner; face centres count as corners, see :meth:`Cell.corners`.
-From the best configuration, the rays reach all corners with large margins. Letters: n joints, K
-configurations or rays.
+A cell is a box of poses. A ray is the motion of the arm, by the desired inverse G_d (such as J⁺),
+along the straight line from the middle of the cell to a corner; face centres count as corners, see
+:meth:`Cell.corners`. From the best configuration, the rays reach all corners with large margins.
+Letters: n joints, K configurations or rays.
 
 ``Candidate`` is a configuration in the middle of a cell, with the share of corners that rays from
 there reach, and its margins. ``Rays`` are the results of following K straight rays from the middle

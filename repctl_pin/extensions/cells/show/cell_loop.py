@@ -1,8 +1,13 @@
 """Numbers with which a cell's page moves the hand of its visitor by the function of the cell.
 
 The visitor drags the hand. In the page, ``potentials.js`` evaluates the potentials of the
-function's chart and ``law.js`` the desired inverse. The tool keeps its orientation; in a sector
-without spin, it turns with the angle.
+function's chart and ``law.js`` the desired inverse. A function q = F(x) over a cell, a box of
+poses, gives one configuration for each pose. The coordinates u of a pose go from −1 to 1 in the
+cell; a chart consists of polynomials in u, whose coefficients describe F. A sector is a cell in
+cylindrical coordinates, numbered from 0: radius, angle and height about an axis, two tilts of the
+tool, and its spin about its own z axis. Its profile is the range of radius as a function of the
+height. n is the number of joints, r that of directions of self-motion. The tool keeps its
+orientation; in a sector without spin, it turns with the angle.
 """
 
 from __future__ import annotations
@@ -29,8 +34,9 @@ def cell_loop(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, An
     """Collect the numbers for the page, with the coefficients as the array ``weights``.
 
     They describe the arm, the motions, and the chart of the function, by the keys that the page's
-    scripts read. The result is None if the page cannot compute the motions: the tool tilts in the
-    cell, the desired inverse is not J⁺, or the chart has more than 4000 coefficients.
+    scripts read. ``motions`` are those along a sample path, by controller, that of the function
+    last. The result is None if the page cannot compute the motions: the tool tilts in the cell, the
+    desired inverse is not J⁺, or the chart has more than 4000 coefficients.
     """
     chart = design.function.chart
     cell = chart.cell
@@ -58,7 +64,15 @@ def _turns_along(cell: Cell) -> TypeGuard[Sector]:
 
 
 def _described(design: CellDesign) -> dict[str, Any]:
-    """Return the chart of a cell's function as plain types, as ``potentials.js`` reads it."""
+    """Return the chart of a cell's function as plain types, as ``potentials.js`` reads it.
+
+    The keys are the numbers ``n`` and ``r``; ``parent`` and ``variable``, the recurrence of the
+    monomials; ``moved``, the indices in the sector, or among x, y and z, of the coordinates that
+    belong to u, with their half-widths ``widths``, their offsets ``offset``, and ``bounds``, the
+    largest ``|u_i|`` that is accepted; the coordinates ``removed`` from u; ``middle``, the position
+    of the middle of a box, m; and the ``sector``, None for a box. The coefficients are not among
+    them.
+    """
     chart, task = design.function.chart, design.task
     cell = chart.cell
     on = cell._active
@@ -83,10 +97,12 @@ def _described(design: CellDesign) -> dict[str, Any]:
 
 
 def _removed(cell: Cell) -> list[dict[str, Any]]:
-    """Describe the coordinates that symmetries remove, one dictionary for each.
+    """Describe the coordinates that symmetries of the arm remove from u, one dictionary for each.
 
-    Its keys are the number of the coordinate (``i``), the ``joint`` that alone moves the frame
-    along it, the ``sign``, and ``most``, the half-width, rad; None if a joint limit ends the range.
+    The keys are ``i``, the index of the coordinate in the sector; ``joint``, the index of the joint
+    that alone moves the frame along it; ``sign``, 1 or −1, the change of the coordinate per rad of
+    the joint; and ``most``, the half-width of the range, rad, or None if joint limits alone end the
+    range. Indices count from 0. The list is empty for a box.
     """
     return [
         {
@@ -102,8 +118,11 @@ def _removed(cell: Cell) -> list[dict[str, Any]]:
 def _sector(cell: Sector) -> dict[str, Any]:
     """Describe the cylindrical coordinates of a sector by the keys that the page's scripts read.
 
-    They are the axis and its directions, radius and height of the middle, half the height, m, the
-    profile (``bend`` and ``stretch``), the tool's x and y axes, and the middle of the spin, rad.
+    ``origin`` is a point of the axis, m; ``axes`` are the outward, tangential and axial unit
+    vectors at the middle, as rows; ``radius`` and ``height``, m, are those of the middle. ``half``
+    is the half-width of the height, m; 0 in a planar task. ``bend`` and ``stretch`` are the
+    coefficients of the profile, ``tool`` the x and y axes of the tool in the middle, as rows, and
+    ``spinMiddle`` the middle of the spin, rad; None without a spin. Vectors are in base axes.
     """
     radius, height = cell.middle
     whole = cell.whole

@@ -1,10 +1,11 @@
 """Page of a function over a cell: animation of a sample path, slices, and figures of merit.
 
-The function gives one configuration for each pose of the cell, a box of poses or a sector. A sector
-is a cell in cylindrical coordinates around an axis. One joint may turn the whole arm along its
-angle, another the tool along its spin. Their ranges are given in rad or as ``"all"``, which extends
-to the limits of that joint. Extra joint speed is the joint speed relative to that of the desired
-inverse, such as J⁺, minus 1.
+The function gives one configuration for each pose of the cell, a box of poses or a sector. A slice
+is a map of the function over two coordinates of the cell. A sector is a cell in cylindrical
+coordinates around an axis. One joint may turn the whole arm along the angle about this axis,
+another the tool along its spin, the rotation about its own z axis. Their ranges are given in rad or
+as ``"all"``, which extends to the limits of that joint. Extra joint speed is the joint speed
+relative to that of the desired inverse, such as J⁺, minus 1.
 
 ``Dialog`` is the texts of a page's dialog, by name. ``Headline`` is a sentence on the drift, and
 notes on joint speed, limits and bodies. ``Span`` is a piece of text with its tone, which is shown
@@ -73,9 +74,9 @@ def _cover_of(design: CellDesign, reach: Sequence[Array]) -> dict[str, Any]:
 
     The keys ``inner`` and ``outer`` are two lines of points, m, the sides of a section. The section
     is shifted through a box by ``shift``, m, or turned around the axis of a sector, ``origin`` and
-    ``axis``, from one angle to another, rad. ``turns`` has the whole ranges of the sector's angle
-    and rotations by name, degrees; it is empty for a box. ``reach`` is closed lines (P, 2) around
-    the radii and heights, m, that the arm reaches.
+    ``axis``, from the angle ``from`` to the angle ``to``, rad. ``turns`` has the full widths of the
+    ranges of the sector's angle, tilts and spin by name, degrees; it is empty for a box.
+    ``reach`` is closed lines (P, 2) around the radii and heights, m, that the arm reaches.
     """
     cell = design.cell
     if isinstance(cell, Sector):
@@ -149,7 +150,8 @@ def cell_page(
     design
         The function and its figures of merit.
     maps
-        Maps of slices, see :func:`.cell_plots.map_pictures`.
+        Maps of slices: for each, the bytes of its PNG file, a CSS polygon around its text, and a
+        description.
     motions
         Motions along a sample path through the cell, by controller: the desired inverse, unless it
         failed, and the function.
@@ -158,7 +160,7 @@ def cell_page(
     reach
         Closed lines (P, 2) around the radii and heights, m, that the arm reaches.
     command
-        Command line that made the page.
+        Command line that made the page; by default none is shown.
     """
     task, joint = design.task, elbow(design.task, design.posture)
     shape, words = shape_word(design), cell_words(design, motions)
@@ -204,7 +206,7 @@ def _slice_words(design: CellDesign) -> str:
 
 
 def _coloured(motions: Mapping[str, Motion]) -> list[tuple[str, Motion, str]]:
-    """Return (label, motion, colour) of each controller; the last is the function's."""
+    """Return (display name, motion, colour) of each controller; the last is the function's."""
     colours = [VERMILLION, BLUE][-len(motions) :]
     return [(*one, colour) for one, colour in zip(motions.items(), colours, strict=True)]
 
@@ -219,9 +221,9 @@ def _tour_page(
 ) -> str:
     """Write the page with the animated motions side by side, and the outline of the cell.
 
-    ``motions`` are (label, motion, colour). ``joint`` is the index of the joint whose path is
-    drawn, and ``name`` is the name of the path on the page. ``dialog`` has the texts of its dialog,
-    and ``reach`` what the arm reaches.
+    ``motions`` are (display name of the controller, motion, colour). ``joint`` is the index of the
+    joint whose path is drawn, and ``name`` is the name of the path on the page. ``dialog`` has the
+    texts of its dialog, and ``reach`` what the arm reaches, see :func:`_cover_of`.
     """
     tracks = [playback_of(*one) for one in motions]
     way = motions[0][1].path.points()
@@ -244,7 +246,7 @@ def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = Non
     design
         The function and its figures of merit.
     motions
-        Motions along a sample path, by controller; the last one is the function's.
+        Motions along a sample path, by controller; the last one is the function's. By default none.
     """
     path = list((motions or {}).values())[-1:]
     said = [_cost(design), _limits(design, path), *_bodies(design, path)]
@@ -288,7 +290,7 @@ def _covered(design: CellDesign) -> str:
 
 
 def _reaches(design: CellDesign) -> dict[str, float]:
-    """Return the whole range of angle and spin inside the limits of their joints, rad, by name."""
+    """Return the full width, rad, of the ranges of angle and spin inside joint limits, by name."""
     return {turn.coordinate: turn.reach for turn in design.evaluation.turns}
 
 

@@ -1,7 +1,9 @@
 """Figure of a function over a cell: slices over two coordinates, coloured by figures of merit.
 
-A sector is a cell in cylindrical coordinates around an axis; its angle is that about the axis.
-Extra joint speed is the joint speed relative to that of the desired inverse, such as J⁺, minus 1.
+A function q = F(x) over a cell, a box of poses, gives one configuration for each pose. A slice is a
+grid over two coordinates of the cell, with the others at 0. A sector is a cell in cylindrical
+coordinates around an axis; its angle is that about the axis. Extra joint speed is the joint speed
+relative to that of the desired inverse, such as J⁺, minus 1.
 
 ``Slice`` is a map of a function's limit margin and joint speed over two coordinates of its cell.
 """
@@ -36,8 +38,8 @@ def _slice_of_cell(
     """Draw one quantity over one slice of a cell as a map; poses that are not covered are grey.
 
     A slice is a grid over two coordinates of the cell; all others are 0. ``what`` is
-    ``limit_margin``, ``extra_speed`` or ``turn``, the range of a sector's angle inside the limits.
-    ``ends`` are the values at the lower and upper end of the colour scale.
+    ``limit_margin``, ``extra_speed`` or ``turn``, the full width of the range of a sector's angle
+    inside the limits. ``ends`` are the values at the lower and upper end of the colour scale.
     """
     _, colours, scale = _WHAT[what]
     values = scale * getattr(cut, what)
@@ -134,7 +136,7 @@ def _scale_of(ax: Axes) -> Axes | None:
 def _beside(whole: Image.Image, *axes: Axes) -> tuple[Image.Image, str]:
     """Cut axes with their labels out of the picture ``whole``, and put them side by side.
 
-    Return the picture, and the polygon of its text, see :func:`map_pictures`.
+    Return the picture, and the CSS polygon around its text, without map and colour bar.
     """
     tight = [_pixels(whole, ax, ax.get_tightbbox()) for ax in axes]
     top, bottom = min(box[1] for box in tight), max(box[3] for box in tight)

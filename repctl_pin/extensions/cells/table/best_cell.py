@@ -9,7 +9,7 @@ low accuracy, with which boxes are compared. A :class:`Grown` has many middles, 
 at each and the size to which a box grew there. A :class:`Candidate` is one configuration in the
 middle of a box, with figures of the motions from there to the corners. A sector is a cell in
 cylindrical coordinates around the arm: radius, angle and height, two tilts of the tool, and its
-spin.
+spin. n is the number of joints.
 
 ``Approach`` is the axis of the tool that points at the work, and why it was chosen. ``_Fitting`` is
 the largest box that one function covers: its cell, the configuration in its middle, and what limits
@@ -306,7 +306,7 @@ def _whole(
             f"{task.robot.base!r}, to which the poses are relative",
             remedy="give the size of a box",
         )
-    low, high = _pair(heights, "heights", "m")
+    low, high = _pair(heights, "heights", "in m")
     mean, worst = _pair(most_extra, "most_extra")
     if mean <= 0:
         raise InputError("must be above 0", argument="most_extra")
@@ -336,7 +336,7 @@ def _pair(value: Any, name: str, unit: str = "") -> tuple[float, float]:
     try:
         low, high = (float(each) for each in value)
     except (TypeError, ValueError):
-        raise InputError(f"must be two numbers {unit}".rstrip(), argument=name) from None
+        raise InputError(f"must be two increasing numbers {unit}".rstrip(), argument=name) from None
     if not low < high:
         raise InputError(f"must be two increasing numbers; got {low:g}, {high:g}", argument=name)
     return low, high

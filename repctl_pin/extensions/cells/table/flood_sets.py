@@ -11,7 +11,7 @@ nodes or configurations.
 ``Floods`` are S floods: each is a set of neighbouring nodes with one configuration per node, so
 that q changes continuously. ``Table`` is a grid of poses (nodes) over radius and height around an
 axis, at the angle 0 and one orientation. ``Symmetry`` is a joint that changes only one coordinate
-of the frame: the numbers of both, and the sign.
+of the frame: the indices of both, and the sign, 1 or −1, of the change.
 """
 
 from __future__ import annotations
@@ -91,9 +91,10 @@ def drawn_nodes(
 ) -> tuple[Table, NDArray[np.intp], Array]:
     """Draw 2048 random configurations, and move each to the nearest node of a new table.
 
-    ``heights`` are the lowest and the highest of the table, m. ``symmetries`` are the joints that
-    alone turn the arm and, if there is one, the tool. Return the table, and the K configurations
-    that reach a node: the nodes (K, 2) and the configurations (K, n) there.
+    ``heights`` are the lowest and the highest of the table, m above the point of ``line``.
+    ``symmetries`` are the joints that alone turn the arm and, if there is one, the tool. Return the
+    table, and the K configurations that reach a node: the nodes (K, 2) and the configurations (K,
+    n) there.
     """
     Q = random_configurations(task, _DRAWN, rng)
     p = placed(task, Q)[0] - line[0]
@@ -127,9 +128,10 @@ def grid_around(
 ) -> Table:
     """Create a table that spans the radii ``rho`` and heights ``z`` of K configurations, m.
 
-    ``rho`` and ``z`` are (K,) each. Radii begin at 0.06 m. Heights outside ``heights`` (lowest,
-    highest) are left out. The first of the ``symmetries`` is that of the joint that turns the arm
-    about ``line``. Limits of the joints of symmetries are not checked in floods.
+    ``rho`` and ``z`` are (K,) each. Radii begin at 0.06 m. Heights, above the point of ``line``,
+    outside ``heights`` (lowest, highest) are left out. The first of the ``symmetries`` is that of
+    the joint that turns the arm about ``line``. Limits of the joints of symmetries are not checked
+    in floods.
     """
     low, high = max(heights[0], z.min()), min(heights[1], z.max())
     counted = np.ones(task.n, bool)

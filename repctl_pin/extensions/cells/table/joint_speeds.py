@@ -2,7 +2,9 @@
 
 The joint speed of a node is squared, ``‖∂F/∂u C‖_F²`` of a function (array ``own``) or of J⁺
 (``usual``), per unit of task speed, with u the coordinates of the cell, E = ∂x/∂u and C =
-(EᵀE)^(−1/2). n is the number of joints, K that of configurations.
+(EᵀE)^(−1/2). A cell is a set of poses, a function F over it gives one configuration for each pose,
+and a node is a pose on a grid. Extra joint speed is the joint speed relative to that of J⁺, minus
+1. n is the number of joints, K that of configurations.
 """
 
 from __future__ import annotations
@@ -18,7 +20,8 @@ from ..geometry.kinematics import placed
 def locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, float]:
     """Evaluate the extra joint speed, rms and maximum, of an arm with locked joints at Q (K, n).
 
-    ``held`` (n,) is True for locked joints. The results are fractions: 0.05 is 5 % more than J⁺.
+    ``held`` (n,) is True for locked joints. The motions are those along the coordinates of
+    ``cell``. The results are fractions: 0.05 is 5 % more than J⁺.
     """
     mine, least = locked_squares(cell, Q, held)
     return float(np.sqrt(mine.mean() / least.mean()) - 1), float(np.sqrt((mine / least).max()) - 1)
@@ -27,7 +30,8 @@ def locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, 
 def locked_squares(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[Array, Array]:
     """Evaluate the squared joint speeds (K,) of an arm with locked joints and of J⁺ at Q (K, n).
 
-    ``held`` (n,) is True for the locked joints; ``cell`` has the directions of motion.
+    ``held`` (n,) is True for the locked joints. The motions are those along the coordinates of
+    ``cell``.
     """
     J, E, C = _unit_twists(cell, Q)
     return _squares(np.linalg.pinv(J * ~held) @ E @ C, np.linalg.pinv(J) @ E @ C)
@@ -36,7 +40,8 @@ def locked_squares(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[Array
 def least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
     """Evaluate minimum squared joint speeds at Q (K, n), of a function and of J⁺: (K,) each.
 
-    The function moves as J⁺ does, but one joint only along each coordinate that a symmetry removes.
+    The function moves as J⁺ does, except along a coordinate that a symmetry removes: there, the
+    joint of the symmetry moves alone.
     """
     J, E, C = _unit_twists(cell, Q)
     usual = np.linalg.pinv(J) @ E

@@ -3,10 +3,11 @@
 The smallest and the largest radius are polynomials of the height. All nodes between them belong to
 the flood: at each height, its nodes from one end to the other are a run, and the polynomials lie
 inside the runs. A linear program finds the two polynomials with the largest area between them. A
-table is a grid of radius and height around the arm, whose nodes have the indices (i, j) of I radii
-and J heights. A flood is the set of nodes that the arm reaches from one configuration without a
-change of branch, one of the separate solutions of inverse kinematics. An opening is the set of
-nodes of a flood at which bodies keep a distance over a range of the angle around the arm.
+sector is a cell, a set of poses, in cylindrical coordinates around the arm. A table is a grid of
+radius and height around the arm, whose nodes have the indices (i, j) of I radii and J heights. A
+flood is the set of nodes that the arm reaches from one configuration without a change of branch,
+one of the separate solutions of inverse kinematics. An opening is the set of nodes of a flood at
+which bodies keep a distance over a range of the angle around the arm.
 
 ``Between`` is a set of nodes between two polynomials of the height: its area, first and last
 height, and both polynomials. ``Required`` holds the limits of a function: mean and maximum extra
@@ -193,7 +194,10 @@ def _between(ends: Array, first: int, last: int) -> Between:
 
 
 def area_of(cell: Cell) -> float:
-    """Compute the area of a sector's range of radius and height, m²: their product, if constant."""
+    """Compute the area of a sector's range of radius and height, m².
+
+    It is the product of both ranges if that of the radius is the same at all heights.
+    """
     w = cell.widths
     stretch = cell.profile.mean_stretch(w[HEIGHT]) if isinstance(cell, Sector) else 1.0
     return float(4 * w[RADIUS] * w[HEIGHT] * stretch)

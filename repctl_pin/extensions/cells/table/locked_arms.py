@@ -3,11 +3,11 @@
 A table is a grid of radius and height around the arm, at the angle 0. A flood is the set of its
 nodes that the arm reaches from one configuration without a change of branch (of the inverse
 kinematics). A locked flood is that of an arm with r of its joints locked, which is therefore not
-redundant: it has one configuration per pose. A sector is a cell of poses around the arm, with a
-range of radius, angle and height. The middle of a flood is the node in the middle of its largest
-rectangle. G_d is the desired inverse of a design, here J⁺. Masks (I, J) have one entry per node,
-for I radii and J heights. S is the number of floods, n that of joints, K that of nodes or
-configurations. Squared joint speeds are defined in :mod:`.joint_speeds`.
+redundant: it has one configuration per pose. A cell is a set of poses. A sector is a cell around
+the arm, with a range of radius, angle and height. The middle of a flood is the node in the middle
+of its largest rectangle. G_d is the desired inverse of a design, here J⁺. Masks (I, J) have one
+entry per node, for I radii and J heights. S is the number of floods, n that of joints, K that of
+nodes or configurations. Squared joint speeds are defined in :mod:`.joint_speeds`.
 
 ``Floods`` are S floods, see :mod:`.flood_sets`. ``Table`` is a grid of poses (nodes) over radius
 and height around an axis, at the angle 0 and one orientation. ``Required`` holds the limits of a

@@ -64,9 +64,9 @@ def beside(
 ) -> Grown:
     """Grow a box around six random positions beside each of the middles ``parents``.
 
-    ``width`` is how far away they are, in half-widths of the box. With ``sway``, the configurations
-    at which the inverse kinematics starts also differ by up to this self-motion, rad or m, per
-    direction of the null space of J.
+    ``width`` is how far away they are at most along each coordinate, in half-widths of the box.
+    With ``sway``, the configurations at which the inverse kinematics starts also differ by up to
+    this self-motion, rad or m, per direction of the null space of J.
     """
     best = rows_of(parents, np.arange(len(parents.p)).repeat(_CHILDREN))
     U, Q = width * rng.uniform(-1, 1, (len(best.p), box.k)), best.Q

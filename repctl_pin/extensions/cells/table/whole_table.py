@@ -3,9 +3,10 @@
 A table is a grid of radius and height around the arm, at the angle 0. A flood is the set of its
 nodes that the arm reaches from one configuration without a change of branch (of the inverse
 kinematics). Functions are designed for sectors: the largest rectangles in the best floods, and the
-largest parts of the floods whose range of radius depends on the height. A window is a range of the
-angle around the arm in which bodies keep a distance; an opening is a window of one flood, with the
-nodes that it leaves. The spin of a sector is the rotation of the tool about its own z axis.
+largest parts of the floods whose range of radius depends on the height. A sector "with one range of
+radius" has the same range at all heights. A window is a range of the angle around the arm in which
+bodies keep a distance; an opening is a window of one flood, with the nodes that it leaves. The spin
+of a sector is the rotation of the tool about its own z axis.
 
 Symmetries are the joints that alone turn the whole arm, or the tool; ``line`` (2, 3) is the axis of
 the first, a point, m, and a direction. The joint speed of a node is squared, ``‖∂F/∂u C‖_F²`` of a
@@ -30,14 +31,14 @@ is the result of the search for the largest sector: its design, area and compari
 joints. ``Floods`` are S floods: each is a set of neighbouring nodes with one configuration per
 node, so that q changes continuously. ``LockedJoints`` is an arm with r joints locked: the joints,
 their values, and the part of a sector that it covers. ``Symmetry`` is a joint that changes only one
-coordinate of the frame: the numbers of both, and the sign. ``Table`` is a grid of poses (nodes)
-over radius and height around an axis, at the angle 0 and one orientation. ``_Openings`` are K
-ranges of the angle of floods, with the nodes free of collisions at all their angles. ``Between`` is
-a set of nodes between two polynomials of the height: its area, first and last height, and both
-polynomials. ``Straight`` are the sectors with one range of radius, and the function over the
-largest that one covers. ``Shut`` is masks of the nodes that cannot be used at M angles: ``near``, a
-body is too near, and ``out``, a limit is exceeded. ``LargerArm`` is an arm with locked joints that
-covers a larger sector than a design.
+coordinate of the frame: the indices of both, and the sign, 1 or −1, of the change. ``Table`` is a
+grid of poses (nodes) over radius and height around an axis, at the angle 0 and one orientation.
+``_Openings`` are K ranges of the angle of floods, with the nodes free of collisions at all their
+angles. ``Between`` is a set of nodes between two polynomials of the height: its area, first and
+last height, and both polynomials. ``Straight`` are the sectors with one range of radius, and the
+function over the largest that one covers. ``Shut`` is masks of the nodes that cannot be used at M
+angles: ``near``, a body is too near, and ``out``, a limit is exceeded. ``LargerArm`` is an arm with
+locked joints that covers a larger sector than a design.
 """
 
 from __future__ import annotations
@@ -735,8 +736,9 @@ def _best_shape(
 ) -> tuple[CellDesign, Required]:
     """Design the sector of the best shape, whose range of radius may depend on the height.
 
-    The largest sector with one range is designed only where it may be as good. Return also the
-    limits of the design, of which the body distance may be reduced.
+    ``shaped`` are the sectors, the best first. ``straight``, the largest sector with one range, is
+    designed only where it may be as good. Return also the limits of the design, of which the body
+    distance may be reduced.
     """
     if shaped and shaped[0].most > (1 + _BETTER) * straight.most:
         found = _first_design(fit, shaped, limits)
@@ -757,8 +759,9 @@ def _best_shape(
 def _settled(found: CellDesign, most: float, limits: Required, straight: Straight) -> bool:
     """Test that no sector with one range is larger, and that a smaller body distance is not needed.
 
-    It is not needed if ``limits`` have it already, if bodies do not come near in ``found``, or if
-    its worth is above 85 % of ``most``, m², an upper bound of the worth of any sector's design.
+    ``straight`` are the sectors with one range. The smaller distance is not needed if ``limits``
+    have it already, if bodies do not come near in ``found``, or if its worth is above 85 % of
+    ``most``, m², an upper bound of the worth of any sector's design.
     """
     larger = _worth(found) > straight.most and area_of(found.cell) > straight.largest
     free = limits.distance < _CLEAR or not _at_bodies(found) or _worth(found) > _MUCH * most
