@@ -40,7 +40,8 @@ def add_options(parser: Parser) -> None:
     parser.set_defaults(frame=None, task=None)
     parser.surroundings()
     add = parser.add_argument
-    add("--through", metavar="FILE", required=True, help="CSV file of the poses, in order")
+    through = "CSV file of the poses in order: x, y, z, m, with or without qx, qy, qz, qw"
+    add("--through", metavar="FILE", required=True, help=through)
     add(
         "--blend",
         type=positive,

@@ -1,7 +1,8 @@
 """Certificate of a study's design; its proof gets a fraction of the study's processor time.
 
 A certificate is a successful :class:`.Proof` that is stored in the design. The leaf margin is the
-distance from an algorithmic singularity, at which the controller fails.
+distance from an algorithmic singularity, at which the controller fails. A tube is the set of
+configurations near a sampled motion.
 """
 
 from __future__ import annotations

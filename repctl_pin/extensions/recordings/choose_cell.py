@@ -4,8 +4,8 @@ A cell is a box of poses, or a sector around the base, over which one function q
 joints. The cell should contain all frames (rows of the recording) and be no larger than necessary,
 because a larger cell may have no such function. A session is one run of the recorder, such as a
 demonstration. The coordinates of a sector are radius, angle and height about an axis, two tilts of
-the tool, and its spin. A share is a fraction of the frames, 0 to 1. Letters: K frames, m
-coordinates of a pose, n joints.
+the tool, and its spin, the rotation about the tool's own axis. A share is a fraction of the frames,
+0 to 1. Letters: K frames, m coordinates of a pose, n joints.
 """
 
 from __future__ import annotations

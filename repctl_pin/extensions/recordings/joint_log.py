@@ -318,8 +318,10 @@ def joint_log(t: Any, q: Any, units: Array, levels: Any = None) -> JointLog:
         if added is None or added.ndim != 2 or len(added) != len(times):
             got = "others" if added is None else f"shape {added.shape}"
             raise InputError(
-                f"must have one row of levels per time, ({len(times)}, r); got {got}",
+                ": the third array, the commanded levels, must have one row per time, "
+                f"({len(times)}, k); got {got}",
                 argument="log",
+                remedy="give one or k levels, rad or m, for each time",
             )
         values = np.hstack([values, added])
     return _checked("log", times, values, units, True, None)

@@ -231,7 +231,7 @@ class Relabeled:
                     f"{int(missing.sum()):,} of {len(Q):,} rows of {name!r} have no configuration "
                     "in the cell within the limits, so nothing was written; the first is "
                     f"{source.where(int(np.argmax(missing)))}",
-                    remedy="use the function of a larger cell, or another leaf",
+                    remedy="use the function of a larger cell, or another level (leaf=, --leaf)",
                 )
 
     @property
