@@ -10,7 +10,7 @@ along the self-motion; a leaf is the set of configurations F(x; c) with one leve
 pair q_ref and n_ref, polynomials of the coordinates u of a cell, from −1 to 1. By a symmetry of the
 arm, such as the turn of its first joint, one joint alone may move the frame along a coordinate; u
 leaves such a coordinate out. A sector is a cell in cylindrical coordinates: radius, angle and
-height about an axis, two tilts of the tool, and its spin.
+height about an axis, two tilts of the tool, and its spin, the rotation about its own axis.
 
 Letters: n joints, m task coordinates, r = n − m components of c, k coordinates u, N monomials of u.
 The offsets y are the m task coordinates of a pose relative to the middle of its cell, m and rad:
@@ -410,7 +410,10 @@ def _floats(xp: Namespace, value: Numbers, name: str, *shape: int) -> Numbers:
 
 
 def _broadcast(one: Sequence[int], other: Sequence[int]) -> tuple[int, ...]:
-    """Broadcast the leading axes (shapes) of two arguments; InputError if they do not fit."""
+    """Broadcast the leading axes of two arguments, given as shapes; return the common shape.
+
+    InputError is raised if they do not fit.
+    """
     if tuple(one) == tuple(other) or not other:
         return tuple(one)
     try:
@@ -615,8 +618,8 @@ def _held(xp: Namespace, potentials: Any) -> Callable[..., tuple[Numbers, Number
 
     If ``Vᵀ q̇ = rates``, the potentials stay constant: V are their gradients, and the rates are 0,
     except for a cell, whose q_ref and n_ref move with the pose. ``inside`` is False for placements
-    outside the cell. ``potentials`` are those of a cell, polynomials, Fourier series, or sums of
-    them; an InputError is raised for others.
+    outside the cell, and just True without a cell. ``potentials`` are those of a cell, polynomials,
+    Fourier series, or sums of them; an InputError is raised for others.
     """
     if type(potentials) is CellPotentials:
         return _held_by_cell(xp, potentials.chart)

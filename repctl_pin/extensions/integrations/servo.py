@@ -1,12 +1,13 @@
 """Servo: one joint command per tick, from targets and measured joints; independent of ROS.
 
-A tick is one period of the control loop. A leaf is the set h(q) = c on which a repeatable inverse
-keeps the arm; its level c is the position of the elbow along the self-motion. The clutch, while it
-is engaged, makes the arm's target move with an operator's hand; while it is released, the hand
-moves freely. A tracker measures hand and elbow of the operator in a frame of its own. The age of a
-message is the present time minus its time stamp, s. Ω is the region of joint space of a design. A
-cell is a box of poses over which a function F gives one configuration per pose. A twist is the
-velocity (v, ω) of the frame, in base axes. Letters: n joints, r potentials h.
+A tick is one period of the control loop. A governor computes commands within all limits. A leaf is
+the set h(q) = c on which a repeatable inverse keeps the arm; its level c is the position of the
+elbow along the self-motion. The clutch, while it is engaged, makes the arm's target move with an
+operator's hand; while it is released, the hand moves freely. A tracker measures hand and elbow of
+the operator in a frame of its own. The age of a message is the present time minus its time stamp,
+s. Ω is the region of joint space of a design. A cell is a box of poses over which a function F
+gives one configuration per pose. A twist is the velocity (v, ω) of the frame, in base axes.
+Letters: n joints, r potentials h.
 
 ``ElbowLevel`` is the level c at which the elbow is nearest to a point, and the configuration there.
 """

@@ -1,5 +1,6 @@
 """``repctl move``: time a motion through poses of a cell, and write it to files.
 
+A cell is a box of poses. A limit margin is the smallest distance of a joint from its limits.
 Letters: P poses, T samples, n joints.
 
 ``JointMotion`` is a joint motion over several cycles: q, q̇ (T, n) at times t, without the path of

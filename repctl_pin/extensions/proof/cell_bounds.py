@@ -2,8 +2,9 @@ r"""Existence, uniqueness and margins of a cell's function F, bounded over boxes
 
 F is the inverse kinematic function of the cell: it gives one configuration q = F(u) of the arm's n
 joints for each pose. A cell is a box of poses, and its k coordinates u range from −1 to 1; a sector
-is a cell in cylindrical coordinates around an axis. A search divides the cell into boxes
-``Uc ± half`` of coordinates. The functions take K such boxes at a time.
+is a cell in cylindrical coordinates around an axis, with two tilts of the tool, and its spin about
+its own axis. A search divides the cell into boxes ``Uc ± half`` of coordinates. The functions take
+K such boxes at a time.
 
 The chart of F is a pair of polynomials in u: q_ref (n,) approximates F, and n_ref (n, r)
 approximates the null space of J. F solves ``f(q) = x(u)`` and ``n_refᵀ (q − q_ref) = 0``; f is the
@@ -36,8 +37,7 @@ docs/theory.md derives this.
 ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses, with the kinematics
 there. ``Chain`` is a serial chain of joints, with the screws (twists per joint speed) in the frame
 of a middle link. ``CellBounds`` are proved bounds on the margins of a function F on K boxes of
-poses. ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the
-position along its self-motion.
+poses. ``Chart`` is the chart of a function F, with its cell.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ class CellProof:
     Raises
     ------
     InputError
-        If there is no native library.
+        If there is no native library, the compiled C code of this package.
     """
 
     def __init__(self, chart: Chart) -> None:

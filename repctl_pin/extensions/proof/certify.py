@@ -117,7 +117,7 @@ def prove(
     ------
     InputError
         If the potentials or the region are user-defined, so that no bounds are known; if a region
-        is given for a cell; or if there is no native library.
+        is given for a cell; or if there is no native library, the compiled C code of this package.
 
     Examples
     --------

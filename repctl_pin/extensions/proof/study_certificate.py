@@ -52,7 +52,8 @@ def unproved_note(design: Design) -> list[str]:
     """Write a note that a study's time did not suffice for a certificate, and how to get one.
 
     The list has this one note. It is empty if the design has a certificate, if nothing can be
-    proved about it (such as about user-defined potentials), or without the native library.
+    proved about it (such as about user-defined potentials), or without the native library, the
+    compiled C code of this package.
     """
     if design.proof is not None or library() is None:
         return []

@@ -152,7 +152,8 @@ class Audit:
     def elbow(self) -> int:
         """Index, in q, of the elbow joint, found at the first visit of the hand pose.
 
-        It is the joint in the middle of the arm that moves most in self-motions.
+        It is the joint in the middle of the arm that moves most in self-motions, in which the hand
+        rests.
         """
         return elbow(self.task, self.visits.q[0])
 
@@ -180,7 +181,7 @@ class Audit:
 
     @property
     def leaves_range(self) -> tuple[float, str] | None:
-        """Predicted time from the end of the log, s, until a joint leaves its range, and its name.
+        """Predicted time, s, after the log at which a joint leaves its range, and the joint's name.
 
         The prediction assumes that the drift continues at its mean rate in the log. If the drift
         grows, another joint can be the first, and earlier. None if the arm does not drift, or if

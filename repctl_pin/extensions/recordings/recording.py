@@ -1,8 +1,8 @@
 """Recorded frames of an arm, by session and time: joints, poses of the frame, or both.
 
 A frame is one row of a recording, but *the* frame of a task is the link whose poses are recorded. A
-session is one run of the recorder, such as a demonstration. Large arrays are processed in blocks of
-rows. Letters: K frames, n joints.
+session is one run of the recorder, such as a demonstration. Actions of a data set are the recorded
+commands. Large arrays are processed in blocks of rows. Letters: K frames, n joints.
 
 ``Table`` is the columns of a file by name, all of one length, with one row per frame of a
 recording.

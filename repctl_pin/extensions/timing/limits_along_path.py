@@ -2,7 +2,8 @@
 
 s is the length of the joint path q(s), and ′ = d/ds, so that ``q̈ = q′ s̈ + q″ ṡ²``. A *strip* is
 the set of points (s̈, x), with x = ṡ², that satisfy ``low ≤ along s̈ + across x ≤ high``: what one
-joint allows at one of the K points of the path. n is the number of joints.
+joint allows at one of the K *stages*, points of the path at which the limits are imposed. n is the
+number of joints.
 
 ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
 numbers.
