@@ -2,7 +2,9 @@
 
 G_r is the repeatable inverse of the design, G_d the desired one, and Ω the region of joint space.
 The maps also show the defect of G_d, by which it violates the Lie bracket condition: where the
-defect is large, G_d drifts.
+defect is large, G_d drifts. The leaf margin, from 0 to 1, is the distance from an algorithmic
+singularity, at which G_r fails though J has full rank. Nodes are configurations in Ω at which a
+cost is evaluated; held-out nodes are those that the fit did not use.
 
 ``DesignMap`` is the distance from the desired inverse and the leaf margin of a design on a grid
 over two joints. ``ReportMaps`` are the maps and curves of a design for a report: its grid over two

@@ -3,7 +3,8 @@
 With dependent potentials, the coefficients of a fit are undetermined. The module also finds
 coordinates in which the gradients of the potentials are orthonormal, so that the fit is well
 conditioned. As sizes, N is the number of potentials of the basis, and N' that of the independent
-ones; N is also a matrix whose columns span the null space of J.
+ones; N is also a matrix whose columns span the null space of J. Nodes are the configurations in Ω
+at which the gradients are evaluated.
 
 ``PotentialBasis`` is a basis of N functions of q, whose combinations are the potentials h of a
 design. ``Independent`` are the independent potentials of a basis: their indices, and the names of

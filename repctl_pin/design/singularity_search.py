@@ -4,7 +4,8 @@ At a singularity of the arm J loses rank. At an algorithmic one the repeatable i
 J has full rank, because J_V = [J; Vᵀ] loses rank, with V the gradients of the potentials. A design
 is valid only in a region without either. A measure is a function of configurations (K, n) → (K,).
 It is 0 at a singularity, positive around the centre of Ω, and negative only beyond an algorithmic
-singularity. The search minimises a measure.
+singularity. The search minimises a measure. The leaf margin, from 0 to 1, is the distance from an
+algorithmic singularity.
 
 ``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``Lowest`` is the
 smallest value of a measure that a search found, and its configuration; 0 or less is a singularity.

@@ -1,7 +1,8 @@
 """Formulas for serial chains: kinematic Hessian, rotations between placements, and checks.
 
 The functions take arrays and placements, and do not depend on a robot model. K is the number of
-configurations, rotations or placements in a batch, and n that of joints.
+configurations, rotations or placements in a batch, and n that of joints. A twist is a velocity (v,
+ω), linear part first, per unit of joint speed.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Task kinematics: x = f(q), its Jacobian J, its Hessian H, and the task error.
 
 Numbers in parentheses are equations of the paper (docs/notation.md). The base frame is that of the
-robot's ``base`` link, or of its root.
+robot's ``base`` link, or of its root. A twist is the velocity (v, ω) of a frame, m/s and rad/s, in
+base axes.
 
 ``Kind`` is the kind of a task, such as ``pose``, with the coordinates that it commands.
 ``Mechanism`` is the movable joints of a robot and their limits.

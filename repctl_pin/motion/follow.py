@@ -5,7 +5,8 @@ parameter s runs from 0 to 1 in each cycle; a cycle is divided into steps, which
 A repeatable strategy keeps its potentials h constant, and so the arm on a leaf, the set h(q) = c of
 the level c. A leaf lock replaces the integration by Newton steps, which correct pose and level at
 each point of the path; their damping λ limits joint speeds near singularities. J⁺ is the
-pseudoinverse, the usual strategy. T = cycles · steps is the number of all steps of a motion.
+pseudoinverse, the usual strategy. A twist is the velocity (v, ω) of a frame, in base axes. T =
+cycles · steps is the number of all steps of a motion.
 
 ``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle. ``_Method``
 is an integration method: the functions that take its steps. ``Strategy`` is a controller: a map (q,

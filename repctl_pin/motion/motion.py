@@ -1,7 +1,9 @@
 """Motion of a strategy on a closed path: drift, errors and other figures.
 
-A strategy is a controller: a map (q, ẋ) → q̇. A leaf lock replaces its integration by Newton steps
-from point to point of the path. The damping λ of a step limits joint speeds near singularities.
+A strategy is a controller: a map (q, ẋ) → q̇. A repeatable one keeps the arm on a leaf, a set of
+configurations with constant potentials h(q). A leaf lock replaces its integration by Newton steps
+on the leaf, from point to point of the path. The damping λ of a step limits joint speeds near
+singularities.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Write and read design files: a design as plain data in JSON, sealed by a checksum.
 
 The content of a file is an object of :mod:`.schema`, which holds texts, numbers and lists only. A
-kind of file (:class:`FileKind`) converts a design to such content and back. Its name is the value
-of ``format`` in the file.
+cell is a box of poses over which a function gives one configuration per pose. A kind of file
+(:class:`FileKind`) converts a design to such content and back. Its name is the value of ``format``
+in the file.
 
 ``Sealed`` is the fields that every design file has: format, version, checksum and task.
 ``DesignFile`` is the stored design of a repeatable inverse.

@@ -4,7 +4,7 @@ A strategy is a controller, such as J⁺ or the nearest repeatable inverse. A ro
 one strategy: its motion, or the reason why it stopped. The design is the repeatable inverse made
 for the problem. Ω is the region of joint space for which the design is made; its potentials are the
 functions of the joints that its motions keep constant. A self-motion moves the joints while the
-frame rests.
+frame rests. A posture is the configuration to which a posture task pulls the joints by self-motion.
 
 ``Row`` is the result of one strategy in a study: its motion and figures, or why it stopped.
 ``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated at q (n,) or Q (K, n).

@@ -245,7 +245,7 @@ def test_levels_that_cannot_be_read_are_refused(tmp_path: Path) -> None:
     with pytest.raises(rp.InputError, match="levels must be"):
         rp.audit((t, q), task, levels=5)
     assert rp.audit((t, q, c[:, 0]), task).repeats
-    with pytest.raises(rp.InputError, match=r"one row of levels per time, \(1441, r\)"):
+    with pytest.raises(rp.InputError, match=r"one row per time, \(1441, k\)"):
         rp.audit((t, q, c[:-1]), task)
     file = tmp_path / "log.csv"
     header = ",".join(["time", *task.joint_names])

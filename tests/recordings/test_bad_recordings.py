@@ -60,14 +60,14 @@ def test_quaternions_that_are_none_are_refused(
 ) -> None:
     wrong = poses.copy()
     wrong[17, 3:] *= 1.3
-    with pytest.raises(rp.InputError, match=r"a quaternion has length 1\.3, not 1") as caught:
+    with pytest.raises(rp.InputError, match=r"the quaternion has length 1\.3, not 1") as caught:
         rp.Recording(panda_pose, poses=wrong)
     assert caught.value.at == 17
     rolled = poses[:, [0, 1, 2, 6, 3, 4, 5]]
     text = refused(panda_pose, joints=joints, poses=rolled)
     assert "the quaternions begin with qw; give qx, qy, qz, qw" in text
     mirrored = np.tile(np.diag([1.0, 1, -1, 1]), (K, 1, 1))
-    assert "a matrix is not a rotation" in refused(panda_pose, poses=mirrored)
+    assert "the matrix is not a rotation" in refused(panda_pose, poses=mirrored)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_times_increase_within_a_session(panda_pose: rp.Task, joints: np.ndarray
     made = rp.Recording(panda_pose, joints=joints, times=times, sessions=np.arange(K) // 30)
     assert made.names == ("0", "1")
     times[5] = np.nan
-    assert "a time is not finite" in refused(panda_pose, joints=joints, times=times)
+    assert "of frame 5 is not finite" in refused(panda_pose, joints=joints, times=times)
 
 
 @pytest.mark.parametrize(

@@ -3,22 +3,23 @@ r"""F and G_r as functions of arrays: NumPy, JAX, torch, CuPy, and others of the
 A cell is a box of poses over which a function F gives one configuration per pose; G_r is the
 control law of a repeatable inverse. Both are pure functions of arrays with any leading axes. Their
 results have the type and the device of their input. Inside, the K poses of a batch are the last
-axis, and a placement is the list of its columns (3, K): three of the rotation, and the position.
-``xp`` is the namespace of the arrays, such as jax.numpy. q_ref and n_ref are the polynomials of F:
-q_ref approximates F, and n_ref the null space of J. The level c is the position along the
-self-motion; a leaf is the set of configurations F(x; c) with one level c. A chart is the pair q_ref
-and n_ref, polynomials of coordinates u from −1 to 1. A sector is a cell in cylindrical coordinates:
-radius, angle and height about an axis, two tilts of the tool, and its spin.
+axis, and a placement is the list of its columns (3, K): three of the rotation, and the position, m,
+in base axes. ``xp`` is the namespace of the arrays, such as jax.numpy. q_ref and n_ref are the
+polynomials of F: q_ref approximates F, and n_ref the null space of J. The level c is the position
+along the self-motion; a leaf is the set of configurations F(x; c) with one level c. A chart is the
+pair q_ref and n_ref, polynomials of the coordinates u of a cell, from −1 to 1. By a symmetry of the
+arm, such as the turn of its first joint, one joint alone may move the frame along a coordinate; u
+leaves such a coordinate out. A sector is a cell in cylindrical coordinates: radius, angle and
+height about an axis, two tilts of the tool, and its spin, the rotation about its own axis.
 
 Letters: n joints, m task coordinates, r = n − m components of c, k coordinates u, N monomials of u.
 The offsets y are the m task coordinates of a pose relative to the middle of its cell, m and rad:
 m arrays (K,). Private functions that have ``xp`` as first argument compute in that namespace.
 
-``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
-along its self-motion. ``JointChain`` is the serial chain of joints from the base to the frame of a
-task, as arrays. ``Kind`` is the kind of a task, such as ``pose``, with the coordinates that it
-commands. ``FourierMap`` is r potentials h(q) as Fourier series. ``PolynomialMap`` is r potentials
-h(q) as polynomials.
+``Chart`` is the chart of a function F, with its cell. ``JointChain`` is the serial chain of joints
+from the base to the frame of a task, as arrays. ``Kind`` is the kind of a task, such as ``pose``,
+with the coordinates that it commands. ``FourierMap`` is r potentials h(q) as Fourier series.
+``PolynomialMap`` is r potentials h(q) as polynomials.
 """
 
 from __future__ import annotations
@@ -409,7 +410,10 @@ def _floats(xp: Namespace, value: Numbers, name: str, *shape: int) -> Numbers:
 
 
 def _broadcast(one: Sequence[int], other: Sequence[int]) -> tuple[int, ...]:
-    """Broadcast the leading axes (shapes) of two arguments; InputError if they do not fit."""
+    """Broadcast the leading axes of two arguments, given as shapes; return the common shape.
+
+    InputError is raised if they do not fit.
+    """
     if tuple(one) == tuple(other) or not other:
         return tuple(one)
     try:
@@ -614,8 +618,8 @@ def _held(xp: Namespace, potentials: Any) -> Callable[..., tuple[Numbers, Number
 
     If ``Vᵀ q̇ = rates``, the potentials stay constant: V are their gradients, and the rates are 0,
     except for a cell, whose q_ref and n_ref move with the pose. ``inside`` is False for placements
-    outside the cell. ``potentials`` are those of a cell, polynomials, Fourier series, or sums of
-    them; an InputError is raised for others.
+    outside the cell, and just True without a cell. ``potentials`` are those of a cell, polynomials,
+    Fourier series, or sums of them; an InputError is raised for others.
     """
     if type(potentials) is CellPotentials:
         return _held_by_cell(xp, potentials.chart)
@@ -869,7 +873,8 @@ def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
 def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
     """Remove full turns from ``away`` = q − q_ref (n, K), at the joints of the cell's symmetries.
 
-    Such a joint alone moves the frame along one coordinate of the cell.
+    Such a joint alone moves the frame along one coordinate of the cell. Return the differences
+    (n, K); those of these joints are from −π to π.
     """
     turning = np.zeros((cell.task.n, 1))
     turning[[one.joint for one in cell.removed]] = 2 * np.pi

@@ -2,6 +2,8 @@
 
 A level c (r,) identifies a leaf, the set h(q) = c of a design's r potentials; it determines the
 elbow at a pose. A search takes some 10 ms, longer than one period of the control loop.
+
+``ElbowLevel`` is the level c at which the elbow is nearest to a point, and the configuration there.
 """
 
 from __future__ import annotations
@@ -28,7 +30,8 @@ class ElbowSearch:
     Parameters
     ----------
     level
-        Function (x, p_e) → :class:`ElbowLevel`; it raises a RepctlError if no level is found.
+        Function (x, p_e) → :class:`ElbowLevel`, with p_e (3,) in the base frame, m; it raises a
+        RepctlError if no level is found.
 
     Attributes
     ----------

@@ -1,10 +1,11 @@
 """ROS 2 node of an arm: target poses or twists in, joint commands out.
 
 The commands stay within the limits, and on one leaf, the set h(q) = c of the design's potentials.
-The level c is the position of the elbow along the self-motion. In teleoperation, a tracker measures
-the hand and the elbow of the operator, and the arm follows them while a clutch is engaged. This
-module converts messages; :mod:`.servo` processes them. Letters: n joints, r potentials.
-A dict ``given`` has the node's parameters by name.
+The level c is the position of the elbow along the self-motion. A cell is a box of poses over which
+a function F gives one configuration per pose. In teleoperation, a tracker measures the hand and the
+elbow of the operator, and the arm follows them while a clutch is engaged. This module converts
+messages; :mod:`.servo` processes them. Letters: n joints, r potentials. A dict ``given`` has the
+node's parameters by name.
 
 ``Servo`` is a control loop without ROS: it turns targets and joint states into joint commands, tick
 by tick.

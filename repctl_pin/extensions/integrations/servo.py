@@ -1,10 +1,12 @@
 """Servo: one joint command per tick, from targets and measured joints; independent of ROS.
 
-A tick is one period of the control loop. A leaf is the set h(q) = c on which a repeatable inverse
-keeps the arm; its level c is the position of the elbow along the self-motion. The clutch, while it
-is engaged, makes the arm's target move with an operator's hand; while it is released, the hand
-moves freely. A tracker measures hand and elbow of the operator in a frame of its own. The age of a
-message is the present time minus its time stamp, s. Ω is the region of joint space of a design.
+A tick is one period of the control loop. A governor computes commands within all limits. A leaf is
+the set h(q) = c on which a repeatable inverse keeps the arm; its level c is the position of the
+elbow along the self-motion. The clutch, while it is engaged, makes the arm's target move with an
+operator's hand; while it is released, the hand moves freely. A tracker measures hand and elbow of
+the operator in a frame of its own. The age of a message is the present time minus its time stamp,
+s. Ω is the region of joint space of a design. A cell is a box of poses over which a function F
+gives one configuration per pose. A twist is the velocity (v, ω) of the frame, in base axes.
 Letters: n joints, r potentials h.
 
 ``ElbowLevel`` is the level c at which the elbow is nearest to a point, and the configuration there.
@@ -425,7 +427,10 @@ class Servo:
     def beyond_closing_radius(self) -> bool:
         """True if the commanded pose is beyond the closing radius of the design's certificate.
 
-        Within the radius of a start or a path, closed paths are proved to close in the joints.
+        The radius is a distance of the pose from the certificate's start or path, within which
+        closed paths are proved to end in the configuration they began in. At levels that the
+        certificate does not cover, the result is also True; without such a certificate, it is
+        False.
         """
         if not self._closes or self.command is None:
             return False
@@ -568,8 +573,9 @@ class Servo:
 def _levels_of(design: Design | CellDesign) -> Callable[[pin.SE3, Array], ElbowLevel]:
     """Return the function (pose x, point p_e) → level whose elbow is nearest to the point.
 
-    The search begins at F(x), with F the function of a cell, or on the leaf of the middle of Ω. So
-    the level depends on pose and point alone.
+    The point p_e (3,) is in the base frame, m. The function searches along the self-motion at x. If
+    the design is that of a cell's function F, it begins at F(x); else at the configuration with the
+    pose x on the leaf through the centre of Ω. So the level depends on x and p_e alone.
     """
     if isinstance(design, CellDesign):
         F = design.function

@@ -149,7 +149,7 @@ def placement_of(numbers: Any, name: str) -> pin.SE3:
     """
     found = as_numbers(numbers)
     if found is None or found.shape not in ((3,), (7,)):
-        raise InputError(f"parameter {name} must be x y z, or x y z qx qy qz qw")
+        raise InputError(f"parameter {name} must be x y z (m), or x y z qx qy qz qw")
     try:
         return _placed(found[:3], found[3:] if len(found) == 7 else _NO_TURN)
     except InputError as error:

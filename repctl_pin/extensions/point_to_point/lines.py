@@ -110,7 +110,8 @@ def tool_line(cell: Cell, start: Array, end: Array) -> Line:
     """Create the straight line of the tool from a pose (p₀, R₀) to a pose (p₁, R₁), (4, 4) each.
 
     With a from 0 to 1, the commanded components of the position are ``p₀ + a (p₁ − p₀)``, and the
-    frame turns about one axis, with the rotation ``exp(a ω̂) R₀``. The line may leave the cell.
+    frame turns about one axis, with the rotation ``exp(a ω̂) R₀``; ω is the rotation vector from R₀
+    to R₁, in base axes. The line may leave the cell.
     """
     p, R = start[:3, 3], start[:3, :3]
     e = cell.errors(end[None, :3, 3], end[None, :3, :3], p[None], R[None])[0]

@@ -2,7 +2,8 @@
 
 A cell is a box of poses, and F its function, which gives one configuration q for each pose x. A
 part of the motion is the lines from one rest to the next, and a segment is that part with its
-times. Letters: P poses, T samples, n joints.
+times. A limit margin is the smallest distance of a joint from its limits. Letters: P poses, T
+samples, n joints.
 
 ``ToolFunction`` is the inverse kinematic function of a tool, made from that of the frame that
 carries it. ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques

@@ -1,5 +1,6 @@
 """``repctl move``: time a motion through poses of a cell, and write it to files.
 
+A cell is a box of poses. A limit margin is the smallest distance of a joint from its limits.
 Letters: P poses, T samples, n joints.
 
 ``JointMotion`` is a joint motion over several cycles: q, q̇ (T, n) at times t, without the path of
@@ -40,7 +41,8 @@ def add_options(parser: Parser) -> None:
     parser.set_defaults(frame=None, task=None)
     parser.surroundings()
     add = parser.add_argument
-    add("--through", metavar="FILE", required=True, help="CSV file of the poses, in order")
+    through = "CSV file of the poses in order: x, y, z, m, with or without qx, qy, qz, qw"
+    add("--through", metavar="FILE", required=True, help=through)
     add(
         "--blend",
         type=positive,

@@ -2,8 +2,9 @@ r"""Existence, uniqueness and margins of a cell's function F, bounded over boxes
 
 F is the inverse kinematic function of the cell: it gives one configuration q = F(u) of the arm's n
 joints for each pose. A cell is a box of poses, and its k coordinates u range from −1 to 1; a sector
-is a cell in cylindrical coordinates around an axis. A search divides the cell into boxes
-``Uc ± half`` of coordinates. The functions take K such boxes at a time.
+is a cell in cylindrical coordinates around an axis, with two tilts of the tool, and its spin about
+its own axis. A search divides the cell into boxes ``Uc ± half`` of coordinates. The functions take
+K such boxes at a time.
 
 The chart of F is a pair of polynomials in u: q_ref (n,) approximates F, and n_ref (n, r)
 approximates the null space of J. F solves ``f(q) = x(u)`` and ``n_refᵀ (q − q_ref) = 0``; f is the
@@ -36,8 +37,7 @@ docs/theory.md derives this.
 ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses, with the kinematics
 there. ``Chain`` is a serial chain of joints, with the screws (twists per joint speed) in the frame
 of a middle link. ``CellBounds`` are proved bounds on the margins of a function F on K boxes of
-poses. ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the
-position along its self-motion.
+poses. ``Chart`` is the chart of a function F, with its cell.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ class CellProof:
     Raises
     ------
     InputError
-        If there is no native library.
+        If there is no native library, the compiled C code of this package.
     """
 
     def __init__(self, chart: Chart) -> None:
@@ -580,8 +580,8 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
 def _bent_coordinates(cell: Cell) -> dict[str, int]:
     """Return the degree of a sector's profile, and the indices of the radius and the height in u.
 
-    The keys "bent", "radial" and "upright" are members of the C struct CELL. All are 0 for a cell
-    whose range of radius does not depend on the height.
+    They have the keys "bent", "radial" and "upright", which are members of the C struct CELL. The
+    profile is how the range of radius depends on the height; if it does not, all three are 0.
     """
     if not (isinstance(cell, Sector) and cell.profile.degree):
         return {"bent": 0, "radial": 0, "upright": 0}
@@ -594,11 +594,13 @@ def _bent_coordinates(cell: Cell) -> dict[str, int]:
 
 
 def _coordinate_rates(cell: Cell) -> tuple[Array, Array, Array]:
-    """Return a point (3,), m, and the direction (3,) of a sector's axis, and a table (6, 8).
+    """Return a point (3,), m, and the direction (3,) of a cell's axis, and a table of rates (6, 8).
 
-    Row i of the table belongs to coordinate i of the task. Its columns are the displacement (3) and
-    the rotation (3) per metre or radian of the coordinate, and 1 if it is the angle, and if it is
-    the spin. In a box of poses, the axis is not used.
+    Row i of the table belongs to coordinate i of the cell, in m or rad; rows from m on are not
+    used. The first six columns are the displacement (3), m, and the rotation (3), rad, of the frame
+    per unit of the coordinate, at the cell's middle, in base axes. Column 6 is 1 for the angle of a
+    sector, column 7 for its spin; all other entries of these two rows and columns are 0. A box of
+    poses has no axis; the point and the direction are then those of the base's z axis.
     """
     m, R0, rows = cell.task.m, cell.placement.rotation, len(cell.half_width)
     rates = np.zeros((6, 8))

@@ -5,8 +5,9 @@ a potential, which the controller holds constant; a leaf is the set of configura
 levels. The leaf margin, from 0 to 1, is the distance from an algorithmic singularity, at which the
 controller fails. Within the closing radius of a start or a path, each closed path of the frame ends
 in the configuration it began in. J_V is the task Jacobian stacked on the potentials' gradients;
-where it is singular, the controller fails. n is the number of joints. An argument ``field`` has the
-r potentials of a design, and ``report`` is the progress callback (step, fraction).
+where it is singular, the controller fails. A cell is a box of poses over which a function gives one
+configuration per pose. n is the number of joints. An argument ``field`` has the r potentials of a
+design, and ``report`` is the progress callback (step, fraction).
 
 ``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle. ``_Closing``
 is a request for a closing radius: its path, and the level range within which it must hold.
@@ -116,7 +117,7 @@ def prove(
     ------
     InputError
         If the potentials or the region are user-defined, so that no bounds are known; if a region
-        is given for a cell; or if there is no native library.
+        is given for a cell; or if there is no native library, the compiled C code of this package.
 
     Examples
     --------

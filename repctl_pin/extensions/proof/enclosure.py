@@ -11,10 +11,10 @@ with Δ(h) a bound of the change of J_V on the box. The lift then stays in the b
 injective, so its end is the only solution near the next sample. The theory, "The path itself
 closes", has the theorem.
 
-A closed path is sampled at K + 1 path parameters s_i, which divide it into K arcs; ``Q`` are the
-joints at the samples. Half-widths of boxes are in rad or m. The task has n joints, r potentials and
-F frames, such as two hands. An argument ``inverse`` is the repeatable inverse with the potentials
-h, and ``problem`` has bounds on its J_V over boxes of joints.
+A closed path, whose traversal is a cycle, is sampled at K + 1 path parameters s_i, which divide it
+into K arcs; ``Q`` are the joints at the samples. Half-widths of boxes are in rad or m. The task has
+n joints, r potentials and F frames, such as two hands. An argument ``inverse`` is the repeatable
+inverse with the potentials h, and ``problem`` has bounds on its J_V over boxes of joints.
 
 ``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
 of joint space. ``Enclosure`` is boxes of joints that contain a motion, their half-widths, and

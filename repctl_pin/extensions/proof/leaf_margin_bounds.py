@@ -206,8 +206,8 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem
         """Estimate how tight the bounds are with the chain ``links`` for frame number f.
 
         A is the inverse of J_V at the centre of ``box``, the box of :func:`leaf_margin_of`. The
-        result is the spectral radius of the bound on ``|A J_V − I|`` on an eighth of ``box`` around
-        its centre: lower is better, and inf means that there is no bound.
+        result is the spectral radius of the bound on ``|A J_V − I|`` on a box with the same centre
+        and an eighth of its half-widths: lower is better, and inf means that there is no bound.
         """
         one = _prepared(task, (*chains[:f], links, *chains[f + 1 :]), features, box)
         D = one.deviations(box.center[None], box.half_width[None] / 8)[0]

@@ -1,7 +1,8 @@
 """Certificate of a study's design; its proof gets a fraction of the study's processor time.
 
 A certificate is a successful :class:`.Proof` that is stored in the design. The leaf margin is the
-distance from an algorithmic singularity, at which the controller fails.
+distance from an algorithmic singularity, at which the controller fails. A tube is the set of
+configurations near a sampled motion.
 """
 
 from __future__ import annotations
@@ -51,7 +52,8 @@ def unproved_note(design: Design) -> list[str]:
     """Write a note that a study's time did not suffice for a certificate, and how to get one.
 
     The list has this one note. It is empty if the design has a certificate, if nothing can be
-    proved about it (such as about user-defined potentials), or without the native library.
+    proved about it (such as about user-defined potentials), or without the native library, the
+    compiled C code of this package.
     """
     if design.proof is not None or library() is None:
         return []

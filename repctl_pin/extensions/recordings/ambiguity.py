@@ -3,9 +3,9 @@
 If demonstrations reach one pose with different elbow positions, no function of the pose fits their
 joints. A labelling assigns one configuration to every frame (row of the recording): the recorded
 joints, or the new joints by which relabelling replaces them. A fold is a group of frames that one
-fit leaves out and then predicts. A session is one run of the recorder, such as a demonstration.
-Letters: K frames, n joints, k coordinates u of a pose, N monomials (terms) of u; q̂ is the fitted
-function.
+fit leaves out and then predicts. A session is one run of the recorder, such as a demonstration. A
+cell is a box of poses. Letters: K frames, n joints, k coordinates u of a pose, N monomials (terms)
+of u; q̂ is the fitted function.
 
 ``Monomials`` are all monomials ``u^α`` up to a degree in the coordinates u, the constant 1 first.
 """

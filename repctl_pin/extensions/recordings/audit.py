@@ -2,8 +2,10 @@
 
 Drift is here a steady change of the configuration at the pose from visit to visit. A visit is a
 time at which the hand is at the pose; every visit but the first is a return. The hand is the frame
-that the task controls; if the task controls several frames, all must be at their poses. Letters: N
-visits, n joints, L links, T rows of the log.
+that the task controls; if the task controls several frames, all must be at their poses. The noise
+of the log is the scatter of a joint reading, estimated from differences of successive rows.
+Differences at the pose are within the noise if the noise, and the errors of interpolating the log,
+can explain them. Letters: N visits, n joints, L links, T rows of the log.
 
 ``Trend`` is robust lines through columns of values over time: their slopes, and the half-widths of
 the slopes' confidence intervals. ``JointLog`` is recorded joint positions q (T, n) and their times
@@ -110,7 +112,10 @@ class Audit:
 
     @property
     def repeats(self) -> bool:
-        """True if the largest difference of the configurations at the pose is within the noise."""
+        """True if the verdict is ``repeats``.
+
+        It is False for all others, also for ``inconclusive`` and ``no return``.
+        """
         return self.verdict == REPEATS
 
     @property
@@ -145,14 +150,19 @@ class Audit:
 
     @property
     def elbow(self) -> int:
-        """Index of the elbow joint, found at the first visit of the hand pose."""
+        """Index, in q, of the elbow joint, found at the first visit of the hand pose.
+
+        It is the joint in the middle of the arm that moves most in self-motions, in which the hand
+        rests.
+        """
         return elbow(self.task, self.visits.q[0])
 
     @property
     def along(self) -> Array:
         """Displacement of the most displaced link's point since the first visit: (N,), m, signed.
 
-        It is measured along the straight line from the first visit to the last.
+        It is measured along the straight line from the first visit to the last, at which it is
+        positive.
         """
         place = self.points[:, self.part] - self.points[0, self.part]
         way = place[-1]
@@ -171,7 +181,7 @@ class Audit:
 
     @property
     def leaves_range(self) -> tuple[float, str] | None:
-        """Predicted time from the end of the log, s, until a joint leaves its range, and its name.
+        """Predicted time, s, after the log at which a joint leaves its range, and the joint's name.
 
         The prediction assumes that the drift continues at its mean rate in the log. If the drift
         grows, another joint can be the first, and earlier. None if the arm does not drift, or if

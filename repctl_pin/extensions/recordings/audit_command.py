@@ -36,7 +36,7 @@ def add_options(parser: Parser) -> None:
     add("--robot", metavar="ROBOT", required=True, help="catalogue name or path to a URDF")
     parser.loading()
     add("--frame", help="link of the hand (default: the end of the arm); for two hands, LEFT,RIGHT")
-    add("--task", metavar="KIND", help=f"{KINDS} (default: as in study)")
+    add("--task", metavar="KIND", help=f"{KINDS} (default: as in repctl study)")
     add("--degrees", action="store_true", help="the log has revolute joints in degrees")
     add(
         "--tolerance",

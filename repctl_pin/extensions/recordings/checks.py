@@ -4,7 +4,8 @@ A frame is a row of a recording. A mistake in the recording, such as degrees or 
 would later give wrong joints without an error. So each check raises an InputError that names the
 mistake. A session is one run of the recorder, such as a demonstration. Letters: Q (K, n),
 configurations of n joints at K frames; p (K, 3), m, and R (K, 3, 3), positions and rotations of the
-recorded poses. A difference, or miss, is a pair (m, rad).
+recorded poses. A difference, or miss, is a pair (m, rad). The noise is the median difference that
+remains after the best constant offset of the tool or the base.
 
 ``_Explanation`` is an explanation of a constant offset, its remedy, and the difference that
 remains.

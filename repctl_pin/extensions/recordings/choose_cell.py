@@ -4,8 +4,8 @@ A cell is a box of poses, or a sector around the base, over which one function q
 joints. The cell should contain all frames (rows of the recording) and be no larger than necessary,
 because a larger cell may have no such function. A session is one run of the recorder, such as a
 demonstration. The coordinates of a sector are radius, angle and height about an axis, two tilts of
-the tool, and its spin. A share is a fraction of the frames, 0 to 1. Letters: K frames, m
-coordinates of a pose, n joints.
+the tool, and its spin, the rotation about the tool's own axis. A share is a fraction of the frames,
+0 to 1. Letters: K frames, m coordinates of a pose, n joints.
 """
 
 from __future__ import annotations
@@ -54,7 +54,8 @@ def design_for(
     Both are cells; the function of a cell gives one configuration per pose. The cell contains all
     frames or, if no function covers it, 98 or 90 % of them. If no function covers such a cell
     either, the function that covers most frames is returned. In the middle of the cell, the
-    function has a typical recorded configuration, if a design with it succeeds.
+    function has a typical recorded configuration, if a design with it succeeds. ``options`` are
+    those of the design, and ``report`` is the progress callback (step, fraction).
 
     Raises
     ------
@@ -250,7 +251,8 @@ def _measured(probe: Cell, p: Array, R: Array) -> Array:
 def _within(Y: Array, share: float) -> Array:
     """Return the given share of the rows of Y (K, m): those nearest to the median row.
 
-    Each coordinate is divided by its spread, so that metres and radians count alike.
+    The distance is the largest one over the coordinates. Each coordinate is divided by its spread,
+    the 0.9 quantile of its distances from the median, so that metres and radians count alike.
     """
     if share == 1.0:
         return Y

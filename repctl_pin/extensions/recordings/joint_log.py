@@ -306,7 +306,7 @@ def joint_log(t: Any, q: Any, units: Array, levels: Any = None) -> JointLog:
     times, values, n = as_numbers(t), as_numbers(q), len(units)
     sizes = None if values is None or times is None else (times.shape, values.shape)
     if sizes is None or sizes[1] != (*sizes[0], n):
-        got = "others" if sizes is None else f"shapes {sizes[0]} and {sizes[1]}"
+        got = "values that are not" if sizes is None else f"shapes {sizes[0]} and {sizes[1]}"
         raise InputError(
             f"must be numbers: times (T,) and joint positions (T, {n}); got {got}", argument="log"
         )
@@ -316,10 +316,12 @@ def joint_log(t: Any, q: Any, units: Array, levels: Any = None) -> JointLog:
         if added is not None and added.ndim == 1:
             added = added[:, None]
         if added is None or added.ndim != 2 or len(added) != len(times):
-            got = "others" if added is None else f"shape {added.shape}"
+            got = "values that are not numbers" if added is None else f"shape {added.shape}"
             raise InputError(
-                f"must have one row of levels per time, ({len(times)}, r); got {got}",
+                ": the third array, the commanded levels, must have one row per time, "
+                f"({len(times)}, k); got {got}",
                 argument="log",
+                remedy="give one or k levels, rad or m, for each time",
             )
         values = np.hstack([values, added])
     return _checked("log", times, values, units, True, None)

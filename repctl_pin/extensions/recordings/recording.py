@@ -1,8 +1,8 @@
 """Recorded frames of an arm, by session and time: joints, poses of the frame, or both.
 
 A frame is one row of a recording, but *the* frame of a task is the link whose poses are recorded. A
-session is one run of the recorder, such as a demonstration. Large arrays are processed in blocks of
-rows. Letters: K frames, n joints.
+session is one run of the recorder, such as a demonstration. Actions of a data set are the recorded
+commands. Large arrays are processed in blocks of rows. Letters: K frames, n joints.
 
 ``Table`` is the columns of a file by name, all of one length, with one row per frame of a
 recording.
@@ -331,7 +331,7 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
     if wrong.any():
         at = int(np.argmax(wrong))
         raise InputError(
-            f"a quaternion has length {length[at]:.3g}, not 1",
+            f"pose {at}: the quaternion has length {length[at]:.3g}, not 1",
             remedy="give x, y, z in m, then qx, qy, qz, qw, of length 1",
             at=at,
         )
@@ -355,7 +355,7 @@ def _rotations(R: Array) -> Array:
             "it is reflected, with det R = −1" if reflected else f"R Rᵀ differs from I by {off:.2g}"
         )
         raise InputError(
-            f"a matrix is not a rotation: {why}",
+            f"pose {at}: the matrix is not a rotation: {why}",
             remedy="give orthonormal, right-handed rotations, in homogeneous matrices",
             at=at,
         )
@@ -387,10 +387,9 @@ def _times(given: ArrayLike, size: int) -> Array:
             f"must be {size} numbers, s, one per frame; got {shown(given)}", argument="times"
         )
     if not np.isfinite(t).all():
+        at = int(np.argmin(np.isfinite(t)))
         raise InputError(
-            "a time is not finite",
-            remedy="correct that row, or remove it",
-            at=int(np.argmin(np.isfinite(t))),
+            f"the time of frame {at} is not finite", remedy="correct it, or remove that row", at=at
         )
     return t
 

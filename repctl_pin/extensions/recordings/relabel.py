@@ -2,8 +2,9 @@
 
 A cell is a box of poses, or a sector around the base, over which a function q = F(x; c) gives the
 joints. The level c selects the leaf, the set of configurations F(x; c), and so the position of the
-elbow along the self-motion. A frame is one row of a recording. A session is one run of the
-recorder, such as a demonstration. Letters: K frames, n joints, r components of c.
+elbow along the self-motion. The limit margin is the smallest distance of a joint from its limits. A
+frame is one row of a recording. A session is one run of the recorder, such as a demonstration.
+Letters: K frames, n joints, r components of c.
 
 ``DataSet`` is the demonstrations of a data set as one table, with the names of its special columns.
 ``Columns`` are the columns of a relabelled recording: new numbers, removed and recomputed columns.
@@ -231,7 +232,7 @@ class Relabeled:
                     f"{int(missing.sum()):,} of {len(Q):,} rows of {name!r} have no configuration "
                     "in the cell within the limits, so nothing was written; the first is "
                     f"{source.where(int(np.argmax(missing)))}",
-                    remedy="use the function of a larger cell, or another leaf",
+                    remedy="use the function of a larger cell, or another level (leaf=, --leaf)",
                 )
 
     @property
@@ -461,7 +462,7 @@ def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | No
 def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, float]:
     """Return the number of recorded poses that F reaches at level c, and the smallest limit margin.
 
-    The margin is in rad or m.
+    The margin, rad or m, is that of the configurations of F at these poses; inf if it reaches none.
     """
     Q = _labels(F, recording, c)
     Q = Q[np.isfinite(Q[:, 0])]

@@ -1,4 +1,8 @@
-"""``repctl relabel``: give recorded demonstrations one configuration per pose."""
+"""``repctl relabel``: give recorded demonstrations one configuration per pose.
+
+The configurations are those of a function over a cell, a box of poses. The file cell.json has the
+design of the function.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
 """Figure of a relabelled recording: its joints before and after, and the level of the leaf.
 
-A session is one run of the recorder, such as a demonstration.
+A session is one run of the recorder, such as a demonstration. A leaf is the set of configurations
+F(x; c) that the function of a cell, a box of poses, gives at one level c.
 """
 
 from __future__ import annotations

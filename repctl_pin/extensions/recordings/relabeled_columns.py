@@ -5,7 +5,8 @@ joints and are removed. Columns of the gripper, of cameras and of times stay. A 
 of the recorder, such as a demonstration. Letters: K frames (rows), n joints.
 
 ``Table`` is the columns of a file by name, all of one length, with one row per frame of a
-recording.
+recording. ``NewCells`` are numbers that replace cells of one column of a table, with the rows that
+they replace.
 """
 
 from __future__ import annotations

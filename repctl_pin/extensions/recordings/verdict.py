@@ -1,9 +1,10 @@
 """Verdict on the configurations at the visits of one pose, from their largest difference.
 
 A visit is a time at which the hand is at the pose. Differences are compared with the noise, which
-has two parts: the scatter of a reading, and a bias, which bounds its systematic errors. Drift is a
-steady change. Letters: N visits, n joints, k columns. A group is the visits in one configuration,
-within the noise; groups are numbered from 0 in the order of their first visits.
+has two parts: the scatter of a configuration due to that of the readings, and a bias, which bounds
+its systematic errors. Drift is a steady change. Letters: N visits, n joints, k columns. A group is
+the visits in one configuration, within the noise; groups are numbered from 0 in the order of their
+first visits.
 
 ``Trend`` is robust lines through columns of values over time: their slopes, and the half-widths of
 the slopes' confidence intervals.
@@ -169,7 +170,8 @@ class _Visits(NamedTuple):
     def drift(self, first: int, confidence: float = _CONFIDENCE) -> Trend:
         """Fit the trend of the joints over the visits from number ``first`` on.
 
-        ``confidence`` is the level at which the intervals of all joints hold together.
+        ``confidence`` is the probability, 0 to 1, with which the intervals of all joints hold at
+        once.
         """
         share = 1 - (1 - confidence) / self.q.shape[1]
         return trend(self.t[first:], self.q[first:], self.least, share)
@@ -262,7 +264,7 @@ def trend(
     floor : (k,) array or float
         Lower bound on the standard deviation of each column, for the confidence intervals.
     confidence
-        Confidence level of the intervals.
+        Probability, 0 to 1, with which the interval of one column holds.
     """
     rows = np.unique(np.linspace(0, len(t) - 1, min(len(t), _MOST_VISITS)).astype(int))
     i, k = np.triu_indices(len(rows), 1)

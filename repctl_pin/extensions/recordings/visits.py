@@ -485,9 +485,10 @@ def _interpolated(
 
 
 def _near(t: Array, low: int) -> NDArray[np.intp]:
-    """List up to six rows around the interval that begins at row ``low``, up to the next gaps.
+    """List the indices of up to six rows around the interval that begins at row ``low``.
 
-    Rows that are farther than 2.5 times this interval from its middle are beyond a gap.
+    Rows that are farther than 2.5 times this interval from its middle lie beyond a gap of the log,
+    and are left out.
     """
     step = t[low + 1] - t[low]
     near = np.arange(max(low - 2, 0), min(low + 4, len(t)))

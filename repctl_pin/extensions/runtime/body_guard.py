@@ -166,8 +166,9 @@ class BodyGuard:
     def recall(self, remembered: dict[str, Any]) -> None:
         """Return to the state that :meth:`remembered` copied, a dictionary with these keys.
 
-        ``known`` has the remembered distances by name of their array, ``nearest`` the nearest
-        bodies, and ``next`` and ``left`` what is left of the work of a tick.
+        ``known`` has the remembered distances by name of their array, ``nearest`` the links of
+        :attr:`nearest`, ``next`` the index of the remembered configuration to replace next, and
+        ``left`` the work that is left in the tick, in measured distances.
         """
         for name, values in remembered["known"].items():
             self._own.held[name][...] = values

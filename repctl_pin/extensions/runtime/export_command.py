@@ -1,4 +1,7 @@
-"""``repctl export``: write a saved design as C code for a robot's control loop."""
+"""``repctl export``: write a saved design as C code for a robot's control loop.
+
+The design is a repeatable inverse, or the function of a cell, a box of poses.
+"""
 
 from __future__ import annotations
 

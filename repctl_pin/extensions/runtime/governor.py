@@ -1,10 +1,13 @@
 """Governor: motion to any pose and level within all limits, with a known stop at every tick.
 
 A leaf is the set h(q) = c on which a repeatable inverse keeps the arm. Its level c is the position
-of the elbow along the self-motion. A plan is a short motion that ends at rest. The work is done in
-C (native/governor.c), except for body distances, which Python computes. Ω is the region of joint
-space for which the inverse was designed. A tick is one call of the control loop; its command is the
-configuration q that is sent to the robot. Letters: n joints, r potentials, F frames of the task.
+of the elbow along the self-motion. A plan is a short motion that ends at rest. A twist is the
+velocity (v, ω) of a frame, in base axes. The work is done in C (native/governor.c), except for body
+distances, which Python computes. Ω is the region of joint space for which the inverse was designed.
+The closing radius, a part of the design's certificate, is the distance from a start or a path
+within which closed paths are proved to close. A tick is one call of the control loop; its command
+is the configuration q that is sent to the robot. Letters: n joints, r potentials, F frames of the
+task.
 
 ``BodyGuard`` is the test that all pairs of bodies keep a distance along each plan of a governor.
 ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as

@@ -1,7 +1,8 @@
 """Feed override of a timed motion: stop, resume and reverse along its path, within its limits.
 
-The override o is the speed on the motion's clock: 1 as timed, 0 at rest, -1 backwards. A change of
-the override is a curve o(t) from one value to another. n is the number of joints.
+The override o is the speed on the motion's clock: 1 as timed, 0 at rest, -1 backwards. A cycle is
+one traversal of the motion's closed path. A change of the override is a curve o(t) from one value
+to another. n is the number of joints.
 
 ``_Change`` is K alternative changes of the override over time, of which one is chosen.
 """

@@ -2,7 +2,8 @@
 
 s is the length of the joint path q(s), and ′ = d/ds, so that ``q̈ = q′ s̈ + q″ ṡ²``. A *strip* is
 the set of points (s̈, x), with x = ṡ², that satisfy ``low ≤ along s̈ + across x ≤ high``: what one
-joint allows at one of the K points of the path. n is the number of joints.
+joint allows at one of the K *stages*, points of the path at which the limits are imposed. n is the
+number of joints.
 
 ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
 numbers.
@@ -87,10 +88,11 @@ def _inside_strips(
 ) -> tuple[Array, Array]:
     """Find the part of a line that lies inside all n strips, one line for each of K stages.
 
-    τ is the position on the line. Strip j requires ``low_j ≤ foot_j + τ way_j ≤ high_j``; all
-    arguments are (K, n). ``size`` is the largest |way| that a line of any direction can have: a
-    line with ``way`` far below it is parallel to the strip. Return the range of τ as (first, last),
-    (K,) each; no part lies inside if first > last.
+    τ is the position on the line. Strip j bounds a quantity that is ``foot_j`` at τ = 0 and changes
+    by ``way_j`` per unit of τ: ``low_j ≤ foot_j + τ way_j ≤ high_j``; all arguments are (K, n).
+    ``size`` is the largest |way| that a line of any direction can have: a line with ``way`` far
+    below it is parallel to the strip. Return the range of τ as (first, last), (K,) each; no part
+    lies inside if first > last.
     """
     parallel = np.abs(way) < 1e-12 * size
     inside = (foot >= low - _TOUCHING) & (foot <= high + _TOUCHING)

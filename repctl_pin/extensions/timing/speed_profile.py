@@ -2,8 +2,9 @@
 
 s is the length of the joint path q(s), and ′ = d/ds. A profile is the speed ṡ at the K *stages*,
 grid points of s at which the limits are imposed. A segment is the part of the path between two
-stops, with its profile. The linear program has the unknowns x = ṡ² at the stages; n is the number
-of joints, and T a number of points or times.
+stops, with its profile. A course is a sequence of segments as a function of time. The linear
+program has the unknowns x = ṡ² at the stages; n is the number of joints, and T a number of points
+or times.
 
 ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
 numbers. ``Segment`` is a smooth part of a joint path between two stops, with its speed at each

@@ -378,9 +378,10 @@ def approach(
 ) -> TimedMotion:
     """Time a straight joint-space path from the present configuration to a motion, rest to rest.
 
-    ``q(s) = q_now + s (q_goal − q_now)`` is traversed as quickly as the limits allow. If both ends
-    are within the joint limits, so is the straight path between them. A measured joint may exceed
-    its limits by at most 0.1 rad or m; it then moves straight back inside, never farther out.
+    ``q = q_now + a (q_goal − q_now)``, with a from 0 to 1, is traversed as quickly as the limits
+    allow. If both ends are within the joint limits, so is the straight path between them. A
+    measured joint may exceed its limits by at most 0.1 rad or m; it then moves straight back
+    inside, never farther out.
 
     Parameters
     ----------

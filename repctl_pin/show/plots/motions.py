@@ -1,7 +1,8 @@
 """Figures of motions: drift and joint positions over the cycles.
 
 A figure shows several motions from one start; ``motions`` lists a label, the motion and a colour
-for each. The drift is the distance of the joints from the start after a cycle.
+for each. The drift is the distance of the joints from the start after a cycle. A posture task pulls
+the joints to a given configuration by self-motion.
 
 ``_Curve`` is the line of one motion in a figure: its values per cycle, its name and its colour.
 """

@@ -1,7 +1,8 @@
 """A data set of robot learning: many demonstrations, with joints, actions, and much else.
 
-Its demonstrations are read as one table with a row per frame; K is the number of frames. A data set
-is written whole or not at all, and a new data set never replaces one that exists.
+Its demonstrations are read as one table with a row per frame; K is the number of frames. Actions
+are the recorded commands: joint positions, or commands of the hand. A data set is written whole or
+not at all, and a new data set never replaces one that exists.
 
 ``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
 replace.

@@ -1,7 +1,8 @@
 """robomimic's data sets: an HDF5 file with a group ``data/demo_0``, ``data/demo_1``, … of arrays.
 
 An array's name is its path below the demonstration, such as ``obs/robot0_joint_pos``. The file is
-copied, and only the arrays that change are written. K is the number of frames (rows).
+copied, and only the arrays that change are written. Actions are the recorded commands, such as
+those of the hand, the end effector. K is the number of frames (rows).
 
 ``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
 replace.
@@ -172,8 +173,9 @@ def _sizes(
 ) -> tuple[Array, dict[str, Any]]:
     """Count the frames of each demonstration; return running sums, and robosuite's ``env_kwargs``.
 
-    The sums begin with 0. ``demos`` are the names of the demonstrations, ``sets`` their arrays by
-    name. InputError is raised if an attribute of the file has another count.
+    The sums (D + 1,) begin with 0, for D demonstrations; ``env_kwargs`` is a dict, empty if the
+    file has none. ``demos`` are the names of the demonstrations, ``sets`` their arrays by name.
+    InputError is raised if an attribute of the file has another count.
     """
     sizes = []
     for demo in demos:

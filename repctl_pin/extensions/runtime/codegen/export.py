@@ -1,9 +1,11 @@
 """Export of a repeatable inverse or a cell function as C files for a robot's control loop.
 
 Test vectors, which are inputs with Python's results for them, are also exported. They check a build
-on the robot's computer. Ω is the region of joint space, or the cell of poses, of the design. The
-function of a cell is q = F(x; c), with the pose x and the level c (r,), which is the position along
-the self-motion. n is the number of joints.
+on the robot's computer. A repeatable inverse keeps r potentials, functions of q, constant. Ω is the
+region of joint space, or the cell of poses, of the design. The closing radius, a part of the
+design's certificate, is the distance from a start or a path within which closed paths are proved to
+end in the configuration that they began in. The function of a cell is q = F(x; c), with the pose x
+and the level c (r,), which is the position along the self-motion. n is the number of joints.
 
 ``Source`` is the texts of the C header and of the C source file, and parts of the C++ header.
 ``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.

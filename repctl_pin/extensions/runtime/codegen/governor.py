@@ -20,7 +20,7 @@ _GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
 def governor_source(task: Task, name: str) -> tuple[str, str, str]:
     """Write the governor's parts of the C header, the C source and the C++ header, in this order.
 
-    ``name`` is the prefix of the exported names, ``task`` that of the inverse.
+    ``name`` is the prefix of the exported names, and ``task`` the task of the inverse.
     """
     structs, types = _structs("governor.h", name)
     acceleration, jerk = limits_of_file(task, "acceleration"), limits_of_file(task, "jerk")

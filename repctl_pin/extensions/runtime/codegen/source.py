@@ -1,11 +1,12 @@
 """C99 header and source file of a repeatable inverse or a cell function.
 
-The files are templates filled with sizes, numbers and code of the native library. Ω is the region
-of joint space, or the cell of poses, for which the inverse was designed. The function of a cell is
-q = F(x; c), with the pose x and the level c, which is the position along the self-motion. The
-governor moves the arm to any pose and level within all limits, with a stop known at every tick. The
-closing radius is the distance from a start or a path within which closed paths are proved to end in
-the configuration that they began in.
+The files are templates filled with sizes, numbers and code of the native library, which is the C
+code of this package. A repeatable inverse keeps r potentials, functions of q, constant. Ω is the
+region of joint space, or the cell of poses, for which the inverse was designed. The function of a
+cell is q = F(x; c), with the pose x and the level c, which is the position along the self-motion.
+Its chart is the polynomials from which F is solved. The governor moves the arm to any pose and
+level within all limits, with a stop known at every tick. The closing radius is the distance from a
+start or a path within which closed paths are proved to end in the configuration that they began in.
 
 ``Source`` is the texts of the C header and of the C source file, and parts of the C++ header.
 ``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.

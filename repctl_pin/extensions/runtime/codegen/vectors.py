@@ -2,8 +2,9 @@
 
 The exported program ``check.c`` calls the C functions with these inputs, and compares their results
 with those of Python. A status is the return value of a C function: OK, SINGULAR (the arm is near a
-singularity), BAD_NUMBER (an input is invalid) or OUTSIDE (q is outside the region of the design).
-A leaf is the set h(q) = c of r potentials h, which the inverse keeps constant; c (r,) is its level.
+singularity), BAD_NUMBER (an input is invalid) or OUTSIDE (q is outside the region of the design). A
+leaf is the set h(q) = c of r potentials h, which the inverse keeps constant; c (r,) is its level. A
+cell is a box of poses over which a function F(x; c) gives one configuration per pose x and level c.
 The torque law is that of :class:`LeafImpedance`; its observer estimates a disturbance. n is the
 number of joints, m that of task coordinates.
 
