@@ -213,7 +213,7 @@ class _ArmNode(Node):
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         """Set the parameter ``leaf``, the level c; refuse other parameters, which are read once.
 
-        ROS calls this for a change of parameters, and reads from the result if it is accepted.
+        ROS calls this for a change of parameters; the result says whether it is accepted.
         """
         for parameter in parameters:
             what = f"{parameter.name} is read only when the node starts; restart the node"

@@ -130,8 +130,9 @@ class CellProof:
     ----------
     distances : (L, n) array
         The L distances d* from c, rad or m, the largest first; each is above the next one in every
-        joint. On each box, F is proved to be the only solution within one of them. At a pose of two
-        boxes, both have the same F: it lies within the smaller d*, so within the larger one, too.
+        joint. On each box, F is proved to be the only solution within one of them. At a pose that
+        two boxes share, both have the same F: it lies within the smaller d*, so within the larger
+        one, too.
 
     Raises
     ------
@@ -206,9 +207,9 @@ class CellProof:
     def _tightness(self, chain: Chain, Uc: Array, half: Array, start: Array) -> float:
         """Sum the lower bounds of the leaf margin on boxes Uc ± half, (K, k) each, for a chain.
 
-        ``chain`` is the arm with a middle link, which later calls use too. ``start`` (K, n, 1 + k)
-        is the estimate of F − q_ref, see :meth:`bounds_from`. The caller chooses the middle link
-        with the largest sum, because its proof needs the fewest boxes.
+        ``chain`` is the arm with a middle link; later calls of the object use it, too. ``start``
+        (K, n, 1 + k) is the estimate of F − q_ref, see :meth:`bounds_from`. The caller chooses the
+        middle link with the largest sum, because its proof needs the fewest boxes.
         """
         self.see_from(chain)
         return float(self.bounds_from(Uc, half, start).leaf_margin.sum())

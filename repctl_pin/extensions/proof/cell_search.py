@@ -60,8 +60,8 @@ def bound_cell(
     Returns
     -------
     Proof
-        The proof, without a fingerprint. If the search stopped before its goal, the bounds are 0
-        and −inf.
+        The proof, without the fingerprint that identifies its design. If the search stopped before
+        its goal, the bounds are 0 and −inf.
     """
     end = thread_time() + seconds
     search = _CellSearch(problem, max(leaf, 0.0), limit)

@@ -185,7 +185,7 @@ class _Closing(NamedTuple):
     path : ClosedPath or None
         Closed path along which to prove the radius; None for the surroundings of the start.
     leaf : float
-        Largest change of each level from its value at the start.
+        Largest change of each level from its value at the start, in the unit of its potential.
     """
 
     ratio: float

@@ -94,7 +94,7 @@ class LeafMarginProblem:
 
     @property
     def n(self) -> int:
-        """Number of joints."""
+        """Number of the task's joints, without virtual joints."""
         return self.chains[0].n
 
     @property
@@ -160,8 +160,8 @@ class LeafMarginProblem:
 
         The result (K, r, n² + 2 n + 1) is an argument of C functions; None if no potential contains
         an arm angle. There are r potentials. For each, the last axis holds the gradient of its arm
-        angles (n) at the centre, n² derivatives of this gradient, n bounds on the remainder, and a
-        bound on the rounding error.
+        angles (n) at the centre, n² derivatives of this gradient row by row, n bounds on the
+        remainder, and a bound on the rounding error.
         """
         if not self.features.arms:
             return None

@@ -273,10 +273,10 @@ def _base_rotation(
 
 
 def _orders(n: int) -> list[list[int]]:
-    """List permutations of n joints to try: reversed, rotated, and with two joints exchanged.
+    """List orders of n joints to try: reversed, shifted cyclically, and with two joints exchanged.
 
-    These are the usual mistakes; a permutation is right if the joints then agree with the recorded
-    poses.
+    These are the usual mistakes. An order, a list of n indices, is right if the joints in that
+    order agree with the recorded poses.
     """
     plain = list(range(n))
     orders = [plain[::-1]] + [plain[i:] + plain[:i] for i in range(1, n)]

@@ -153,8 +153,8 @@ class _JerkSegment(Segment):
 def _exponentials(z: Array) -> tuple[Array, Array]:
     """Evaluate (``sinh(√z)/√z``, ``(cosh √z − 1)/z``) at an array z of any shape and either sign.
 
-    For z < 0 these are ``sin(√|z|)/√|z|`` and ``(1 − cos √|z|)/|z|``. They describe a motion whose
-    acceleration is linear in the distance.
+    For z < 0 these are ``sin(√|z|)/√|z|`` and ``(1 − cos √|z|)/|z|``, and their limits for z = 0
+    are 1 and ½. They describe a motion whose acceleration is linear in the distance.
     """
     root = np.sqrt(np.abs(z))
     small = root < 1e-2

@@ -124,7 +124,10 @@ class LeRobotData(DataSet):
                 )
 
     def same_format(self, path: Path) -> bool:
-        """Test whether a path can be that of a folder: it has no suffix of a table's file."""
+        """Test by its suffix whether a path can be that of a folder in this format.
+
+        It cannot if the suffix is that of a table's file, such as .csv.
+        """
         return path.suffix.lower() not in FORMATS
 
     def labels(self, name: str) -> list[str] | None:
@@ -265,7 +268,10 @@ def _rewrite(
 
 
 def _copy(source: Path, target: Path, without: Collection[str]) -> None:
-    """Copy a folder, but not the files ``without``; a link is copied as the file behind it."""
+    """Copy a folder, but not the files ``without``; a link is copied as the file behind it.
+
+    ``without`` are paths relative to the folder.
+    """
     for folder, names, files in os.walk(source):
         at = Path(folder).relative_to(source)
         (target / at).mkdir(parents=True, exist_ok=True)
