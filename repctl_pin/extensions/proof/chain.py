@@ -226,11 +226,12 @@ def relative_rounding(chain: Chain) -> float:
 
 
 def screw_sizes(chain: Chain, theta: Array, eta: Array) -> Array:
-    """Bound the entries of each row of the screws on a box of joints: (6,).
+    """Bound the magnitude of the entries in each row of the screws on a box of joints: (6,).
 
-    Slopes times half-widths of the box are included; rounding errors are relative to these bounds.
     The first three rows are linear, the others angular. The box is θ ± η, ``theta`` and ``eta``
-    (P,) each, for all P joints of the chain, mimic joints and virtual joints included.
+    (P,) each, for all P joints of the chain, mimic joints and virtual joints included. The bounds
+    also hold for a screw at θ plus its derivatives with respect to the joints times η, the terms
+    of its Taylor model. Rounding errors of the entries are stated relative to these bounds.
     """
     L = chain.reach.max() + (np.abs(theta) + eta)[~chain.revolute].sum()
     columns = np.abs(chain.S).sum(axis=0).max()

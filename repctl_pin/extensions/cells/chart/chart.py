@@ -335,8 +335,8 @@ class Chart:
             ∂s/∂u; by default 0.
         E : (K, m, k + l) array, optional
             ∂x/∂u at the configurations, if it is known.
-        slopes
-            ∂q_ref/∂u and ∂n_ref/∂u, if they are known.
+        slopes : tuple of two arrays, (K, n, k) and (K, n, r, k), optional
+            ∂q_ref/∂u and ∂n_ref/∂u, if they are known, as :meth:`slopes` returns them.
 
         Returns
         -------

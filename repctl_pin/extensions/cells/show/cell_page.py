@@ -72,11 +72,15 @@ def _box_of(cell: Cell) -> Array:
 def _cover_of(design: CellDesign, reach: Sequence[Array]) -> dict[str, Any]:
     """Describe the surface around a cell's positions, for the page's script.
 
-    The keys ``inner`` and ``outer`` are two lines of points, m, the sides of a section. The section
-    is shifted through a box by ``shift``, m, or turned around the axis of a sector, ``origin`` and
-    ``axis``, from the angle ``from`` to the angle ``to``, rad. ``turns`` has the full widths of the
-    ranges of the sector's angle, tilts and spin by name, degrees; it is empty for a box.
-    ``reach`` is closed lines (P, 2) around the radii and heights, m, that the arm reaches.
+    The keys ``inner`` and ``outer`` are two lines of points (x, y, z), m, in the base frame: the
+    inner and the outer side of a section through the cell. The section is shifted through a box by
+    ``shift``, m, or turned around the axis of a sector, ``origin`` and ``axis``, from the angle
+    ``from`` to the angle ``to``, rad. ``turns`` has the full widths of the ranges of the sector's
+    angle, tilts and spin by name, degrees; it is empty for a box.
+
+    ``reach`` has closed lines (P, 2) of radius and height, m, which the page draws around all that
+    the arm reaches. Its key ``reach`` has them in mm, radius and height in turns, and ``around`` is
+    the angle, rad, through which they are drawn.
     """
     cell = design.cell
     if isinstance(cell, Sector):
@@ -266,7 +270,8 @@ def _brief(design: CellDesign, motions: Mapping[str, Motion]) -> list[Span]:
     path = list(motions.values())[-1:]
     proved = "Function proved, distances tested." if design.proof else "Tested, not proved."
     extra = [
-        ratio_in_percent(max(share, 0.0), 2) for share in (design.extra_speed, design.extra_speed_worst)
+        ratio_in_percent(max(share, 0.0), 2)
+        for share in (design.extra_speed, design.extra_speed_worst)
     ]
     cost = f"Joint speed +{extra[0]}, at worst +{extra[1]}."
     bodies = [note for note in _bodies(design, path) if note.tone != "bad"]
