@@ -67,7 +67,7 @@ class FitProblem:
         Coefficients of a design of lower degree, for the first N_first potentials of the basis; one
         of the starting points of the fit. By default none.
     report
-        Progress callback.
+        Progress callback (step: str, fraction: float), with the finished fraction, 0 to 1.
     """
 
     desired: Inverse
@@ -166,7 +166,7 @@ class Continuation:
     def descend(
         self, batches: BarrierCost, A: Array, penalty: float, tolerance: float
     ) -> Descent | None:
-        """Minimise the cost on the nodes ``batches`` from coefficients A to a regular optimum.
+        """Minimise the cost ``batches``, of some nodes, from coefficients A to a regular optimum.
 
         After each descent, singular configurations that a search of Ω finds become barrier points,
         and the descent is repeated from A. Return None if A itself is singular at one of them, if

@@ -62,8 +62,9 @@ class Design:
         Norm of the gradient of the minimised function, which is the cost plus a small penalty, with
         respect to coefficients for potentials whose gradients are orthonormal over Ω.
     converged : bool
-        True if the optimiser predicts no relative decrease of the cost above ``tolerance``, or its
-        last three steps gave none. More potentials may still lower the cost.
+        True if the optimiser predicts no relative decrease of the cost above the ``tolerance`` of
+        :class:`FitOptions`, or its last three steps gave none. More potentials may still lower the
+        cost.
     steps : int
         Number of steps of the optimiser.
     samples, held_out : int

@@ -119,7 +119,7 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
     Parameters
     ----------
     batches
-        The nodes.
+        The nodes of the fit with their weights, in batches.
     basis : (N', N') array
         B for the first N' potentials; only these are used.
     moments
@@ -164,7 +164,7 @@ def descend(
     Parameters
     ----------
     batches
-        The nodes.
+        The cost C over the nodes of the fit and over its barrier points.
     basis : (N', N') array
         B for the first N' potentials.
     begin

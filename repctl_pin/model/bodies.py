@@ -244,7 +244,7 @@ class Bodies:
 
     @property
     def not_checked(self) -> str:
-        """Text on the number of links without a body, and the remedy; empty if there is none."""
+        """Text on the number of links without a body, and the remedy; empty without such links."""
         count = len(self.unchecked)
         if not count:
             return ""
@@ -253,11 +253,11 @@ class Bodies:
         return f"{count} {'body' if count == 1 else 'bodies'} without a collision shape{remedy}"
 
     def hull_distances(self, Q: ArrayLike) -> Array:
-        """Compute the minimum distance of convex hulls over all pairs at rows of Q (K, n): (K,), m.
+        """Compute the minimum distance of the convex hulls of pairs at rows of Q (K, n): (K,), m.
 
-        The pairs are those whose bodies move relative to each other. A negative distance is minus
-        the penetration depth of the hulls, whether or not the bodies collide. The gradient of this
-        distance shows which motion separates the hulls.
+        The minimum is over the measured pairs, and over the other checked pairs that collide. A
+        negative distance is minus the penetration depth of the hulls, whether or not the bodies
+        collide. The gradient of this distance shows which motion separates the hulls.
         """
         return self._all(Q, hulls=True)[0]
 

@@ -116,11 +116,11 @@ class BodyBounds:
     model
         Model whose joints move the bodies; they have one coordinate each.
     joint
-        Parent joint of each body (B,); 0 if it is fixed to the root.
+        Number, in the model, of the joint that carries each of the B bodies; 0 for the root.
     place
-        Placement of each body relative to its parent joint.
+        Placement of each body relative to that joint.
     bodies
-        Shapes whose local bounding boxes are computed.
+        Shape of each body, whose bounding box and sphere are computed.
     pairs
         Indices (P, 2) of the two bodies of each pair.
     """
@@ -262,8 +262,9 @@ class BodyBounds:
     def _off(self, joint: Sequence[int], points: Array) -> Array:
         """Compute the distances of M points from the axes of M joints: (M,), m.
 
-        ``points`` (M, 3) are in the joints' frames, m. For a prismatic joint, the result is the
-        distance from the joint's origin.
+        ``joint`` has the numbers of the joints in the model, and ``points`` (M, 3) are in the
+        frames of these joints, m. For a prismatic joint, the result is the distance from the
+        joint's origin.
         """
         axes = self._placements.axes[joint]
         along = np.einsum("mi,mi->m", points, axes)

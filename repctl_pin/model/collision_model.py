@@ -212,10 +212,11 @@ class _CollisionModel:
     def some_distances(
         self, q: Array, pairs: NDArray[np.intp], *, exact: bool = False, outside: bool = False
     ) -> Array:
-        """Compute lower bounds on the distances of some pairs at q (N,): (K,), m.
+        """Compute lower bounds on the distances of K pairs at one configuration q (N,): (K,), m.
 
-        A pair whose bound is above 0 does not collide. The bound is the distance of the hulls;
-        where the hulls of a collision-only pair overlap, it is that of the exact shapes.
+        A pair whose bound is above 0 does not collide. The bound is the distance of the hulls,
+        below 0 where they overlap. Where the hulls of a collision-only pair overlap, it is the
+        distance of the exact shapes.
 
         Parameters
         ----------
@@ -243,9 +244,11 @@ class _CollisionModel:
         return np.array(found)
 
     def pair_distances(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
-        """Compute the bound of :meth:`some_distances` on one pair at each row of Q (K, N): (K,), m.
+        """Compute a lower bound on the distance of one pair at each row of Q (K, N): (K,), m.
 
-        ``pairs`` (K,) are the indices of these pairs.
+        ``pairs`` (K,) are the indices of these pairs, one per row. The bound is the distance of the
+        hulls, below 0 where they overlap, or, where the hulls of a collision-only pair overlap, the
+        distance of the exact shapes.
         """
         found = np.empty(len(Q))
         with self._lock:

@@ -210,7 +210,8 @@ def limits(joint: Joint, followers: Sequence[Joint], notes: list[str]) -> Range:
     """Tighten the limits of a joint so that its mimic joints also stay within their own limits.
 
     ``followers`` are the mimic joints. If no position of the joint, or a single one, satisfies the
-    position limits of one of them, these limits are ignored, and a note is added to ``notes``.
+    position limits of one of them, these limits are ignored, and a text on it is added to the list
+    ``notes``.
     """
     lower, upper = joint.lower, joint.upper
     rates = np.array([joint.velocity, joint.acceleration, joint.jerk])
@@ -250,7 +251,7 @@ def _narrowed(
     by: Sequence[str],
     slowed_by: Sequence[str],
 ) -> str:
-    """Write which mimic joints narrow which limits of a joint.
+    """Return a sentence on which mimic joints narrow which limits of a joint.
 
     ``left`` is the new range (lower, upper), rad or m, and ``velocity`` the new speed limit, per s;
     ``by`` and ``slowed_by`` name the mimic joints that narrow them. The result is empty if both are

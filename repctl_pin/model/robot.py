@@ -416,9 +416,10 @@ class Robot(Mechanism):
         return dict(zip(ids, placed[0, :, :3, 3], strict=True))
 
     def _mesh_notes(self) -> list[str]:
-        """Write a note on meshes found by the end of their names only, and one on missing meshes.
+        """List notes: a text on meshes found only by the end of their names, one on missing ones.
 
-        The kinematics needs no meshes, so they are not errors.
+        The list is empty without such meshes. The kinematics needs no meshes, so they are not
+        errors.
         """
         description = self.description
         collisions = (shape.filename for shape in description.collisions if shape.filename)

@@ -27,9 +27,10 @@ from .task import Task, _held
 
 
 class FrameSpec(NamedTuple):
-    """One of several frames: the link ``frame``, its kind, its base, and the joints that move it.
+    """One of several frames: its link, its kind of task, its base, and the joints that move it.
 
-    ``base`` is the link relative to which the frame is controlled; None for the robot's own base.
+    ``frame`` and ``joints`` are names. ``base`` is the name of the link relative to which the frame
+    is controlled; None for the robot's own base.
     """
 
     frame: str

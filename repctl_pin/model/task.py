@@ -37,7 +37,7 @@ from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_be
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
-    """Write the remedy of an error for joint values that the user may have given in degrees.
+    """Return the remedy of an error for joint values that the user may have given in degrees.
 
     ``joints`` (n,) are these values, converted to rad; the remedy is to give them instead. The text
     is empty if they are not within the limits ``lower`` and ``upper`` (n,), rad or m.

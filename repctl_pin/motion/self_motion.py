@@ -28,9 +28,9 @@ def self_motions(
     *,
     limits: bool = True,
 ) -> Iterator[Iterator[Array]]:
-    """Yield walks along the self-motions of a start, each up to a joint limit or a full turn.
+    """Yield walks along the self-motions of a start, each at most 2π rad long.
 
-    A walk is an iterator of configurations (n,).
+    A walk is an iterator of configurations (n,). Its length is the sum of its steps.
 
     Parameters
     ----------

@@ -46,7 +46,8 @@ class TimedMotion:
     motion : Motion, optional
         The motion that was timed; None in a result of :func:`approach`.
     trajectory
-        The timed motion as a function of time, with exact derivatives; for :class:`Run`.
+        The timed motion as a function of time, with exact derivatives. :class:`Run`, which executes
+        a timed motion at a speed that the user may change, requires it.
 
     Examples
     --------
@@ -99,9 +100,9 @@ class TimedMotion:
 
     @property
     def _shortest_part(self) -> tuple[float, str]:
-        """Shortest part of the motion that samples in a file must show: a cycle.
+        """Duration, s, of the shortest part that a file must resolve, and its noun in messages.
 
-        It is a pair (duration, s; noun for such a part in messages).
+        Here, this part is a cycle.
         """
         return self.cycle_time, "cycle"
 
