@@ -92,7 +92,7 @@ class Continuation:
         The independent potentials over Ω, and coordinates in which their gradients are
         orthonormal.
     coarse
-        The coarse nodes, with barrier points.
+        The cost over the coarse nodes and over barrier points.
     """
 
     def __init__(self, problem: FitProblem, chosen: Independent, coarse: BarrierCost) -> None:
@@ -144,8 +144,8 @@ class Continuation:
         """Minimise the cost with the first ``size`` independent potentials on the coarse nodes.
 
         There are two starting points: a linear least-squares solution that brings V near the null
-        space of J, and ``below``, the coefficients of an optimum with fewer potentials, if given.
-        The one of lower cost is tried first, and the other one only if the first leads to no
+        space of J, and ``below``, the coefficients (·, r) of an optimum with fewer potentials, if
+        given. The one of lower cost is tried first, and the other one only if the first leads to no
         regular optimum. With random restarts, the best optimum is returned. Return None if neither
         starting point leads to a regular optimum.
         """

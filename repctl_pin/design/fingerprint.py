@@ -73,7 +73,7 @@ def task_parts(task: Task) -> tuple[Any, ...]:
 
 
 def rounded(values: ArrayLike) -> Array:
-    """Round numbers computed from a URDF to 9 decimals.
+    """Round an array of numbers computed from a URDF to 9 decimals.
 
     They differ between computers by rounding errors; unrounded, one robot would have two
     fingerprints.
@@ -84,8 +84,9 @@ def rounded(values: ArrayLike) -> Array:
 def subject_of(task: Task, potentials: PotentialBasis, coefficients: Array, region: Region) -> str:
     """Compute the fingerprint of a repeatable inverse over a region.
 
-    The fingerprint covers the joint chain with its limits, the potentials, their coefficients and
-    the region. It is empty for user-defined potentials and regions, of which nothing can be proved.
+    The fingerprint covers the joint chain with its limits, the potentials, their coefficients A (N,
+    r) and the region. It is empty for user-defined potentials and regions, of which nothing can be
+    proved.
     """
     basis = _basis_parts(potentials)
     shape = _region_parts(region)

@@ -96,9 +96,10 @@ def _(strategy: Pseudoinverse, Q: Array) -> _Derivative:
 
 @derivative.register
 def _(strategy: WeightedInverse, Q: Array) -> _Derivative:
-    """Evaluate G and ∂G/∂q of ``J⁺_M = B (J B)⁺``, where ``M⁻¹ = B Bᵀ``.
+    """Evaluate G and ∂G/∂q of ``J⁺_M = B (J B)⁺`` at Q (K, n), where ``M⁻¹ = B Bᵀ``.
 
-    A constant weight M permits the formula of J⁺; otherwise, differences are used.
+    M is the weight of the joint speeds. A constant weight permits the formula of J⁺; otherwise,
+    differences are used.
     """
     if isinstance(strategy.weight, str) or callable(strategy.weight):
         return derivative.dispatch(object)(strategy, Q)

@@ -3,7 +3,8 @@
 A pair is two bodies, one of them on a link of the robot. A measured pair has a distance; other
 pairs are checked for collisions only, or not at all. The P pairs that are checked are numbered from
 0. n is the number of joints of the task, N that of the collision model, mimic joints included. K is
-the number of configurations, the rows of Q.
+the number of configurations, the rows of Q. The reference pose is the usual configuration of a
+robot. The sampled configurations are this pose and 100 random ones within the joint limits.
 
 ``Nearest`` is the closest pair of bodies at a configuration, and its distance, m. ``Clearance`` is
 the minimum body distance of a motion, and its first collision. ``_CollisionModel`` has the bodies

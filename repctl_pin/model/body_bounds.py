@@ -288,7 +288,8 @@ class KnownApart:
 
     Two surfaces with the distance d at a configuration x do not touch at any q with ρ·\|q − x\| <
     d, where ρ (N,) bounds how fast each joint changes the pair's distance. They do not touch on the
-    straight line from x to q either, so no body gets inside another one.
+    straight line from x to q either, so no body gets inside another one. A pair is given by its
+    index, 0 to P − 1.
 
     Parameters
     ----------
@@ -347,7 +348,7 @@ class KnownApart:
         at[row], distances[row] = self._scaled(pair, q), distance
 
     def _scaled(self, pair: int, q: Array) -> Array:
-        """Return q_j ρ_j, m, one number per joint j that moves the pair with the index ``pair``."""
+        """Return q_j ρ_j (·,), m, for each joint j that moves a pair, at q (N,)."""
         moves = self._moves[pair]
         return np.asarray(q[moves] * self._reach[pair, moves])
 

@@ -4,7 +4,7 @@ A pair is two bodies between which a joint moves, given by its index 0 to P − 
 robot is represented by its convex hull. A measured pair has a distance. A collision-only pair, such
 as neighbouring links, is tested for collisions without a distance, because its bodies are always
 close. The model has N joints, mimic joints included. K is the number of configurations, the rows of
-Q, and B that of a block of them.
+Q, and B that of a block of them. The reference pose is the usual configuration of a robot.
 
 ``BodyShape`` is a collision body: a convex shape, or a mesh and its convex hull.
 ``_CollisionModel`` is the bodies of a robot and its surroundings, and the pairs that a task moves.

@@ -1,7 +1,8 @@
 """Joints of a robot, for tasks and drawings: limits, poses, and mimic joints.
 
 A mimic joint follows another joint: its position is a multiple of that of the other joint, plus an
-offset. A locked joint is held at the reference pose.
+offset. A locked joint is held at the reference pose, the usual configuration of the robot. An
+argument ``notes`` is a list of texts for the user, to which a function adds.
 
 ``Coupling`` is the map ``θ = S q + offset`` from the free joints q to all joints θ, mimic joints
 included. ``Range`` is the limits of a joint: lower, upper, velocity, acceleration and jerk.
@@ -210,8 +211,7 @@ def limits(joint: Joint, followers: Sequence[Joint], notes: list[str]) -> Range:
     """Tighten the limits of a joint so that its mimic joints also stay within their own limits.
 
     ``followers`` are the mimic joints. If no position of the joint, or a single one, satisfies the
-    position limits of one of them, these limits are ignored, and a text on it is added to the list
-    ``notes``.
+    position limits of one of them, these limits are ignored, and a note is added to ``notes``.
     """
     lower, upper = joint.lower, joint.upper
     rates = np.array([joint.velocity, joint.acceleration, joint.jerk])
@@ -285,7 +285,7 @@ def _interval(lower: float, upper: float) -> str:
 
 
 def _loss(before: float, after: float) -> float:
-    """Compute by which fraction a range or speed limit is reduced; 1 if ``before`` is infinite."""
+    """Compute by which fraction a limit falls, from ``before`` to ``after``; 1 from infinity."""
     return 1.0 if np.isinf(before) else 1 - after / before
 
 

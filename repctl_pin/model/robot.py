@@ -1,6 +1,7 @@
 """Robot from a URDF: joints, limits, frames and a reference pose.
 
-A mimic joint follows another joint; a locked joint is held at the reference pose.
+A mimic joint follows another joint; a locked joint is held at the reference pose, the usual
+configuration of the robot.
 
 ``Description`` is the content of a validated URDF as plain data. ``Entry`` is a robot of the
 catalogue: its files, its frames and its reference pose. ``Range`` is the limits of a joint: lower,

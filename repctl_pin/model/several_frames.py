@@ -2,7 +2,8 @@
 
 The F frames are in a fixed order, and the rows of the first are on top. A frame can be controlled
 relative to a base of its own, another link. J is the Jacobian, and H its derivative by q. A twist
-is the velocity (v, ω) of a frame, m/s and rad/s.
+is the velocity (v, ω) of a frame, m/s and rad/s. q (n,) is a configuration, rad (m for prismatic
+joints).
 
 ``Mechanism`` is the movable joints of a robot and their limits. ``FrameSpec`` is one of several
 frames: its link, its kind of task, its base, and the joints that move it. ``Placements`` is the

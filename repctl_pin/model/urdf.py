@@ -2,7 +2,8 @@
 
 Pinocchio reports most bad files as "not a valid URDF model", silently accepts others (a zero axis,
 a link with two parents) and crashes on a few. Here every error is one line with the element, its
-line, the fact and the remedy.
+line, the fact and the remedy. A note is a text for the user on content that is accepted; an
+argument ``notes`` is the list to which a function adds notes.
 
 ``Description`` is the content of a validated URDF as plain data. ``Joint`` is a joint of a URDF as
 plain data: its kind, links, axis, limits and mimic.
@@ -348,7 +349,7 @@ def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
 
 
 def _fix_still_followers(robot: etree._Element, notes: list[str]) -> None:
-    """Convert joints that mimic a fixed joint to fixed joints, and add one note on them.
+    """Convert joints that mimic a fixed joint to fixed joints; add a note on them to ``notes``.
 
     A fixed joint is at 0, so these joints rest at their mimic offsets. They keep their ``<mimic>``
     elements, by which fingers are recognised. ``robot`` is changed.
@@ -445,7 +446,7 @@ def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
 
 
 def _drop_unknown_limits(robot: etree._Element, notes: list[str]) -> None:
-    """Remove limits of −1, which exporters write for an unknown limit, and add one note.
+    """Remove limits of −1, which exporters write for unknown limits; add a note on them.
 
     These are limits of effort, velocity, acceleration, deceleration and jerk; ``robot`` is changed.
     """
@@ -512,7 +513,7 @@ def _few(joints: Collection[str]) -> str:
 
 
 def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
-    """Remove colours that are not four numbers, with a note each, as Pinocchio ignores them."""
+    """Remove colours that are not four numbers, which Pinocchio ignores; add a note on each."""
     for color in list(robot.iter("color")):
         words = color.get("rgba", "0 0 0 0").split()
         if len(words) != 4 or any(finite(word) is None for word in words):

@@ -1,4 +1,7 @@
-"""Text of a URDF: expansion of xacro, safe parsing to a plain XML tree, labels for messages."""
+"""Text of a URDF: expansion of xacro, safe parsing to a plain XML tree, labels for messages.
+
+An argument ``notes`` is a list of texts for the user on ignored content, to which a function adds.
+"""
 
 from __future__ import annotations
 

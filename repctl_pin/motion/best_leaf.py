@@ -387,7 +387,7 @@ class _Search:
         return best
 
     def evaluated(self, q0: Array) -> _LeafCandidate | None:
-        """Follow one cycle from a start and evaluate its margins; return None if the cycle fails.
+        """Follow one cycle from q0 (n,) and evaluate its margins; return None if the cycle fails.
 
         A cycle fails at a singularity, if the frame leaves the path, or if it does not close.
         """
@@ -535,7 +535,8 @@ def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Ar
 def _directions(task: Task, start: Array, seed: int) -> list[Array]:
     """Choose null vectors (n,) of J at the start along which to search.
 
-    They are an orthonormal basis of the null space and, if r > 1, eight random ones.
+    They are an orthonormal basis of the null space and, if r > 1, eight random ones, drawn with the
+    random seed ``seed``.
     """
     N = nullspace(task.jacobian(start))
     if task.r == 1:

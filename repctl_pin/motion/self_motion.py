@@ -55,7 +55,7 @@ def self_motions(
 def _walk(
     task: Task, q: Array, target: Placement, along: Array, stride: float, limits: bool
 ) -> Iterator[Array]:
-    """Yield the configurations (n,) of one walk along the self-motion from q (n,).
+    """Yield the configurations (n,) of one walk from q (n,), with the frame at the target.
 
     ``stride`` is the length of a step, rad, and ``along`` (n,) the direction of the first; each
     further step continues in the direction of the last one, projected onto the null space. The walk
