@@ -84,9 +84,9 @@ def rounded(values: ArrayLike) -> Array:
 def subject_of(task: Task, potentials: PotentialBasis, coefficients: Array, region: Region) -> str:
     """Compute the fingerprint of a repeatable inverse over a region.
 
-    The fingerprint covers the joint chain with its limits, the potentials, their coefficients A (N,
-    r) and the region. It is empty for user-defined potentials and regions, of which nothing can be
-    proved.
+    The fingerprint covers the joint chain with its limits, the potentials, their coefficients
+    (N, r) and the region. It is empty for user-defined potentials and regions, of which nothing can
+    be proved.
     """
     basis = _basis_parts(potentials)
     shape = _region_parts(region)

@@ -284,9 +284,11 @@ class Bodies:
         return np.asarray(self._model.lowest(self._drive.joints(Q)))
 
     def _of_pairs(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
-        """Compute, for each row of Q (K, n), the distance of the hulls of one pair: (K,), m.
+        """Compute a lower bound on the distance of one pair at each row of Q (K, n): (K,), m.
 
-        ``pairs`` (K,) are the indices of these pairs, one per row.
+        ``pairs`` (K,) are the indices of these pairs, one per row. The bound is the distance of the
+        hulls, below 0 where they overlap. Where the hulls of a pair that is checked for collisions
+        only overlap, it is the distance of the exact shapes.
         """
         return np.asarray(self._model.pair_distances(self._drive.joints(Q), pairs))
 

@@ -218,9 +218,10 @@ class SeveralFrames(Task):
     # ---- inside ----
 
     def _of_joints(self, q: ArrayLike, name: str) -> Array:
-        """Collect one row per joint, (n, 3), from the method ``name`` of the tasks of one frame.
+        """Collect one row per joint, (n, 3), from a method of the single tasks, such as ``axes``.
 
-        For a joint that moves several frames, a row in the robot's own base frame is preferred.
+        ``name`` is the name of the method. For a joint that moves several frames, a row in the
+        robot's own base frame is preferred.
         """
         whole = self.to_robot(vector(q, self.n, f"q of {self!r}"))
         out = np.zeros((self.n, 3))

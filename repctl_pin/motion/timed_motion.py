@@ -28,7 +28,7 @@ class TimedMotion:
         Time, s, from 0; the first samples lie shortly before the motion and the last ones shortly
         after it, at rest.
     q, qdot, qddot : (T, n) arrays
-        Positions, velocities and accelerations, rad or m. Velocities and accelerations are central
+        Positions, rad or m, velocities and accelerations, per s and s². Both rates are central
         differences over a millisecond (or a sample, if shorter) to either side, because
         time-optimal q̈ jumps.
     starts : (cycles + 1,) array
