@@ -45,8 +45,8 @@ def check_configurations(task: Task) -> Array:
 def points_at(task: Task, frames: Sequence[str], Q: ArrayLike) -> Array:
     """Compute the origins of frames of the task's chain at every row of Q: (K, F, 3), m.
 
-    They are in the base axes of the model, ``task.model``. ``frames`` are F names. Fingerprints and
-    saved files identify frames by these points, not by their names.
+    They are relative to the root of the model, ``task.model``. ``frames`` are F names. Fingerprints
+    and saved files identify frames by these points, not by their names.
     """
     ids = [frame_id(task.model, name) for name in frames]
     return frame_placements(task.model, ids, task._matrix(Q))[:, :, :3, 3]

@@ -311,8 +311,9 @@ class _MatrixFree(_PenalisedCost):
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
         """Solve ``(H + μ I) dx = −g``, μ = ``damping`` · mean(diag H), by conjugate gradients.
 
-        ``model`` is what :meth:`model` returns: g (N, r), and three data of H. The residual is at
-        most 1e-3 of ``‖g‖``; it changes the steps, but not the optimum, because g is exact.
+        ``model`` is g (N, r), and three data of H: the first-order changes of X = F A (E A)⁻¹ at
+        all nodes, H estimated from a sample of the nodes, and mean(diag H). The residual is at most
+        1e-3 of ``‖g‖``; it changes the steps, but not the optimum, because g is exact.
         """
         from scipy.sparse.linalg import LinearOperator, cg  # slow to import
 

@@ -327,8 +327,8 @@ class KnownApart:
         """Record that a pair is tested at q (N,), and return whether to measure its distance too.
 
         Measuring takes longer than a test for contact, but can save further tests. So it is done if
-        the last test of the pair was near q, unless the pair's measurements outnumber by eight the
-        tests that they saved.
+        the distance can have changed by less than 5 cm since the last test of the pair, unless the
+        pair's measurements outnumber by eight the tests that they saved.
         """
         last, self._tested[pair] = self._tested.get(pair), q
         near = last is not None and float(np.abs(q - last) @ self._reach[pair]) < _NEARBY

@@ -253,7 +253,8 @@ class _Search:
     def stopped_after_a_collision(self) -> bool:
         """Whether measurements ended at their maximum number, although a collision was found.
 
-        Most of them may have been made before it was known, so an earlier one may be left.
+        Most measurements may have been made before this collision was known, so there may be an
+        earlier one.
         """
         return self._touch < np.inf and self._left <= 0
 

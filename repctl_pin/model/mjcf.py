@@ -214,7 +214,8 @@ def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, floa
     """Convert equality constraints between two joints to mimic joints.
 
     Return a dict from the name of a mimic joint to (leading joint, multiplier, offset). Constraints
-    that pull a body to a mocap body, a target set by the user, are left out, with a note.
+    that pull a body to a mocap body, a target set by the user, are left out; a text on them is
+    added to the list ``notes``.
 
     Raises
     ------

@@ -222,7 +222,7 @@ def _plain(element: etree._Element) -> etree._Element:
 
 
 def bad(element: etree._Element, what: str) -> UrdfError:
-    """Create the error ``line N: label: what``: a description of the element, and its fault."""
+    """Create the error ``line N: label: what``: the element, see :func:`label`, and its fault."""
     return UrdfError(f"{line(element)}: {label(element)}: {what}")
 
 

@@ -161,7 +161,7 @@ class BestLeaf:
 
     Attributes
     ----------
-    best, given : LeafCandidate or None
+    best, given : _LeafCandidate, _LeafCandidate or None
         The best start found and the given one, with their margins; ``best.motion.rms_speed`` is the
         joint speed. ``given`` is None if no full cycle can begin at the given start.
     tried : int
@@ -236,8 +236,8 @@ def best_leaf(
     by
         ``"limits"`` maximises the smallest of the three relative margins of the cycle (joint
         limits, bodies, leaf). ``"speed"`` minimises the joint speed (rms) over the collision-free
-        leaves with at least half of the joint-limit margin of the start that ``"limits"`` finds. It
-        also tries random starts, on all self-motions of the first point.
+        leaves with at least half of the joint-limit margin of the start that ``"limits"`` finds;
+        for this, random starts are tried too, on all self-motions of the first point.
     steps
         Number of steps per cycle.
     seed
