@@ -99,7 +99,7 @@ class Batches:
         return add(function(batch, *arguments) for batch in batches)
 
     def _build(self, first: int) -> Iterator[Batch]:
-        """Yield the batches from number ``first`` on; report the fraction of nodes after each."""
+        """Yield the batches from number ``first`` on, and call the progress callback after each."""
         for begin in range(first * self._size, len(self._Q), self._size):
             nodes = slice(begin, begin + self._size)
             yield self._builder(self._Q[nodes], self._weights[nodes])
@@ -117,7 +117,7 @@ class BarrierCost:
     Parameters
     ----------
     batches
-        The nodes.
+        The nodes of the fit with their weights, in batches.
     builder
         Function (Q, weights) → batch, for the barrier points.
     weight

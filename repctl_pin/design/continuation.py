@@ -67,7 +67,7 @@ class FitProblem:
         Coefficients of a design of lower degree, for the first N_first potentials of the basis; one
         of the starting points of the fit. By default none.
     report
-        Progress callback.
+        Progress callback (step: str, fraction: float), with the finished fraction, 0 to 1.
     """
 
     desired: Inverse
@@ -92,7 +92,7 @@ class Continuation:
         The independent potentials over Ω, and coordinates in which their gradients are
         orthonormal.
     coarse
-        The coarse nodes, with barrier points.
+        The cost over the coarse nodes and over barrier points.
     """
 
     def __init__(self, problem: FitProblem, chosen: Independent, coarse: BarrierCost) -> None:
@@ -144,8 +144,8 @@ class Continuation:
         """Minimise the cost with the first ``size`` independent potentials on the coarse nodes.
 
         There are two starting points: a linear least-squares solution that brings V near the null
-        space of J, and ``below``, the coefficients of an optimum with fewer potentials, if given.
-        The one of lower cost is tried first, and the other one only if the first leads to no
+        space of J, and ``below``, the coefficients (·, r) of an optimum with fewer potentials, if
+        given. The one of lower cost is tried first, and the other one only if the first leads to no
         regular optimum. With random restarts, the best optimum is returned. Return None if neither
         starting point leads to a regular optimum.
         """
@@ -166,7 +166,7 @@ class Continuation:
     def descend(
         self, batches: BarrierCost, A: Array, penalty: float, tolerance: float
     ) -> Descent | None:
-        """Minimise the cost on the nodes ``batches`` from coefficients A to a regular optimum.
+        """Minimise the cost ``batches``, of some nodes, from coefficients A to a regular optimum.
 
         After each descent, singular configurations that a search of Ω finds become barrier points,
         and the descent is repeated from A. Return None if A itself is singular at one of them, if

@@ -6,7 +6,7 @@ inverse G_r from the desired inverse G_d. A basis has the potentials h_1 … h_N
 coefficients, and V = D A their gradients. The columns of N span the null space of J; in shapes, N
 is the number of potentials of the basis, n that of joints, m that of task coordinates, and r = n −
 m. The mean is over K nodes, which are configurations in Ω. Equation numbers such as (38) are those
-of the paper.
+of the paper (docs/notation.md).
 
 Everything that depends on the arm is in the arrays ``E = Nᵀ D`` and ``F = G_dᵀ D`` of
 :class:`Batch`, which are built once (34), (36), (38). Each evaluation is then dense linear algebra.

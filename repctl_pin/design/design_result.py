@@ -2,7 +2,9 @@
 
 The repeatable inverse G_r is near the desired inverse G_d. N and V̂ are orthonormal bases of the
 null space of J and of the gradients of the potentials; σ_min(Nᵀ V̂) is the leaf margin, the
-distance from an algorithmic singularity. Numbers such as (26) are equations of the paper.
+distance from an algorithmic singularity, at which G_r fails though J has full rank. A certificate
+is a proof of bounds, such as of the leaf margin, over all of Ω. Numbers such as (26) are equations
+of the paper (docs/notation.md).
 
 ``Baseline`` is a simpler repeatable inverse over the same Ω: its name, its figures, or why it was
 refused.
@@ -62,8 +64,9 @@ class Design:
         Norm of the gradient of the minimised function, which is the cost plus a small penalty, with
         respect to coefficients for potentials whose gradients are orthonormal over Ω.
     converged : bool
-        True if the optimiser predicts no relative decrease of the cost above ``tolerance``, or its
-        last three steps gave none. More potentials may still lower the cost.
+        True if the optimiser predicts no relative decrease of the cost above the ``tolerance`` of
+        :class:`FitOptions`, or its last three steps gave none. More potentials may still lower the
+        cost.
     steps : int
         Number of steps of the optimiser.
     samples, held_out : int

@@ -4,8 +4,9 @@
 use, so that a fit to too few nodes is seen. They are drawn in 32 replicates, independent random
 sets, whose spread gives the standard error of the cost. G_r is the repeatable inverse, G_d the
 desired one. N and V̂ are orthonormal bases of the null space of J and of the gradients of the
-potentials; σ_min(Nᵀ V̂) is the leaf margin, the distance from an algorithmic singularity. Numbers
-such as (26) are equations of the paper.
+potentials; σ_min(Nᵀ V̂) is the leaf margin, the distance from an algorithmic singularity, at which
+G_r fails though J has full rank. Numbers such as (26) are equations of the paper
+(docs/notation.md).
 
 ``LeafMargin`` is the signed distance from an algorithmic singularity, as a function of q.
 ``_Replicate`` is the means over one set of nodes, and its nodes with the lowest leaf margins.

@@ -45,8 +45,8 @@ def check_configurations(task: Task) -> Array:
 def points_at(task: Task, frames: Sequence[str], Q: ArrayLike) -> Array:
     """Compute the origins of frames of the task's chain at every row of Q: (K, F, 3), m.
 
-    They are in the base axes of the model, ``task.model``. ``frames`` are F names. Fingerprints and
-    saved files identify frames by these points, not by their names.
+    They are relative to the root of the model, ``task.model``. ``frames`` are F names. Fingerprints
+    and saved files identify frames by these points, not by their names.
     """
     ids = [frame_id(task.model, name) for name in frames]
     return frame_placements(task.model, ids, task._matrix(Q))[:, :, :3, 3]
@@ -73,7 +73,7 @@ def task_parts(task: Task) -> tuple[Any, ...]:
 
 
 def rounded(values: ArrayLike) -> Array:
-    """Round numbers computed from a URDF to 9 decimals.
+    """Round an array of numbers computed from a URDF to 9 decimals.
 
     They differ between computers by rounding errors; unrounded, one robot would have two
     fingerprints.
@@ -84,8 +84,9 @@ def rounded(values: ArrayLike) -> Array:
 def subject_of(task: Task, potentials: PotentialBasis, coefficients: Array, region: Region) -> str:
     """Compute the fingerprint of a repeatable inverse over a region.
 
-    The fingerprint covers the joint chain with its limits, the potentials, their coefficients and
-    the region. It is empty for user-defined potentials and regions, of which nothing can be proved.
+    The fingerprint covers the joint chain with its limits, the potentials, their coefficients
+    (N, r) and the region. It is empty for user-defined potentials and regions, of which nothing can
+    be proved.
     """
     basis = _basis_parts(potentials)
     shape = _region_parts(region)

@@ -3,9 +3,9 @@
 The steps are: a search for singularities of the arm, the selection of independent potentials, the
 minimisation of the cost on a few nodes and then on all, and the evaluation on held-out nodes. Nodes
 are configurations of the region Ω at which the cost is evaluated. A barrier point is a
-configuration at which an earlier fit had an algorithmic singularity; it is added to the nodes, so
-that the next fit has none there. An argument ``problem`` has the desired inverse, the basis of
-potentials, Ω and the options of the fit.
+configuration at which an earlier fit had an algorithmic singularity, where the repeatable inverse
+fails though J has full rank; it is added to the nodes, so that the next fit has none there. An
+argument ``problem`` has the desired inverse, the basis of potentials, Ω and the options of the fit.
 
 ``FitProblem`` holds the arguments of a fit: desired inverse, potentials, region Ω and options.
 ``Batches`` are the nodes (configurations with weights) of a fit, over which functions are summed.
@@ -132,11 +132,11 @@ def _refined(
 ) -> Design | SingularRegionError:
     """Descend on all nodes from ``near``, a result on few nodes, and evaluate on held-out nodes.
 
-    ``chosen`` are the independent potentials, and ``continuation`` has made ``near``. ``fine`` are
-    all nodes with barrier points, configurations that repel singularities; ``samples`` is the
-    number of all nodes. A singularity that the evaluation finds becomes a barrier point, and the
-    descent is repeated. Return the error of the singularity, instead of a design, if ``near`` is
-    singular at that configuration, too, or after the last repetition.
+    ``chosen`` are the independent potentials, and ``continuation`` has made ``near``. ``fine`` is
+    the cost over all nodes and over barrier points; ``samples`` is the number of all nodes. A
+    singularity that the evaluation finds becomes a barrier point, and the descent is repeated.
+    Return the error of the singularity, instead of a design, if ``near`` is singular at that
+    configuration, too, or after the last repetition.
     """
     refusal: SingularRegionError | None = None
     for _ in range(_ROUNDS):

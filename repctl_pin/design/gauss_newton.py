@@ -119,7 +119,7 @@ def start(batches: Batches, basis: Array, moments: tuple[Array, Array, Array]) -
     Parameters
     ----------
     batches
-        The nodes.
+        The nodes of the fit with their weights, in batches.
     basis : (N', N') array
         B for the first N' potentials; only these are used.
     moments
@@ -164,7 +164,7 @@ def descend(
     Parameters
     ----------
     batches
-        The nodes.
+        The cost C over the nodes of the fit and over its barrier points.
     basis : (N', N') array
         B for the first N' potentials.
     begin
@@ -311,8 +311,9 @@ class _MatrixFree(_PenalisedCost):
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
         """Solve ``(H + μ I) dx = −g``, μ = ``damping`` · mean(diag H), by conjugate gradients.
 
-        ``model`` is what :meth:`model` returns: g (N, r), and three data of H. The residual is at
-        most 1e-3 of ``‖g‖``; it changes the steps, but not the optimum, because g is exact.
+        ``model`` is g (N, r), and three data of H: the first-order changes of X = F A (E A)⁻¹ at
+        all nodes, H estimated from a sample of the nodes, and mean(diag H). The residual is at most
+        1e-3 of ``‖g‖``; it changes the steps, but not the optimum, because g is exact.
         """
         from scipy.sparse.linalg import LinearOperator, cg  # slow to import
 

@@ -3,7 +3,7 @@
 Nodes are the configurations of the region Ω at which the cost, the mean squared distance from the
 desired inverse, is evaluated; held-out nodes are others. The leaf margin, from 0 to 1, is the
 distance from an algorithmic singularity, at which the repeatable inverse fails though J has full
-rank. Numbers such as (26) are equations of the paper.
+rank. Numbers such as (26) are equations of the paper (docs/notation.md).
 
 ``PotentialBasis`` is a basis of N functions of q, whose combinations are the potentials h of a
 design. ``FitProblem`` holds the arguments of a fit: desired inverse, potentials, region Ω and

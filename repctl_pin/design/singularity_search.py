@@ -169,7 +169,7 @@ class LeafMargin:
         return margin
 
     def _augmented(self, Q: Array) -> tuple[Array, Array]:
-        """Evaluate J_V = [J; Vᵀ] (K, n, n) and the gradients V of the potentials (K, n, r)."""
+        """Evaluate J_V = [J; Vᵀ] (K, n, n) and the gradients V (K, n, r) at Q (K, n)."""
         J = self.task.jacobians(Q)
         V = self.potentials.gradients(Q)
         return np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1), V

@@ -3,7 +3,8 @@
 The Jacobian of the new tool is ``J' = A J`` with an invertible A, so the null space N, the leaf
 margin ``σ_min(Nᵀ V̂)`` and the joint paths of closed motions stay the same, and ``G_r' = G_r A⁻¹``.
 See :mod:`repctl_pin.model.tool`. A leaf is the set h(q) = c on which the potentials h are constant;
-the leaf margin is the distance from a configuration at which G_r fails.
+the leaf margin is the distance from a configuration at which G_r fails. A certificate is a proof of
+bounds over the region of the design.
 
 ``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated at q (n,) or Q (K, n).
 """

@@ -2,6 +2,7 @@
 
 An inverse G (n, m) of the Jacobian J (m, n) has J G = I; J⁺ is the pseudoinverse. A repeatable
 inverse keeps r potentials, functions h(q), constant. An argument ``strategy`` is the inverse G.
+Noise is the irregular error of computed values of a function, mostly rounding.
 Letters: n joints, m task coordinates, K configurations.
 
 ``_Derivative`` is an inverse G and its derivative ∂G/∂q at K configurations.
@@ -95,9 +96,10 @@ def _(strategy: Pseudoinverse, Q: Array) -> _Derivative:
 
 @derivative.register
 def _(strategy: WeightedInverse, Q: Array) -> _Derivative:
-    """Evaluate G and ∂G/∂q of ``J⁺_M = B (J B)⁺``, where ``M⁻¹ = B Bᵀ``.
+    """Evaluate G and ∂G/∂q of ``J⁺_M = B (J B)⁺`` at Q (K, n), where ``M⁻¹ = B Bᵀ``.
 
-    A constant weight M permits the formula of J⁺; otherwise, differences are used.
+    M is the weight of the joint speeds. A constant weight permits the formula of J⁺; otherwise,
+    differences are used.
     """
     if isinstance(strategy.weight, str) or callable(strategy.weight):
         return derivative.dispatch(object)(strategy, Q)
@@ -178,8 +180,9 @@ def differentiate(
     orders 2 to 12). The result is the table entry that differs least from its two parents. So step
     and order adapt to the function: short steps and high order if it is smooth, long steps and low
     order if it is noisy. The difference from these parents is the error estimate (Ridders' method),
-    unless the noise at the shortest steps is larger. If the error exceeds 1e-6 of the derivative,
-    as near a pole, the procedure is repeated with steps an eighth as long.
+    unless four times the noise, estimated from two entries at the shortest steps, is larger. If the
+    error exceeds 1e-6 of the derivative, as near a pole, the procedure is repeated with steps an
+    eighth as long.
 
     Parameters
     ----------
@@ -263,9 +266,9 @@ def _romberg(rows: Sequence[Array]) -> tuple[Array, Array, NDArray[np.intp], tup
     ``rows`` has one array of differences (K, n, size) per step, the longest step first; size is the
     number of values of the function. Return four results: the table entries with the smallest
     estimated errors (K, n, size), these errors (K, n), the numbers of halvings (K, n) of the step
-    that led to the entries, and a pair of other entries (K, n, size) each. Noise is measured by
-    this pair: they have order 8, for the shortest step and for twice that step. At least five steps
-    are required.
+    that led to the entries, and a pair of other entries (K, n, size) each. The caller estimates the
+    noise from this pair: they have order 8, for the shortest step and for twice that step. At least
+    five steps are required.
     """
     best = rows[-1]
     error = np.full(best.shape[:2], np.inf)

@@ -8,7 +8,8 @@ G of the Jacobian J has J G = I; J⁺ is the pseudoinverse. An argument ``strate
 and ``function``, a ``_Surface``, evaluates s and its error. s has one defect (n,) per pair of
 columns a < b of G. Its error, one number per configuration, is an estimate of the norm of its
 numerical error. Letters: n joints, m task coordinates, K configurations; ``pairs`` is the number of
-pairs of columns, and · stands for any number of points.
+pairs of columns, and · stands for any number of points. The length of a joint motion is the norm of
+its entries divided by the units of the joints, 1 rad or the arm length for a prismatic joint.
 
 ``Region`` is a part Ω of joint space, such as a box. ``Surfaces`` are points found on the surfaces
 on which an inverse is repeatable, with their drift.
@@ -348,9 +349,10 @@ def _walked(
 ) -> tuple[Array, Array]:
     """Follow G from Q (K, n) in one task direction by eight Runge–Kutta steps.
 
-    ``direction`` (m,) is the direction, ``h`` (K, 1) the length of each step, rad, and ``L`` (n,)
-    the unit of each joint, 1 rad or the arm length in m. Return the final configurations (K, n),
-    and the fraction (K,) of the motion that was completed before a singularity.
+    ``direction`` (m,) is the direction, and ``h`` (K, 1) the length ‖Δq / L‖ of the joint motion in
+    each step, rad, with ``L`` (n,) the unit of each joint, 1 rad or the arm length in m. Return the
+    final configurations (K, n), and the fraction (K,) of the eight steps that was completed before
+    a singularity.
     """
 
     def velocity(P: Array) -> Array:

@@ -3,7 +3,8 @@
 A pair is two bodies, one of them on a link of the robot. A measured pair has a distance; other
 pairs are checked for collisions only, or not at all. The P pairs that are checked are numbered from
 0. n is the number of joints of the task, N that of the collision model, mimic joints included. K is
-the number of configurations, the rows of Q.
+the number of configurations, the rows of Q. The reference pose is the usual configuration of a
+robot. The sampled configurations are this pose and 100 random ones within the joint limits.
 
 ``Nearest`` is the closest pair of bodies at a configuration, and its distance, m. ``Clearance`` is
 the minimum body distance of a motion, and its first collision. ``_CollisionModel`` has the bodies
@@ -244,7 +245,7 @@ class Bodies:
 
     @property
     def not_checked(self) -> str:
-        """Text on the number of links without a body, and the remedy; empty if there is none."""
+        """Text on the number of links without a body, and the remedy; empty without such links."""
         count = len(self.unchecked)
         if not count:
             return ""
@@ -253,11 +254,11 @@ class Bodies:
         return f"{count} {'body' if count == 1 else 'bodies'} without a collision shape{remedy}"
 
     def hull_distances(self, Q: ArrayLike) -> Array:
-        """Compute the minimum distance of convex hulls over all pairs at rows of Q (K, n): (K,), m.
+        """Compute the minimum distance of the convex hulls of pairs at rows of Q (K, n): (K,), m.
 
-        The pairs are those whose bodies move relative to each other. A negative distance is minus
-        the penetration depth of the hulls, whether or not the bodies collide. The gradient of this
-        distance shows which motion separates the hulls.
+        The minimum is over the measured pairs, and over the other checked pairs that collide. A
+        negative distance is minus the penetration depth of the hulls, whether or not the bodies
+        collide. The gradient of this distance shows which motion separates the hulls.
         """
         return self._all(Q, hulls=True)[0]
 
@@ -283,9 +284,11 @@ class Bodies:
         return np.asarray(self._model.lowest(self._drive.joints(Q)))
 
     def _of_pairs(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
-        """Compute, for each row of Q (K, n), the distance of the hulls of one pair: (K,), m.
+        """Compute a lower bound on the distance of one pair at each row of Q (K, n): (K,), m.
 
-        ``pairs`` (K,) are the indices of these pairs, one per row.
+        ``pairs`` (K,) are the indices of these pairs, one per row. The bound is the distance of the
+        hulls, below 0 where they overlap. Where the hulls of a pair that is checked for collisions
+        only overlap, it is the distance of the exact shapes.
         """
         return np.asarray(self._model.pair_distances(self._drive.joints(Q), pairs))
 

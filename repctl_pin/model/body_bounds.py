@@ -116,11 +116,11 @@ class BodyBounds:
     model
         Model whose joints move the bodies; they have one coordinate each.
     joint
-        Parent joint of each body (B,); 0 if it is fixed to the root.
+        Number, in the model, of the joint that carries each of the B bodies; 0 for the root.
     place
-        Placement of each body relative to its parent joint.
+        Placement of each body relative to that joint.
     bodies
-        Shapes whose local bounding boxes are computed.
+        Shape of each body, whose bounding box and sphere are computed.
     pairs
         Indices (P, 2) of the two bodies of each pair.
     """
@@ -262,8 +262,9 @@ class BodyBounds:
     def _off(self, joint: Sequence[int], points: Array) -> Array:
         """Compute the distances of M points from the axes of M joints: (M,), m.
 
-        ``points`` (M, 3) are in the joints' frames, m. For a prismatic joint, the result is the
-        distance from the joint's origin.
+        ``joint`` has the numbers of the joints in the model, and ``points`` (M, 3) are in the
+        frames of these joints, m. For a prismatic joint, the result is the distance from the
+        joint's origin.
         """
         axes = self._placements.axes[joint]
         along = np.einsum("mi,mi->m", points, axes)
@@ -287,7 +288,8 @@ class KnownApart:
 
     Two surfaces with the distance d at a configuration x do not touch at any q with ρ·\|q − x\| <
     d, where ρ (N,) bounds how fast each joint changes the pair's distance. They do not touch on the
-    straight line from x to q either, so no body gets inside another one.
+    straight line from x to q either, so no body gets inside another one. A pair is given by its
+    index, 0 to P − 1.
 
     Parameters
     ----------
@@ -325,8 +327,8 @@ class KnownApart:
         """Record that a pair is tested at q (N,), and return whether to measure its distance too.
 
         Measuring takes longer than a test for contact, but can save further tests. So it is done if
-        the last test of the pair was near q, unless the pair's measurements outnumber by eight the
-        tests that they saved.
+        the distance can have changed by less than 5 cm since the last test of the pair, unless the
+        pair's measurements outnumber by eight the tests that they saved.
         """
         last, self._tested[pair] = self._tested.get(pair), q
         near = last is not None and float(np.abs(q - last) @ self._reach[pair]) < _NEARBY
@@ -346,7 +348,7 @@ class KnownApart:
         at[row], distances[row] = self._scaled(pair, q), distance
 
     def _scaled(self, pair: int, q: Array) -> Array:
-        """Return q_j ρ_j, m, one number per joint j that moves the pair with the index ``pair``."""
+        """Return q_j ρ_j (·,), m, for each joint j that moves a pair, at q (N,)."""
         moves = self._moves[pair]
         return np.asarray(q[moves] * self._reach[pair, moves])
 

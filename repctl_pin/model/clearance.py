@@ -253,7 +253,8 @@ class _Search:
     def stopped_after_a_collision(self) -> bool:
         """Whether measurements ended at their maximum number, although a collision was found.
 
-        Most of them may have been made before it was known, so an earlier one may be left.
+        Most measurements may have been made before this collision was known, so there may be an
+        earlier one.
         """
         return self._touch < np.inf and self._left <= 0
 
@@ -289,8 +290,8 @@ class _Search:
         """Test by lower bounds, m, which distances need no further measurement.
 
         The result is a mask with the shape of ``lower``. Such a distance cannot be a collision. If
-        the pair is ``measured``, not checked for collisions only, the distance cannot be clearly
-        below the minimum found either.
+        the pair is ``measured``, not checked for collisions only, the distance cannot be below the
+        minimum found either by more than 10 % of it, or 5 mm if that is more.
         """
         if self._touch < np.inf or self._best <= _SMALL or self._best == np.inf:
             return lower > 0

@@ -4,7 +4,7 @@ A pair is two bodies between which a joint moves, given by its index 0 to P − 
 robot is represented by its convex hull. A measured pair has a distance. A collision-only pair, such
 as neighbouring links, is tested for collisions without a distance, because its bodies are always
 close. The model has N joints, mimic joints included. K is the number of configurations, the rows of
-Q, and B that of a block of them.
+Q, and B that of a block of them. The reference pose is the usual configuration of a robot.
 
 ``BodyShape`` is a collision body: a convex shape, or a mesh and its convex hull.
 ``_CollisionModel`` is the bodies of a robot and its surroundings, and the pairs that a task moves.
@@ -212,10 +212,11 @@ class _CollisionModel:
     def some_distances(
         self, q: Array, pairs: NDArray[np.intp], *, exact: bool = False, outside: bool = False
     ) -> Array:
-        """Compute lower bounds on the distances of some pairs at q (N,): (K,), m.
+        """Compute lower bounds on the distances of K pairs at one configuration q (N,): (K,), m.
 
-        A pair whose bound is above 0 does not collide. The bound is the distance of the hulls;
-        where the hulls of a collision-only pair overlap, it is that of the exact shapes.
+        A pair whose bound is above 0 does not collide. The bound is the distance of the hulls,
+        below 0 where they overlap. Where the hulls of a collision-only pair overlap, it is the
+        distance of the exact shapes.
 
         Parameters
         ----------
@@ -243,9 +244,11 @@ class _CollisionModel:
         return np.array(found)
 
     def pair_distances(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
-        """Compute the bound of :meth:`some_distances` on one pair at each row of Q (K, N): (K,), m.
+        """Compute a lower bound on the distance of one pair at each row of Q (K, N): (K,), m.
 
-        ``pairs`` (K,) are the indices of these pairs.
+        ``pairs`` (K,) are the indices of these pairs, one per row. The bound is the distance of the
+        hulls, below 0 where they overlap, or, where the hulls of a collision-only pair overlap, the
+        distance of the exact shapes.
         """
         found = np.empty(len(Q))
         with self._lock:

@@ -243,8 +243,8 @@ def along_z(chain: JointChain) -> tuple[Array, Array]:
     Returns
     -------
     R, p : (P + 1, 3, 3) and (P + 1, 3) arrays
-        Rotation and origin, m, of each frame relative to the previous one, the last that of the
-        task.
+        Rotation and origin, m, of each frame relative to the previous one; the last entry is that
+        of the task's frame.
     """
     B = [np.eye(3), *map(_z_along, chain.axes), np.eye(3)]
     for j in range(1, len(chain.axes)):

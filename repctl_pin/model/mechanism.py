@@ -1,7 +1,8 @@
 """Joints of a robot, for tasks and drawings: limits, poses, and mimic joints.
 
 A mimic joint follows another joint: its position is a multiple of that of the other joint, plus an
-offset. A locked joint is held at the reference pose.
+offset. A locked joint is held at the reference pose, the usual configuration of the robot. An
+argument ``notes`` is a list of texts for the user, to which a function adds.
 
 ``Coupling`` is the map ``θ = S q + offset`` from the free joints q to all joints θ, mimic joints
 included. ``Range`` is the limits of a joint: lower, upper, velocity, acceleration and jerk.
@@ -250,7 +251,7 @@ def _narrowed(
     by: Sequence[str],
     slowed_by: Sequence[str],
 ) -> str:
-    """Write which mimic joints narrow which limits of a joint.
+    """Return a sentence on which mimic joints narrow which limits of a joint.
 
     ``left`` is the new range (lower, upper), rad or m, and ``velocity`` the new speed limit, per s;
     ``by`` and ``slowed_by`` name the mimic joints that narrow them. The result is empty if both are
@@ -284,7 +285,7 @@ def _interval(lower: float, upper: float) -> str:
 
 
 def _loss(before: float, after: float) -> float:
-    """Compute by which fraction a range or speed limit is reduced; 1 if ``before`` is infinite."""
+    """Compute by which fraction a limit falls, from ``before`` to ``after``; 1 from infinity."""
     return 1.0 if np.isinf(before) else 1 - after / before
 
 

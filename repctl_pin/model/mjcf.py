@@ -138,9 +138,9 @@ def _joint_numbers(model: Any, b: int) -> range:
 
 
 def _joint_notes(model: Any, b: int, name: str) -> list[str]:
-    """Write a note on each free joint, and each range of a ball joint, of body number b.
+    """List notes, one text on each free joint and on each range of a ball joint of body number b.
 
-    ``name`` is the name of the body. Both are left out of the URDF.
+    ``name`` is the name of the body. These joints and ranges are left out of the URDF.
     """
     joints = _joint_numbers(model, b)
     free = [j for j in joints if model.jnt_type[j] == _FREE]
@@ -214,7 +214,8 @@ def _couplings(model: Any, notes: list[str]) -> dict[str, tuple[str, float, floa
     """Convert equality constraints between two joints to mimic joints.
 
     Return a dict from the name of a mimic joint to (leading joint, multiplier, offset). Constraints
-    that pull a body to a mocap body, a target set by the user, are left out, with a note.
+    that pull a body to a mocap body, a target set by the user, are left out; a text on them is
+    added to the list ``notes``.
 
     Raises
     ------
@@ -355,7 +356,7 @@ def _origin(above: etree._Element, place: pin.SE3) -> None:
 
 
 def _text(name: str, parts: Sequence[_Part]) -> bytes:
-    """Write links and joints as URDF, in bytes; ``name`` is the robot's name."""
+    """Format links and joints as the bytes of a URDF; ``name`` is the robot's name."""
     robot = etree.Element("robot", name=name)
     for part in parts:
         link = etree.SubElement(robot, "link", name=part.name)

@@ -92,7 +92,7 @@ def fixed_placements(description: Description) -> dict[str, pin.SE3]:
 
 
 def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
-    """Build a model without the joints ``ids``, which are locked at a configuration q of ``model``.
+    """Build a model without the joints ``ids``, which stay as in the configuration q (N,).
 
     Pinocchio looks up locked joints by name among all frames and raises if a link has the name of a
     joint, so such links are renamed temporarily."""

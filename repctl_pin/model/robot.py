@@ -1,6 +1,7 @@
 """Robot from a URDF: joints, limits, frames and a reference pose.
 
-A mimic joint follows another joint; a locked joint is held at the reference pose.
+A mimic joint follows another joint; a locked joint is held at the reference pose, the usual
+configuration of the robot.
 
 ``Description`` is the content of a validated URDF as plain data. ``Entry`` is a robot of the
 catalogue: its files, its frames and its reference pose. ``Range`` is the limits of a joint: lower,
@@ -416,9 +417,10 @@ class Robot(Mechanism):
         return dict(zip(ids, placed[0, :, :3, 3], strict=True))
 
     def _mesh_notes(self) -> list[str]:
-        """Write a note on meshes found by the end of their names only, and one on missing meshes.
+        """List notes: a text on meshes found only by the end of their names, one on missing ones.
 
-        The kinematics needs no meshes, so they are not errors.
+        The list is empty without such meshes. The kinematics needs no meshes, so they are not
+        errors.
         """
         description = self.description
         collisions = (shape.filename for shape in description.collisions if shape.filename)

@@ -2,7 +2,8 @@
 
 The F frames are in a fixed order, and the rows of the first are on top. A frame can be controlled
 relative to a base of its own, another link. J is the Jacobian, and H its derivative by q. A twist
-is the velocity (v, ω) of a frame, m/s and rad/s.
+is the velocity (v, ω) of a frame, m/s and rad/s. q (n,) is a configuration, rad (m for prismatic
+joints).
 
 ``Mechanism`` is the movable joints of a robot and their limits. ``FrameSpec`` is one of several
 frames: its link, its kind of task, its base, and the joints that move it. ``Placements`` is the
@@ -27,9 +28,10 @@ from .task import Task, _held
 
 
 class FrameSpec(NamedTuple):
-    """One of several frames: the link ``frame``, its kind, its base, and the joints that move it.
+    """One of several frames: its link, its kind of task, its base, and the joints that move it.
 
-    ``base`` is the link relative to which the frame is controlled; None for the robot's own base.
+    ``frame`` and ``joints`` are names. ``base`` is the name of the link relative to which the frame
+    is controlled; None for the robot's own base.
     """
 
     frame: str
@@ -216,9 +218,10 @@ class SeveralFrames(Task):
     # ---- inside ----
 
     def _of_joints(self, q: ArrayLike, name: str) -> Array:
-        """Collect one row per joint, (n, 3), from the method ``name`` of the tasks of one frame.
+        """Collect one row per joint, (n, 3), from a method of the single tasks, such as ``axes``.
 
-        For a joint that moves several frames, a row in the robot's own base frame is preferred.
+        ``name`` is the name of the method. For a joint that moves several frames, a row in the
+        robot's own base frame is preferred.
         """
         whole = self.to_robot(vector(q, self.n, f"q of {self!r}"))
         out = np.zeros((self.n, 3))

@@ -2,7 +2,8 @@
 
 Numbers in parentheses are equations of the paper (docs/notation.md). The base frame is that of the
 robot's ``base`` link, or of its root. A twist is the velocity (v, ω) of a frame, m/s and rad/s, in
-base axes.
+base axes. q (n,) is a configuration, rad (m for prismatic joints). The reference pose is the usual
+configuration of the robot, in which joints stay that a task does not move.
 
 ``Kind`` is the kind of a task, such as ``pose``, with the coordinates that it commands.
 ``Mechanism`` is the movable joints of a robot and their limits.
@@ -37,7 +38,7 @@ from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_be
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
-    """Write the remedy of an error for joint values that the user may have given in degrees.
+    """Return the remedy of an error for joint values that the user may have given in degrees.
 
     ``joints`` (n,) are these values, converted to rad; the remedy is to give them instead. The text
     is empty if they are not within the limits ``lower`` and ``upper`` (n,), rad or m.

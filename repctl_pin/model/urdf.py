@@ -2,7 +2,8 @@
 
 Pinocchio reports most bad files as "not a valid URDF model", silently accepts others (a zero axis,
 a link with two parents) and crashes on a few. Here every error is one line with the element, its
-line, the fact and the remedy.
+line, the fact and the remedy. A note is a text for the user on content that is accepted; an
+argument ``notes`` is the list to which a function adds notes.
 
 ``Description`` is the content of a validated URDF as plain data. ``Joint`` is a joint of a URDF as
 plain data: its kind, links, axis, limits and mimic.
@@ -55,7 +56,7 @@ _LONG = 20.0
 class Joint:
     """Joint of a URDF as plain data.
 
-    ``parent`` and ``child`` are links, and ``axis`` is a unit vector in the joint's frame.
+    ``parent`` and ``child`` are names of links, and ``axis`` is a unit vector in the joint's frame.
     ``lower``, ``upper`` (rad or m), ``velocity``, ``acceleration`` and ``jerk`` (per s, s² and s³)
     are infinite without a limit; ``acceleration`` is the smaller one of the file's ``acceleration``
     and ``deceleration``. ``mimic`` names the independent joint whose position q this joint follows
@@ -207,9 +208,9 @@ def check_surroundings(description: Description) -> Description:
 
 
 def _still_notes(elements: Mapping[str, etree._Element]) -> list[str]:
-    """Write a note on the joints with the speed limit 0, which is read as no limit.
+    """Return a list of one note, a text on the joints with the speed limit 0, read as no limit.
 
-    ``elements`` are the XML elements of the joints, by name. The list is empty if there are none.
+    ``elements`` are the XML elements of the joints, by name. The list is empty without such joints.
     """
     still = [repr(name) for name, element in elements.items() if _no_speed(element)]
     return [f"speed limit 0 of joint {', '.join(still)} read as no limit"] if still else []
@@ -348,7 +349,7 @@ def _line(mimics: Iterable[etree._Element]) -> tuple[float, float]:
 
 
 def _fix_still_followers(robot: etree._Element, notes: list[str]) -> None:
-    """Convert joints that mimic a fixed joint to fixed joints, and add one note on them.
+    """Convert joints that mimic a fixed joint to fixed joints; add a note on them to ``notes``.
 
     A fixed joint is at 0, so these joints rest at their mimic offsets. They keep their ``<mimic>``
     elements, by which fingers are recognised. ``robot`` is changed.
@@ -377,9 +378,9 @@ def _fix_still_followers(robot: etree._Element, notes: list[str]) -> None:
 
 
 def _degrees(joints: tuple[Joint, ...]) -> list[str]:
-    """Write a note on revolute joints with a limit beyond two turns, possibly in degrees.
+    """Return a note on revolute joints with a limit beyond two turns, possibly in degrees.
 
-    The list has one note, on the largest such limit, or none.
+    The result is a list of one text, on the largest such limit, or of none.
     """
     far = {}
     for joint in joints:
@@ -397,10 +398,11 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
 
 
 def _millimetres(robot: etree._Element, root: str) -> list[str]:
-    """Write a note on joints over 20 m from the joint before them, possibly in millimetres.
+    """Return a note on joints over 20 m from the joint before them, possibly in millimetres.
 
-    The list has one note, on the largest such distance, or none. A single one is ignored, and so
-    are joints on the link ``root``: the robot can stand far from the root of its file.
+    The result is a list of one text, on the largest such distance, or of none. A single such joint
+    is ignored, and so are joints on the link ``root``: the robot can stand far from the root of its
+    file.
     """
     long = {}
     for joint in robot.findall("joint"):
@@ -418,7 +420,7 @@ def _millimetres(robot: etree._Element, root: str) -> list[str]:
 
 
 def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
-    """Write the URDF text for Pinocchio: only joints, links and their inertias.
+    """Return the URDF text for Pinocchio: only joints, links and their inertias.
 
     ``joints`` are those that were read from the element ``robot``, in the same order; their axes
     and limits replace those of the file, and continuous joints become revolute ones. Visual and
@@ -444,7 +446,7 @@ def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
 
 
 def _drop_unknown_limits(robot: etree._Element, notes: list[str]) -> None:
-    """Remove limits of −1, which exporters write for an unknown limit, and add one note.
+    """Remove limits of −1, which exporters write for unknown limits; add a note on them.
 
     These are limits of effort, velocity, acceleration, deceleration and jerk; ``robot`` is changed.
     """
@@ -511,7 +513,7 @@ def _few(joints: Collection[str]) -> str:
 
 
 def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
-    """Remove colours that are not four numbers, with a note each, as Pinocchio ignores them."""
+    """Remove colours that are not four numbers, which Pinocchio ignores; add a note on each."""
     for color in list(robot.iter("color")):
         words = color.get("rgba", "0 0 0 0").split()
         if len(words) != 4 or any(finite(word) is None for word in words):

@@ -421,9 +421,7 @@ def _connected(root: etree._Element, below: Mapping[str, list[etree._Element]]) 
     reached = [(root.get("name"), 1, 0)]
     for name, depth, moving in reached:  # extended in the loop, so that there is no recursion
         if depth > _MAX_DEPTH:
-            raise bad(
-                root, f"a chain of links exceeds the maximum length of {_MAX_DEPTH}; shorten it"
-            )
+            raise bad(root, f"a chain has over {_MAX_DEPTH} links; shorten it")
         for joint in below.get(name, ()):
             count = moving + _freedom(joint)
             if count > _MAX_MOVING:

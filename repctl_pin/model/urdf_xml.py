@@ -1,4 +1,7 @@
-"""Text of a URDF: expansion of xacro, safe parsing to a plain XML tree, labels for messages."""
+"""Text of a URDF: expansion of xacro, safe parsing to a plain XML tree, labels for messages.
+
+An argument ``notes`` is a list of texts for the user on ignored content, to which a function adds.
+"""
 
 from __future__ import annotations
 
@@ -132,7 +135,7 @@ def _note_foreign(root: etree._Element, notes: list[str]) -> None:
 
 
 def _some(names: Iterable[str]) -> str:
-    """Write the first three distinct names and the number of others: ``a, b, c and 2 more``."""
+    """Format the first three distinct names and the number of others: ``a, b, c and 2 more``."""
     different = [short(name)[1:-1] for name in dict.fromkeys(names)]
     more = f" and {len(different) - 3} more" if len(different) > 3 else ""
     return ", ".join(different[:3]) + more
@@ -219,12 +222,12 @@ def _plain(element: etree._Element) -> etree._Element:
 
 
 def bad(element: etree._Element, what: str) -> UrdfError:
-    """Create the error ``line N: label: what`` for an element."""
+    """Create the error ``line N: label: what``: the element, see :func:`label`, and its fault."""
     return UrdfError(f"{line(element)}: {label(element)}: {what}")
 
 
 def line(element: etree._Element) -> str:
-    """Write the line number of an element in the file, such as ``line 12``."""
+    """Format the line number of an element in the file, such as ``line 12``."""
     return (
         f"line {element.sourceline}"
         if element.sourceline < _LAST_LINE

@@ -5,7 +5,9 @@ potentials h keeps the arm on a leaf, the set h(q) = c. Each start selects a lea
 path of all cycles. The leaf margin ``σ_min(Nᵀ V̂)`` is the distance from a singularity of the
 inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised. Ω is the region of
 joint space for which the inverse was designed, and the desired inverse G_d the one that it
-approximates, usually the pseudoinverse J⁺.
+approximates, usually the pseudoinverse J⁺. A cycle has three relative margins, the minima over it
+of the joint-limit margin divided by half the joint's range, of the body distance divided by a tenth
+of the arm length, and of the leaf margin.
 
 ``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.
 ``_LeafCandidate`` is a start configuration, with the margins of the cycle that begins there.
@@ -159,7 +161,7 @@ class BestLeaf:
 
     Attributes
     ----------
-    best, given : LeafCandidate or None
+    best, given : _LeafCandidate, _LeafCandidate or None
         The best start found and the given one, with their margins; ``best.motion.rms_speed`` is the
         joint speed. ``given`` is None if no full cycle can begin at the given start.
     tried : int
@@ -232,10 +234,10 @@ def best_leaf(
         Desired inverse G_d, such as ``design.desired``, from which the distance of the inverse is
         evaluated; by default J⁺.
     by
-        ``"limits"`` maximises the smallest relative margin. ``"speed"`` minimises the joint speed
-        (rms) over the collision-free leaves with at least half of the joint-limit margin of the
-        start that ``"limits"`` finds. ``"speed"`` also tries random starts, on all self-motions of
-        the first point.
+        ``"limits"`` maximises the smallest of the three relative margins of the cycle (joint
+        limits, bodies, leaf). ``"speed"`` minimises the joint speed (rms) over the collision-free
+        leaves with at least half of the joint-limit margin of the start that ``"limits"`` finds;
+        for this, random starts are tried too, on all self-motions of the first point.
     steps
         Number of steps per cycle.
     seed
@@ -245,7 +247,7 @@ def best_leaf(
     -------
     BestLeaf
         The best start found and the given one. Each has the motion of one cycle, its margins, the
-        name of the smallest margin, and the distance from G_d.
+        name of the smallest relative margin, and the distance from G_d.
 
     Raises
     ------
@@ -372,8 +374,8 @@ class _Search:
         """Improve the start ``best`` by a pattern search along the null vectors.
 
         ``better(a, b)`` tells whether candidate a is better than b. The best candidate is replaced
-        by a better one that is one step away; if there is none, the step is halved, until it is too
-        short. Steps are in rad, or in arm lengths for prismatic joints.
+        by a better one that is one step away; if there is none, the step is halved, until it is
+        shorter than 0.01. Steps are in rad, or in arm lengths for prismatic joints.
         """
         target = self.path.placement(0.0)
         size = _STRIDE / 2
@@ -385,7 +387,7 @@ class _Search:
         return best
 
     def evaluated(self, q0: Array) -> _LeafCandidate | None:
-        """Follow one cycle from a start and evaluate its margins; return None if the cycle fails.
+        """Follow one cycle from q0 (n,) and evaluate its margins; return None if the cycle fails.
 
         A cycle fails at a singularity, if the frame leaves the path, or if it does not close.
         """
@@ -533,7 +535,8 @@ def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Ar
 def _directions(task: Task, start: Array, seed: int) -> list[Array]:
     """Choose null vectors (n,) of J at the start along which to search.
 
-    They are an orthonormal basis of the null space and, if r > 1, eight random ones.
+    They are an orthonormal basis of the null space and, if r > 1, eight random ones, drawn with the
+    random seed ``seed``.
     """
     N = nullspace(task.jacobian(start))
     if task.r == 1:

@@ -2,7 +2,8 @@
 
 The same steps in Python would take most of the time of a study. A controller (a map from q and ẋ to
 q̇) that has no C code is integrated in Python by :mod:`follow`. J⁺ is the pseudoinverse of the
-Jacobian.
+Jacobian. The steps of all cycles are counted from 0: step k leads from row k of Q (T + 1, n), the
+configurations, to row k + 1, and row k of Qdot (T + 1, n) is q̇ at its start.
 
 ``ARM`` is the C struct of a task and its potentials. ``LAW`` is the C struct of a controller, a
 Runge–Kutta method and the steps of a cycle.
@@ -40,8 +41,8 @@ def compiled_steps(
 ) -> Steps | None:
     """Create the function that integrates a strategy in C: (step, end, Q, Qdot) → int.
 
-    That function takes the steps from ``step`` to ``end``, writes q and q̇ to the rows of Q and
-    Qdot, and returns the first step that was not taken.
+    That function takes the steps from ``step`` on and before ``end``, writes q and q̇ to the rows of
+    Q and Qdot, and returns the first step that was not taken. Row ``step`` of Q is given.
 
     Return None without the native library, and for a strategy or task that runge_kutta.c does not
     support; :func:`follow` then takes the same steps in Python, more slowly.
@@ -51,7 +52,7 @@ def compiled_steps(
     strategy
         Controller.
     tableau
-        Nodes c and weights b of the Runge–Kutta method, one each per stage.
+        Nodes c, fractions of the step, and weights b of the Runge–Kutta method, one each per stage.
     xdot : (steps, stages, m) array
         Task velocity ẋ at each stage of each step of a cycle, m/s and rad/s.
     h : (steps,) array
@@ -80,11 +81,11 @@ def _run(
     Q: Array,
     Qdot: Array,
 ) -> int:
-    """Take the steps from ``step`` to ``end`` in C, and return the first step that was not taken.
+    """Take the steps ``step`` to ``end`` − 1 in C, and return the first step that was not taken.
 
-    ``native`` is the library, and ``law`` the struct of the control law; ``held`` keeps its memory
-    alive. The results are written to the rows of Q and Qdot, which have one row per step. C stops
-    at a step that fails or is too long; Python then repeats the step and raises the error.
+    ``native`` is the library, and ``law`` the struct :data:`LAW`; ``held`` keeps its memory alive.
+    The results are written to the rows of Q and Qdot. C stops at a step that fails or is too long;
+    the caller then repeats the step in Python, which raises the error.
     """
     rows = [ctypes.c_void_p(array.ctypes.data) for array in (Q, Qdot)]
     while step < end:
@@ -99,8 +100,8 @@ def _law_of(strategy: Strategy) -> tuple[Any, dict[str, float], dict[str, Array]
     """Return the parts of the C struct LAW that depend on a strategy; None if C lacks its formula.
 
     They are (struct :data:`ARM`, numbers by name, arrays by name). A repeatable inverse has the
-    number ``on_leaf``, 1. A posture control has the number ``gain``, 1/s, and the array ``posture``
-    (n,). For J⁺, both dicts are empty.
+    number ``on_leaf`` = 1, by which C holds the potentials constant. A posture control has the
+    number ``gain``, 1/s, and the array ``posture`` (n,). For J⁺, both dicts are empty.
     """
     kind = type(strategy)
     if isinstance(strategy, RepeatableInverse) and kind is RepeatableInverse:

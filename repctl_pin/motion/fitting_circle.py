@@ -48,9 +48,10 @@ def fitting_circle(
 
     The circle stays away from singularities, and one without collisions is preferred. The frame
     starts on it at q0 (n,). ``control`` is the controller, by default J⁺, and ``radius`` is in m.
-    By default, the largest possible of some round numbers is chosen, up to a seventh of the reach
-    of the arm. ``plane`` is ``"xy"``, ``"yz"`` or ``"xz"``, by default the first possible. Four
-    positions of the start on the circle are tried.
+    By default, the radius is the largest possible one of some round numbers, up to a seventh of the
+    reach of the arm. The motion stays inside ``region``, if one is given. ``plane`` is ``"xy"``,
+    ``"yz"`` or ``"xz"``, by default the first possible. Four positions of the start on the circle
+    are tried.
 
     Raises
     ------

@@ -228,9 +228,9 @@ def _locked(
 ) -> _Method:
     """Create the method of :func:`follow` with a leaf lock, ``lock``, for a motion from q0 (n,).
 
-    ``targets`` and ``grid`` are the placements and values of s at which steps begin and end, and
-    ``period`` is in s. InputError is raised if the strategy is not repeatable, or ``feedback`` is
-    not 0.
+    ``targets`` and ``grid`` are the placements and the values of s at which the steps of a cycle
+    begin and end, one more than steps, and ``period`` is in s. InputError is raised if the strategy
+    is not repeatable, or ``feedback`` is not 0.
     """
     if feedback:
         raise InputError(

@@ -256,7 +256,7 @@ def cycle_of(moment: float, cycles: int) -> int:
 
 
 def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
-    """Select the indices of at most ``most`` rows per cycle of a motion, and of the last row.
+    """Select the indices (·,) of at most ``most`` rows per cycle of a motion, and of the last row.
 
     The ends of all cycles are included.
     """

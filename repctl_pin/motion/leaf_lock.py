@@ -43,7 +43,8 @@ class LeafLock:
     leaf : (r,) array, optional
         Level c; by default h(q0).
     velocity_limit : float or (n,) array, optional
-        Joint speed limits, rad/s or m/s, that shorten the steps; by default, there are none.
+        Joint speed limits, rad/s or m/s. A step that would exceed them is shortened, and then does
+        not reach its point of the path. By default, there are none.
     damping : float
         Maximum damping λ_max near singularities, see :meth:`RepeatableInverse.step`.
 
@@ -86,6 +87,8 @@ def locked_steps(
 
     Parameters
     ----------
+    strategy
+        Repeatable inverse with the potentials h.
     targets
         Placements on the path at the ends of the steps of a cycle, one more than steps.
     grid : (steps + 1,) array
@@ -94,6 +97,8 @@ def locked_steps(
         Start of the motion; c = h(q), unless ``lock.leaf`` gives another level.
     period : float
         Period of a cycle, s.
+    lock
+        Options of the leaf lock.
     """
     task = strategy.task
     damping = lock.damping

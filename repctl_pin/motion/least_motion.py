@@ -276,10 +276,10 @@ class _Cost:
 
         The decrease is that of the cost. N spans the null space of J, and H = ∂J/∂q. With a (r,),
         ``q(a) = q + N a − ½ J⁺ (H N a) N a + …`` is a self-motion, so Newton's matrix is the
-        Gauss–Newton matrix
-        plus one block (r, r) per configuration, the curvature of the self-motion times the
-        gradient. If ``exact`` is False, their positive semidefinite parts are used, so that the
-        matrix is positive definite.
+        Gauss–Newton matrix plus one block (r, r) per configuration, the curvature of the
+        self-motion times the gradient. If ``exact`` is False, the positive semidefinite parts of
+        these blocks are used, so that the matrix is positive definite. The step of a fixed start
+        is 0.
 
         Raises
         ------

@@ -114,8 +114,8 @@ def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
 
     ``given`` is the motion from the user's start, and ``kept`` the joint-limit margin that the
     result must have, rad or m. A search with a free start may end below the margin that it
-    requires. So searches with larger and larger margins follow, the multiples ``_SPARE`` of
-    ``kept``, until the result has the margin ``kept``.
+    requires. So searches with larger and larger margins, multiples of ``kept``, follow until the
+    result has the margin ``kept``.
     """
     found = (_free(motion, factor * kept) for factor in _SPARE)
     better = (one for one in found if one is not None and _better(one, given, kept))

@@ -1,5 +1,8 @@
 """Limits of a motion in time, as given by the user and as numbers per joint of a task.
 
+A timed motion goes from rest to rest over time; the governor generates a motion online, towards a
+target that may change while the arm moves.
+
 ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
 numbers.
 """

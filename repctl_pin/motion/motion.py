@@ -3,7 +3,8 @@
 A strategy is a controller: a map (q, ẋ) → q̇. A repeatable one keeps the arm on a leaf, a set of
 configurations with constant potentials h(q). A leaf lock replaces its integration by Newton steps
 on the leaf, from point to point of the path. The damping λ of a step limits joint speeds near
-singularities.
+singularities. The closing radius is a distance, m and rad, from a start pose or from a path: every
+closed path within it is proved to end in the configuration it began in.
 """
 
 from __future__ import annotations
@@ -100,8 +101,8 @@ class Motion(JointMotion):
     def beyond_closing_radius(self) -> float | None:
         """Fraction of the samples beyond the proved closing radius; None without such a radius.
 
-        Every closed path that stays within this distance of a start pose, or of a path, is proved
-        to end in the configuration it began in. Other paths may close too, but this is not proved.
+        A sample is beyond it if the frame's pose is farther than the radius from the start pose,
+        or from the path, of the proof. Paths beyond it may close too, but this is not proved.
         """
         closes = self.closing_radius
         if not closes:

@@ -28,9 +28,9 @@ def self_motions(
     *,
     limits: bool = True,
 ) -> Iterator[Iterator[Array]]:
-    """Yield walks along the self-motions of a start, each up to a joint limit or a full turn.
+    """Yield walks along the self-motions of a start, each at most 2π rad long.
 
-    A walk is an iterator of configurations (n,).
+    A walk is an iterator of configurations (n,). Its length is the sum of its steps.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def self_motions(
 def _walk(
     task: Task, q: Array, target: Placement, along: Array, stride: float, limits: bool
 ) -> Iterator[Array]:
-    """Yield the configurations (n,) of one walk along the self-motion from q (n,).
+    """Yield the configurations (n,) of one walk from q (n,), with the frame at the target.
 
     ``stride`` is the length of a step, rad, and ``along`` (n,) the direction of the first; each
     further step continues in the direction of the last one, projected onto the null space. The walk

@@ -303,7 +303,7 @@ def _with_corner(
 
 
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
-    """Write a question: are the waypoints in mm, or relative to the start?
+    """Return the end of an error message: are the waypoints in mm, or relative to the start?
 
     The text asks whichever change would bring the path in reach; it is empty if neither does.
     ``start`` (n,) is the start configuration, and ``knots`` are the values of the path parameter s

@@ -28,7 +28,7 @@ class TimedMotion:
         Time, s, from 0; the first samples lie shortly before the motion and the last ones shortly
         after it, at rest.
     q, qdot, qddot : (T, n) arrays
-        Positions, velocities and accelerations, rad or m. Velocities and accelerations are central
+        Positions, rad or m, velocities and accelerations, per s and s². Both rates are central
         differences over a millisecond (or a sample, if shorter) to either side, because
         time-optimal q̈ jumps.
     starts : (cycles + 1,) array
@@ -46,7 +46,8 @@ class TimedMotion:
     motion : Motion, optional
         The motion that was timed; None in a result of :func:`approach`.
     trajectory
-        The timed motion as a function of time, with exact derivatives; for :class:`Run`.
+        The timed motion as a function of time, with exact derivatives. :class:`Run`, which executes
+        a timed motion at a speed that the user may change, requires it.
 
     Examples
     --------
@@ -99,9 +100,9 @@ class TimedMotion:
 
     @property
     def _shortest_part(self) -> tuple[float, str]:
-        """Shortest part of the motion that samples in a file must show: a cycle.
+        """Duration, s, of the shortest part that a file must resolve, and its noun in messages.
 
-        It is a pair (duration, s; noun for such a part in messages).
+        Here, this part is a cycle.
         """
         return self.cycle_time, "cycle"
 

@@ -93,7 +93,8 @@ def refuse_violations(motion: JointMotion, remedy: str) -> None:
 def refuse_coarse(motion: TimedMotion) -> None:
     """Raise InputError if a timed motion has fewer than ten samples in its shortest part.
 
-    The shortest part is a cycle, or the motion from one rest to the next.
+    The shortest part is a cycle or, in a motion from pose to pose, the shortest motion from one
+    rest to the next.
     """
     part, what = motion._shortest_part
     count = (len(motion.t) - 1) * part / max(motion.duration, 1e-300)

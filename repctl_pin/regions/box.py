@@ -82,7 +82,7 @@ class Box(Region):
         if not (low < high).all():
             bad = int(np.argmin(low < high))
             raise InputError(
-                f"a box requires lower < upper for every joint, but joint {bad} (from 0) "
+                f"a box requires lower < upper for every joint, but joint {bad} (counted from 0) "
                 f"has lower = {low[bad]:g} and upper = {high[bad]:g}; correct these bounds"
             )
         return cls((low + high) / 2, (high - low) / 2, density=density)

@@ -124,7 +124,7 @@ class Region(ABC):
 
 
 def span(widths: Array, sign: str = "") -> str:
-    """Format widths as text: the smallest and the largest, or one number if they are equal.
+    """Format widths (n,) as text: the smallest and the largest, or one number if they are equal.
 
     ``sign`` is written before each number, as in ``±0.2 to ±0.5``.
     """

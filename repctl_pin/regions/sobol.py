@@ -1,6 +1,8 @@
 """Scrambled Sobol points, bit for bit those of :class:`scipy.stats.qmc.Sobol`.
 
-That class needs all of ``scipy.stats``, which takes longer to import than a small design takes.
+That class needs all of ``scipy.stats``, which takes longer to import than a small design takes. A
+coordinate of a point is the exclusive or of some of the 30 direction numbers of its dimension, and
+of a digital shift, a random number.
 """
 
 from __future__ import annotations
@@ -70,7 +72,7 @@ def scrambled_points(n: int, power: int, seed: int | np.random.Generator) -> Arr
 def _scrambling_of_seed(n: int, seed: int) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
     """Draw the digital shift (n,) and the scrambled direction numbers (30, n) of a seed.
 
-    They are cached, because a design draws the same nodes many times.
+    They are cached, because a design draws the same points many times, as nodes of its cost.
     """
     return _scrambling(n, np.random.default_rng(seed).spawn(1)[0])  # as scipy does with rng=
 
@@ -92,8 +94,8 @@ def _direction_digits() -> NDArray[np.uint32]:
     """Tabulate the binary digits of the direction numbers: an array of 0 and 1, cached.
 
     The axes are [dimension, digit (most significant first), direction number], of lengths D, 30 and
-    30, for the D dimensions that the tables have. The digits of a point's coordinate are exclusive
-    ors of those of the direction numbers of its dimension.
+    30, with D = :data:`_MOST_DIMENSIONS`. The digits of a point's coordinate are exclusive ors of
+    those of the direction numbers of its dimension.
     """
     numbers = [[1] * _BITS]
     for row in _JOE_KUO.split(";"):

@@ -1,7 +1,7 @@
 """Design region Ω of all configurations whose frame lies in a box of the workspace.
 
-This region is the paper's alternative to a box in joint space. Letters: n joints; Q (K, n), K
-configurations, rad (m for prismatic joints); J, the task Jacobian.
+This region is the alternative of the paper (docs/notation.md) to a box in joint space. Letters: n
+joints; Q (K, n), K configurations, rad (m for prismatic joints); J, the task Jacobian.
 """
 
 from __future__ import annotations

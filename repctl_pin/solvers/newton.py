@@ -58,8 +58,8 @@ def newton(
     Returns
     -------
     (n,) array or None
-        The solution; None if the method did not converge. With ``residual``, the last q is
-        returned even then.
+        The solution. If the method did not converge: without ``residual`` None; with it the last q,
+        whose residual the caller must check, or None if a step was not finite.
     """
     daxpy, idamax = scipy.linalg.blas.daxpy, scipy.linalg.blas.idamax
 
