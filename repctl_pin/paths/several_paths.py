@@ -1,5 +1,8 @@
 """Closed paths of several frames at once, such as of both hands, with one period.
 
+s runs from 0 to 1 along a cycle. The twist (v, ω) of a frame is the derivative of its placement by
+s, in base axes.
+
 ``SeveralPaths`` is a closed path of several frames: one path per frame.
 """
 

@@ -215,8 +215,9 @@ def leaf_toward(
     The search begins at q (n,). p_elbow is the position of ``elbow``, and p_e is ``point`` (3,),
     both in the base frame, m. The method uses first and second derivatives by z (r,), the step
     along the columns of N. After a step to q + N z, the frame is brought back to its pose. A joint
-    at a limit stays there unless the minimum is inside its limits. ``margin`` is the distance to
-    keep from the joint limits, rad or m.
+    at a limit stays there unless the minimum is inside its limits. The search also ends where no
+    step brings the elbow nearer within these limits and away from singularities. ``margin`` is the
+    distance to keep from the joint limits, rad or m.
     """
     task = inverse.task
     lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
@@ -276,9 +277,9 @@ def _newton_step(
     The step leads from q (n,) to q + N z, with the null-space basis N (n, r). g (r,) and H (r, r)
     are the gradient and the second derivatives of half the squared distance by z, and A (3, r) is
     the derivative of the elbow's position by z. ``lower`` and ``upper`` (n,) are the limits of q. A
-    joint at or beyond its limit that would move farther outward is moved to the limit. The second
-    result is False if the minimum is not unique, because slope and curvature vanish along a
-    direction.
+    joint at or beyond its limit that would move farther outward is moved to the limit. The step is
+    shortened so that no other joint passes its limit, and none moves too far. The second result is
+    False if the minimum is not unique, because slope and curvature vanish along a direction.
     """
     held = np.zeros(len(q), bool)
     goal = np.clip(q, lower, upper)
@@ -363,8 +364,8 @@ def _accepted(
 def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: Array) -> Array:
     """Move joints of q (n,) that are beyond their limits back to them, with the frame at ``place``.
 
-    Return the configuration (n,). If that would move a joint by more than 0.3 rad or m in one
-    iteration, the search ends with joints beyond their limits.
+    Return the configuration (n,). The joints are moved step by step; before a step that would move
+    a joint by more than 0.3 rad or m, the result is returned with joints still beyond their limits.
     """
     for _ in range(_NEWTON):
         back = np.clip(q, lower, upper) - q

@@ -138,7 +138,7 @@ def timed_cycle(
 
 
 def shrunk_note(design: Design) -> tuple[str, ...]:
-    """Write a note on how far Ω, the region of a design, was shrunk to avoid singularities.
+    """Make a note on how far Ω, the region of a design, was shrunk to avoid singularities.
 
     The result is a tuple of one text; it is empty if Ω was not shrunk.
     """

@@ -88,7 +88,7 @@ def page(
     headline: Headline,
     dialog: Dialog | None = None,
 ) -> str:
-    """Write the animation page, with the viewer, the bodies and the motion inside.
+    """Make the HTML of the animation page, with the viewer, the bodies and the motion inside.
 
     Parameters
     ----------

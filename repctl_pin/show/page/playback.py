@@ -176,7 +176,7 @@ def playback_page(
     dialog: Dialog | None = None,
     cover: dict[str, Any] | None = None,
 ) -> str:
-    """Write the HTML page of several motions, side by side, each in a pane.
+    """Make the HTML page of several motions, side by side, each in a pane.
 
     Parameters
     ----------
@@ -201,7 +201,8 @@ def playback_page(
     dialog
         Texts of the page's dialog; by default those of a study.
     cover
-        Surface to draw in pale, as ``cover.js`` reads it; its edges are then the first path.
+        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads;
+        its edges are then the first path. None for no surface.
     """
     cycles = _common_cycles(tracks)
     visuals = Visuals.of(chains[0].task.robot)
@@ -300,7 +301,7 @@ def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
 
 
 def _hand(name: str, kind: Kind) -> str:
-    """Write the label of a hand on the page: its name, and which rotation its task leaves free.
+    """Make the label of a hand on the page: its name, and which rotation its task leaves free.
 
     For a task that controls the position only, it is ``hand, free to turn:``.
     """
@@ -310,7 +311,7 @@ def _hand(name: str, kind: Kind) -> str:
 
 
 def _redundancy(task: Task) -> str:
-    """Write the numbers of joints and of redundant joints: ``, 7 joints, 1 redundant``."""
+    """Format the numbers of joints and of redundant joints: ``, 7 joints, 1 redundant``."""
     return f", {task.n} joints, {task.r} redundant"
 
 

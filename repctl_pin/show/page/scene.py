@@ -296,7 +296,7 @@ def animation_page(
     dialog: Dialog | None = None,
     cover: dict[str, Any] | None = None,
 ) -> str:
-    """Write a self-contained HTML page with one pane per arm: an animation, or the live viewer.
+    """Make a self-contained HTML page with one pane per arm: an animation, or the live viewer.
 
     An animation repeats the shown cycles.
 
@@ -337,7 +337,8 @@ def animation_page(
     dialog
         Texts of the page's dialog; by default those of a study.
     cover
-        Surface to draw in pale, as ``cover.js`` reads it; its edges are then the first path.
+        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads;
+        its edges are then the first path. None for no surface.
 
     Returns
     -------

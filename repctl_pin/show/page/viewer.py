@@ -238,7 +238,7 @@ class Viewer:
         self.close()
 
     def _page(self, q0: Array, path: TaskPath | None) -> str:
-        """Write the HTML page of the viewer, and set ``_moving``: the mask (S,) of moving shapes.
+        """Make the HTML page of the viewer, and set ``_moving``: the mask (S,) of moving shapes.
 
         A shape moves if its placement differs between the start q0 (n,) and two configurations
         that are shifted by 0.3 rad or m in each joint. Only placements of these shapes are sent.
