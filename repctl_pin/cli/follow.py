@@ -150,7 +150,7 @@ class _Followed(NamedTuple):
     ``commanded`` is the same motion with the joint velocities that a repeatable controller commands
     at each sample, instead of the mean velocities of the steps; for other controllers, it is
     ``motion``. ``unresolved`` is a note that the drift depends on the number of steps; empty if it
-    does not.
+    does not. ``notes`` are the texts that the report prints.
     """
 
     motion: rp.Motion
@@ -341,6 +341,7 @@ class _Case(NamedTuple):
     ``region`` is Ω, the region of joint space of the design, ``period`` the duration of one cycle,
     s, and ``desired`` the desired inverse, which the design approximates. ``closes`` is the proved
     closing radius, with its ``metres`` and ``radians``. Each of these four is None if unknown.
+    ``strategy`` is the controller, and ``notes`` are texts for the report.
     """
 
     strategy: Strategy

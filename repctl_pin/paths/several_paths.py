@@ -125,7 +125,7 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
 
 
 def joined(task: Task, made: Sequence[TaskPath]) -> SeveralPaths:
-    """Join the paths of several frames, one per frame in the task's order, into one path.
+    """Join the paths ``made``, one per frame in the order of the task's frames, into one path.
 
     The result has a corner wherever one of the paths has one.
 

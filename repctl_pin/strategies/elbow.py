@@ -65,7 +65,11 @@ class _Bounded(Protocol):
 
 
 class _OnLeaves(Protocol):
-    """Interface of a repeatable inverse, as far as the search for an elbow needs it."""
+    """Interface of a repeatable inverse, as far as the search for an elbow needs it.
+
+    ``task`` is the controlled task, and ``potentials`` are the functions h that the inverse holds
+    constant.
+    """
 
     task: Task
     potentials: Potentials
@@ -304,10 +308,11 @@ def _newton_step(
 def _model_step(A: Array, H: Array, g: Array, rows: Array, back: Array) -> tuple[Array, bool]:
     """Minimise ``gᵀz + ½ zᵀHz`` subject to ``rows z = back``, for the step z (r,).
 
-    ``rows`` (K, r) are the rows of N of K joints at limits, and ``back`` (K,) their motions to the
-    limits, rad or m. A direction is flat if slope and curvature along it are small compared with
-    ``‖A‖²``, where A is the derivative of the elbow's position by z. z is 0 along flat directions.
-    The second result is True if no direction is flat.
+    g (r,) and H (r, r) are the gradient and the second derivatives of half the squared distance of
+    the elbow from the point by z. ``rows`` (K, r) are the rows of N of K joints at limits, and
+    ``back`` (K,) their motions to the limits, rad or m. A direction is flat if slope and curvature
+    along it are small compared with ``‖A‖²``, where A is the derivative of the elbow's position by
+    z. z is 0 along flat directions. The second result is True if no direction is flat.
     """
     begin: Array = np.zeros(len(g))
     if len(rows):

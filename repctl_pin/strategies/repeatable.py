@@ -419,6 +419,11 @@ class RepeatableInverse:
         leaf : (r,) array, optional
             Level c; by default h(q0).
 
+        Returns
+        -------
+        (n,) array
+            Configuration q with f(q) = x and h(q) = c.
+
         Raises
         ------
         InputError

@@ -28,7 +28,8 @@ from ..redundancy.augmented import SINGULAR
 class StepLimits(NamedTuple):
     """Limits of a step: joint speeds (n,), infinite if unlimited, and the maximum damping λ_max.
 
-    The damping shortens steps near singularities; with λ_max = 0 there is none.
+    ``velocity_limit`` (n,) is in rad/s or m/s. ``damping`` is λ_max, in the units of the Jacobian:
+    damping shortens steps near singularities, and with λ_max = 0 there is none.
     """
 
     velocity_limit: Array

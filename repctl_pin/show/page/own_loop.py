@@ -58,10 +58,8 @@ def own_loop(
         Proved closing radius of the repeatable controller: every closed path within this radius
         closes in joint space. None if no radius is proved.
 
-    Returns
-    -------
-    dict or None
-        None if a controller or a potential is user-defined, one of several frames has a ``base`` of
+    Returns ------- dict or None         Numbers by the names that ``law.js`` reads. None if a
+    controller or a potential is user-defined, one of several frames has a ``base`` of
         its own, or the potentials have more than 2000 terms. The visitor then cannot draw a loop.
     """
     task, q0 = motion.task, motion.q[0]
