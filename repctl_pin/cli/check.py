@@ -8,7 +8,8 @@ its motions do not leave.
 
 ``_Case`` is a controller to test, its problem with the region Ω, and notes. ``Surfaces`` are the
 points that a search for stable surfaces found, where the defects are 0. A problem is a task with a
-start, a closed path and a region.
+start, a closed path and a region. J⁺ is the pseudoinverse, the usual controller. The reference pose
+is the default configuration of a robot, from its SRDF or else mid-range.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """``repctl inspect``: joints, limits, frames and redundancy of a robot or a URDF.
 
 The redundancy r = n − m is the number of joints that move a frame minus that of task coordinates.
+The reference pose is the default configuration of a robot, from its SRDF or else mid-range.
 """
 
 from __future__ import annotations

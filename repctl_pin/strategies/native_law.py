@@ -3,8 +3,8 @@
 The arguments of the C functions are in one block of memory, the struct Call, which is allocated
 once: a control loop then allocates nothing but its result. The inverse keeps r potentials h(q)
 constant, with the gradients V = ∂hᵀ/∂q; a leaf is the set h(q) = c, and c (r,) its level. With the
-Jacobian J, J_V = [J; Vᵀ]. f(q) is the pose of the frame, and x − f(q) the task error (m,) of a
-target x.
+Jacobian J, J_V = [J; Vᵀ]. ẋ (m,) is the task velocity, f(q) is the pose of the frame, and x − f(q)
+the task error (m,) of a target x.
 
 ``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``StepLimits`` are
 the limits of a step: joint speeds (n,), and the maximum damping.

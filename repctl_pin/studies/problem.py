@@ -2,6 +2,7 @@
 
 The region Ω is the part of joint space for which a controller is designed. Parts that are not given
 are chosen, by ``choose_task`` and ``choose_start``. J⁺ is the pseudoinverse, the usual controller.
+The reference pose is the default configuration of a robot, from its SRDF or else mid-range.
 
 ``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle. ``PathStart``
 is a start configuration that the search found, and the path that begins there.

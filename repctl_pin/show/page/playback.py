@@ -2,8 +2,9 @@
 
 A playback, or track, is one motion of all joints of the robot, as the page shows it. A traced chain
 consists of the joints that move one frame; the page draws traces of that frame and of the chain's
-elbow, the joint in the middle of the arm that moves most during self-motion. A potential is a
-function of the joints that a repeatable controller holds constant.
+elbow, the joint in the middle of the arm that moves most during self-motion. The reference pose is
+the default configuration of a robot, from its SRDF or else mid-range. A potential is a function of
+the joints that a repeatable controller holds constant.
 
 ``TracedChain`` is a kinematic chain whose frame and elbow leave traces. ``Playback`` is one motion
 of a whole robot, as the page plays it: label, configurations, times. ``Dialog`` is the texts of a

@@ -1,4 +1,8 @@
-"""Display names of an arm's parts, from the links of its URDF."""
+"""Display names of an arm's parts, from the links of its URDF.
+
+The chain of a task consists of the joints that move its frame. The elbow joint is the joint in the
+middle of the chain that moves most in self-motions, in which the frame rests.
+"""
 
 from __future__ import annotations
 
