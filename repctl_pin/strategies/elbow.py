@@ -4,9 +4,10 @@ A repeatable inverse keeps its potentials h at the level c. Pose x and level c d
 position of the elbow is chosen by a level. While the elbow moves towards the point, the frame
 rests: q̇ = N ż with J N = 0, where z (r,) are coordinates of the self-motion. The elbow is the
 origin of a link. The reference pose is the default configuration of a robot, from its SRDF or else
-mid-range. Ω is the design region of the inverse. The ratio of a configuration is the scale of Ω at
-which the boundary passes through it: 1 at the edge, below 1 inside. An argument ``inverse`` is the
-repeatable inverse, and ``lower`` and ``upper`` (n,) are joint limits, rad or m.
+mid-range. J is the Jacobian of the task, N an orthonormal basis of its null space, and Ω the design
+region of the inverse. The ratio of a configuration is the scale of Ω at which the boundary passes
+through it: 1 at the edge, below 1 inside. An argument ``inverse`` is the repeatable inverse, and
+``lower`` and ``upper`` (n,) are joint limits, rad or m.
 
 ``_Bounded`` is a region Ω of joint space, with the distance of q from its edge. ``_OnLeaves`` is a
 repeatable inverse, as far as the search for an elbow needs it. ``ElbowLevel`` is the level c at
