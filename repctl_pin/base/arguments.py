@@ -236,7 +236,7 @@ def as_matrices(
 
 
 def _known(letters: Sequence[str], sizes: Mapping[str, int]) -> str:
-    """Format sizes that earlier arrays fixed, such as ``n = 7``; empty text if there are none.
+    """Format the sizes of axes that earlier arrays fixed, as ``n = 7``; empty if there are none.
 
     ``letters`` name the axes of one array, as in (K, n). ``sizes`` has the fixed ones by letter.
     """

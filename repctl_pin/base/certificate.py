@@ -6,7 +6,8 @@ are the levels; a leaf is a set h(q) = c, on which the arm then stays. The leaf 
 is the distance from an algorithmic singularity, at which the controller fails; N spans the null
 space of J, and V̂ the gradients of h. G is the matrix of the controller, q̇ = G ẋ, and J⁺ the
 pseudoinverse of J. Samples cannot exclude a singularity between them. A proof divides Ω into boxes,
-and bounds the margins over each whole box.
+and bounds the margins over each whole box. A tube is a region Ω around a motion: all configurations
+near it.
 """
 
 from __future__ import annotations
@@ -127,8 +128,9 @@ class ClosingRadius:
         """Test whether a pose of the frame is within the radius; a path outside may not close.
 
         Paths through a pose beyond the radius may close, too, but this is not proved. The radius is
-        valid only on the leaf h(q) = c of :attr:`start`, or at levels within :attr:`leaf` of that
-        leaf's. The pose alone does not show the level; see :meth:`RepeatableInverse.same_leaf`.
+        valid only on the leaf h(q) = c of :attr:`start`, or at levels that differ from those of
+        :attr:`start` by at most :attr:`leaf`. The pose alone does not show the level; see
+        :meth:`RepeatableInverse.same_leaf`.
 
         Parameters
         ----------
@@ -258,12 +260,14 @@ class Proof:
         Lower bound of every joint's distance to its limits, rad or m; infinite without limits, −∞
         if none was found. Joints of :attr:`excepted` are left out.
     sigma_min : float
-        Lower bound of the smallest singular value of J, in base axes, m and rad.
+        Lower bound of the smallest singular value of J, the Jacobian of the task in base axes, m
+        and rad; 0 if none was found.
     boxes : int
         Number of boxes that were bounded.
     worst, half : (n,) or (k,) arrays
-        Centre and half-widths of the box that could not be decided; if all were decided, of the box
-        with the smallest bound. In rad or m; for a cell, in its k coordinates u, from −1 to 1.
+        Centre and half-widths of the box at which the proof failed; otherwise, of the box with the
+        smallest bound of the leaf margin. In rad or m; for a cell, in its k coordinates u, from −1
+        to 1.
     reason : str
         Reason for an early end of the proof, in words; empty without one.
     asked_leaf_margin, asked_limit_margin : float or None
@@ -402,7 +406,7 @@ class Proof:
         return f"{words} (without {', '.join(self.excepted)})" if self.excepted else words
 
     def _words(self, value: float) -> str:
-        """Write a bound of a quantity that is never negative, such as ``> 0.12``.
+        """Format a bound of a quantity that is never negative, such as ``> 0.12``.
 
         A bound of 0 that was not proved states nothing, so it is written as ``no bound``.
         """
@@ -505,7 +509,7 @@ def length_below(value: float) -> str:
 
 
 def proved_words(proof: Proof | None) -> str:
-    """Write whether a leaf margin is proved, with its bound, or only found by a search.
+    """State whether a leaf margin is proved, with its bound, or only found by a search.
 
     The text is such as ``proved > 0.12`` or ``found, not proved``. Without a proof (None) or a
     proved bound, it is only the smallest value among the samples of a search; a smaller one may

@@ -142,7 +142,8 @@ def _move(file: Path, target: Path) -> None:
 def _one_at_a_time(folder: Path) -> Iterator[None]:
     """Context manager that locks a folder against other processes, where that is possible.
 
-    Without locks, as on Windows or some network drives, it does nothing.
+    It waits until no other process holds the lock. Without locks, as on Windows or some network
+    drives, it does nothing.
     """
     try:
         import fcntl

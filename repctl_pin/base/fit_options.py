@@ -22,8 +22,8 @@ class FitOptions:
     ----------
     samples : int, optional
         Number K of nodes of the fit. By default :func:`nearest_repeatable` takes the larger of
-        ``defaults.NODES`` and 32 U / m, for U unknowns and m task coordinates;
-        :func:`nearest_inverse_function` takes as many as its unknowns require.
+        ``defaults.NODES`` (16384) and 32 U / m, for U unknown coefficients and m task coordinates;
+        :func:`nearest_inverse_function` takes at least 256, and at least 3 per polynomial term.
     held_out : int, optional
         Number of held-out nodes; by default ``defaults.NODES``, and half as many for a cell.
     seed : int

@@ -1,8 +1,9 @@
 """Reading and writing of tables: CSV files, NumPy's .npz, and Parquet if pyarrow is installed.
 
 Every file of numbers is read here. :func:`read_table` and :func:`read_csv` open a file and check
-its header; a reader then takes the columns that it needs by name, and an error names the line. If a
-table is written again with new columns, all other cells stay as they are.
+its header; a reader then takes the columns that it needs by name, and an error names the line. A
+cell is one entry of a table, in one row and one column. If a table is written again with new
+columns, all other cells stay as they are.
 
 ``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
 replace. ``Table`` is the columns of a file by name, all of one length, with one row per frame of a
@@ -447,7 +448,7 @@ def _texts(values: Array) -> Iterator[str]:
 
 
 def _csv_text(columns: Mapping[str, Column]) -> bytes:
-    """Write columns as the bytes of a CSV file.
+    """Format columns as the bytes of a CSV file.
 
     A column of several numbers per row becomes ``name_0``, ``name_1``, and so on. Rows are written
     in blocks, which keep the memory small.
@@ -520,7 +521,9 @@ _NO_NPZ = (ValueError, OSError, EOFError, KeyError, AttributeError, zipfile.BadZ
 def replaced(old: Column | None, cells: NewCells) -> Column:
     """Return a copy of the column ``old`` (K, …) with new numbers; integers become doubles.
 
-    If ``old`` is None, because the file lacks the column, return the new numbers (K,).
+    ``cells`` has the new numbers and the rows to replace; the other rows keep their numbers. If
+    ``old`` is None, because the file lacks the column, return the first new number of each row
+    (K,).
     """
     if old is None:
         return cells.values[:, 0]

@@ -1,8 +1,8 @@
 """``repctl animate``: write motions to an animation page.
 
 The motions come from a CSV file, from a saved design, or from a study made here. A playback is one
-motion as the page shows it, with its label and colour. ``say`` is the callback that receives the
-name of each step.
+motion as the page shows it, with its label and colour. J⁺ is the pseudoinverse, the usual
+controller. ``say`` is the callback that receives the name of each step.
 
 ``Playback`` is one motion of a whole robot, as the page plays it: label, configurations, times.
 """

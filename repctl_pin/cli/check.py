@@ -8,7 +8,8 @@ its motions do not leave.
 
 ``_Case`` is a controller to test, its problem with the region Ω, and notes. ``Surfaces`` are the
 points that a search for stable surfaces found, where the defects are 0. A problem is a task with a
-start, a closed path and a region.
+start, a closed path and a region. J⁺ is the pseudoinverse, the usual controller. The reference pose
+is the default configuration of a robot, from its SRDF or else mid-range.
 """
 
 from __future__ import annotations
@@ -163,7 +164,7 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
 
 
 def _against(held: rp.Proof, proof: rp.Proof) -> str:
-    """Write the note on an earlier proof that could not be repeated.
+    """Make the note on an earlier proof that could not be repeated.
 
     ``held`` is the earlier proof, the certificate in the file, and ``proof`` the new one, which
     failed. If it failed by a counterexample, the certificate is false; if it only stopped, for
@@ -179,8 +180,9 @@ def _against(held: rp.Proof, proof: rp.Proof) -> str:
 class _Case(NamedTuple):
     """What the command tests: a controller, over a region Ω of joint space.
 
-    ``name`` describes the controller. ``problem`` has the start and Ω, and ``start_is`` the origin
-    of the start, such as ``the reference pose``. ``notes`` are printed with the result.
+    ``strategy`` is the controller, and ``name`` describes it. ``problem`` has the start and Ω, and
+    ``start_is`` the origin of the start, such as ``the reference pose``. ``notes`` are printed with
+    the result.
     """
 
     strategy: Inverse
@@ -265,7 +267,7 @@ def _as_dict(
 def _lines(
     case: _Case, verdict: Repeatability, drift: _Drift, surfaces: Surfaces | None
 ) -> list[str]:
-    """Write the report of a test, as lines of text for a terminal.
+    """Make the report of a test, as lines of text for a terminal.
 
     ``verdict`` is the test's result: the defect, and whether it is 0. ``drift``, by plane, is the
     joint drift per m² of a small loop, and ``surfaces`` are the stable surfaces, or None. Both

@@ -2,8 +2,9 @@
 
 The region Ω is the part of joint space for which the design is made: a box around the start, or a
 tube around a motion. The design is fitted at some configurations (nodes) and evaluated at others
-(held-out nodes). The design approximates the desired inverse, usually J⁺. A problem is a task with
-a start, a closed path and a region. ``say`` is the callback that receives the name of each step.
+(held-out nodes). The design approximates the desired inverse, usually J⁺; its cost is the mean
+squared distance between the two over Ω. A problem is a task with a start, a closed path and a
+region. ``say`` is the callback that receives the name of each step.
 
 ``_Made`` is a design with the data of its report: problem, name of the desired inverse, costs by
 degree, baselines, notes.
@@ -209,7 +210,7 @@ def _written(made: _Made, folder: Path) -> list[Path]:
 
 
 def _text(made: _Made) -> str:
-    """Write the design's tables and notes as text."""
+    """Format the design's tables and notes as text."""
     from ..show.text.table import table
 
     design, problem = made.design, made.problem
@@ -228,7 +229,7 @@ def _text(made: _Made) -> str:
 
 
 def _unproved(design: rp.Design) -> list[str]:
-    """Write the note that a design is saved unproved, in a list; the list is empty if it is proved.
+    """Make the note that a design is saved unproved: a list of one text, empty if it is proved.
 
     Potentials of a high degree get the remedy of a lower one.
     """
@@ -292,7 +293,7 @@ def _region(options: Options, task: rp.Task, q0: Any) -> Region:
 
 
 def _cut(options: Options, problem: rp.Problem) -> tuple[str, ...]:
-    """Write a note, in a tuple, on the joints at whose limits the box Ω was cut.
+    """Make the note on the joints at whose limits the box Ω was cut: a tuple of one text.
 
     The tuple is empty if Ω was not cut, or is a tube around the motion on a path.
     """
@@ -303,10 +304,11 @@ def _cut(options: Options, problem: rp.Problem) -> tuple[str, ...]:
 
 
 def _with_cycle(design: rp.Design, problem: rp.Problem) -> tuple[rp.Design, list[str]]:
-    """Add a default cycle to the design: the path of the problem, or the largest circle inside Ω.
+    """Add a default cycle to the design: the path of the problem, or else a circle that fits.
 
-    Ω is the region of the design, a part of joint space. ``repctl follow`` uses the cycle if the
-    user gives no path. Return the design, and notes on the cycle, or on why there is none.
+    The circle is the largest, of several radii, on which the motion of the design stays inside its
+    region Ω. ``repctl follow`` uses the cycle if the user gives no path. Return the design, and
+    notes on the cycle, or on why there is none.
     """
     from dataclasses import replace
 

@@ -147,9 +147,10 @@ def run(options: Options) -> int:
 class _Followed(NamedTuple):
     """Simulated motion along the path, and what belongs to it.
 
-    ``commanded`` is the same motion with the joint velocities that a repeatable controller
-    commands; for other controllers, it is ``motion``. ``unresolved`` is a note that the drift
-    depends on the number of steps; empty if it does not.
+    ``commanded`` is the same motion with the joint velocities that a repeatable controller commands
+    at each sample, instead of the mean velocities of the steps; for other controllers, it is
+    ``motion``. ``unresolved`` is a note that the drift depends on the number of steps; empty if it
+    does not. ``notes`` are the texts that the report prints.
     """
 
     motion: rp.Motion
@@ -221,8 +222,9 @@ def _timed(options: Options, motion: rp.Motion, say: Callable[[str], None]) -> r
 def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) -> rp.BestLeaf:
     """Search for the best leaf on which to follow the path, for ``--best-leaf``.
 
-    The leaf is the best by limit margin or by joint speed, as the option's value (``limits`` or
-    ``speed``) says. InputError is raised if the controller is not repeatable.
+    ``limits``, the value of the option, maximises the smallest of three margins along the path:
+    from the joint limits, between bodies, and from singularities. ``speed`` minimises the joint
+    speed. InputError is raised if the controller is not repeatable.
     """
     if not isinstance(case.strategy, rp.RepeatableInverse):
         raise InputError("--best-leaf requires a repeatable controller, such as a saved design")
@@ -293,7 +295,7 @@ def _written(
 
 
 def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
-    """Write the remedy for an exceeded limit or a collision: options that can avoid it.
+    """Make the remedy for an exceeded limit or a collision: options that can avoid it.
 
     With ``best_leaf``, --best-leaf is one of them; with ``smaller``, so is a smaller path.
     """
@@ -339,6 +341,7 @@ class _Case(NamedTuple):
     ``region`` is Ω, the region of joint space of the design, ``period`` the duration of one cycle,
     s, and ``desired`` the desired inverse, which the design approximates. ``closes`` is the proved
     closing radius, with its ``metres`` and ``radians``. Each of these four is None if unknown.
+    ``strategy`` is the controller, and ``notes`` are texts for the report.
     """
 
     strategy: Strategy
@@ -482,7 +485,7 @@ def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
 
 
 def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files: list[Path]) -> str:
-    """Write the report of a motion as text, from its figures ``result``, by key as in ``--json``.
+    """Make the report of a motion as text, from its figures ``result``, by key as in ``--json``.
 
     A warning on leaving Ω, and ``searched``, the lines on the leaf that --best-leaf found, come
     first. ``slowed`` is the motion, and ``files`` are the written files.
@@ -527,7 +530,7 @@ def _lines(result: dict[str, Any], motion: rp.Motion, *, written: bool) -> Itera
 
 
 def _drift_words(result: dict[str, Any], motion: rp.Motion) -> str:
-    """Write the drift of ``motion`` after the first cycle and after the last, rad or m.
+    """Format the drift of ``motion`` after the first cycle and after the last, rad or m.
 
     If ``result["drift"]`` is None, the text says that the drift cannot be computed reliably.
     """
@@ -539,7 +542,7 @@ def _drift_words(result: dict[str, Any], motion: rp.Motion) -> str:
 
 
 def _distance_words(result: dict[str, Any], motion: rp.Motion) -> str:
-    """Write the minimum body distance, or the collision, with the two links.
+    """Format the minimum body distance, or the collision, with the two links.
 
     They are ``result["body_distance"]``, m, negative in a collision, and the pair of names
     ``result["nearest_bodies"]["links"]``.
@@ -555,7 +558,7 @@ def _distance_words(result: dict[str, Any], motion: rp.Motion) -> str:
 
 
 def _timing_words(result: dict[str, Any]) -> str:
-    """Write how a motion was timed, as text that follows its duration; empty if not timed.
+    """State how a motion was timed, as text that follows its duration; empty if not timed.
 
     The motion was slowed down to the speed limits (``slowed_by``), or timed from rest to rest. In
     the second case, ``stops`` is the number of stops at corners per cycle.

@@ -1,6 +1,7 @@
 """``repctl inspect``: joints, limits, frames and redundancy of a robot or a URDF.
 
 The redundancy r = n − m is the number of joints that move a frame minus that of task coordinates.
+The reference pose is the default configuration of a robot, from its SRDF or else mid-range.
 """
 
 from __future__ import annotations
@@ -168,7 +169,7 @@ def _text(found: Mapping[str, Any]) -> str:
 
 
 def _chains(found: Mapping[str, Any]) -> list[str]:
-    """Write the joints of the longest kinematic chains, and r by task kind: two lines per chain.
+    """Format the joints of the longest kinematic chains, and r by task kind: two lines per chain.
 
     Chains with as many joints as that of the default frame are listed, each once. ``found`` has the
     contents of the file by key, as in ``--json``.

@@ -345,7 +345,7 @@ def proved(design: D, say: Callable[[str], None], leaf: float = 0.0) -> D:
 
 
 def require_proofs(asked: bool) -> None:
-    """Raise an error if proofs are ``asked`` for and the native library that proves is missing.
+    """Raise InputError if proofs are ``asked`` for, and the native library that proves is missing.
 
     Commands call this before the design, which takes long and would otherwise be made in vain.
     """
@@ -365,7 +365,7 @@ def box_within_limits(task: rp.Task, q0: Any, half_width: float) -> rp.Box:
 
 
 def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
-    """Write a note, in a tuple, on the joints at whose limits a box was cut; empty if none.
+    """Make the note on the joints at whose limits a box was cut: a tuple of one text, or empty.
 
     The box was cut in a joint if it is narrower there than the requested ``half_width``, rad or m.
     """

@@ -144,9 +144,9 @@ def _report(
 ) -> Path:
     """Write ``report.html``, with the value of every option, to ``file``; return its path.
 
-    ``maps`` are the data of the plots of the design over two joints, ``animation`` is the file of
-    the animation page, which the report embeds, and ``run`` the identifier that all files of one
-    study share.
+    ``result`` is the study, ``maps`` are the data of the plots of the design over two joints,
+    ``animation`` is the file of the animation page, which the report embeds, and ``run`` the
+    identifier that all files of one study share.
     """
     from ..show.report import report_page
     from ..show.study_files import with_run

@@ -105,7 +105,7 @@ def report(
 
 
 def page_lines(files: Sequence[Path]) -> list[str]:
-    """Write two lines of text: which page to open, and which other files were written.
+    """Make two lines of text: which page to open, and which other files were written.
 
     The page is the first of ``files``, and the others are in its folder.
     """
@@ -115,7 +115,7 @@ def page_lines(files: Sequence[Path]) -> list[str]:
 
 
 def _as_json(value: Any, indent: int | None = None) -> str:
-    """Write a value as JSON, with unprintable characters escaped, which could control a terminal.
+    """Format a value as JSON, with unprintable characters escaped, which could control a terminal.
 
     Non-ASCII letters stay readable; ``indent`` is as in ``json.dumps``.
     """

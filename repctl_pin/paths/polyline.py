@@ -285,9 +285,10 @@ def _polyline(
 def _edge_sizes(corners: Array, rotation: Array | list[Array], name: str) -> Array:
     """Measure the edges between corners (P, 3): (P − 1,), m, where 1 rad of rotation counts 0.1 m.
 
-    An edge between equal corners, a pause, counts as the mean of the other edges. ``rotation`` is
-    one orientation, or one per corner. InputError is raised for too many corners, and if all of
-    them are the same.
+    The size of an edge is √(length² + (0.1 m · angle)²). An edge between equal corners, a pause,
+    counts as the mean of the other edges. ``rotation`` is one orientation, or one per corner;
+    ``name`` is the path's name in error messages. InputError is raised for too many corners, and if
+    all of them are the same.
     """
     if len(corners) - 1 > MOST_POINTS:
         raise InputError(f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}")

@@ -1,5 +1,8 @@
 """Closed paths of several frames at once, such as of both hands, with one period.
 
+s runs from 0 to 1 along a cycle. The twist (v, ω) of a frame is the derivative of its placement by
+s, in base axes.
+
 ``SeveralPaths`` is a closed path of several frames: one path per frame.
 """
 
@@ -122,7 +125,7 @@ def several_paths(task: Task, q0: ArrayLike, paths: Sequence[PathOfFrame]) -> Ta
 
 
 def joined(task: Task, made: Sequence[TaskPath]) -> SeveralPaths:
-    """Join the paths of several frames, one per frame in the task's order, into one path.
+    """Join the paths ``made``, one per frame in the order of the task's frames, into one path.
 
     The result has a corner wherever one of the paths has one.
 

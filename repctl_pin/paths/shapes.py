@@ -51,9 +51,10 @@ def circle(
         Angle α of the start on the circle, rad from the plane's first axis: in the plane, the
         centre is at ``p − radius (cos α, sin α)``, where p is the start.
     rotation
-        ``fixed``, ``tangent``, or a point (3,), m in the base frame, which the frame always faces
-        as it does at the start. With ``tangent``, the frame makes a full turn with the circle, for
-        which repeatability is not guaranteed.
+        ``fixed``, which keeps the orientation at q0; ``tangent``, by which the frame turns with the
+        direction of the circle; or a point (3,), m in the base frame, which the frame always faces
+        as it does at the start. With ``tangent``, the frame makes a full turn per cycle, for which
+        repeatability is not guaranteed.
 
     Returns
     -------

@@ -75,9 +75,9 @@ class TaskPath:
     name : str
         Display name.
     point, slope : functions of s
-        p(s), m, and dp/ds, m per cycle; p(0) = p(1).
+        p(s) (3,), m, in the base frame, and dp/ds (3,), m per cycle; p(0) = p(1).
     rotation : (3, 3) array, or function of s
-        Fixed orientation; or R(s), a matrix or a scipy Rotation, with R(0) = R(1).
+        Fixed orientation in base axes; or R(s), a matrix or a scipy Rotation, with R(0) = R(1).
     breaks : tuple of float
         Corners: values of s in (0, 1), increasing, at which the twist or its derivative by s is
         discontinuous.

@@ -59,7 +59,7 @@ def _turns(task: Task, path: TaskPath) -> int:
 
 
 def winding_words(turns: int, joint: str) -> str:
-    """Write the warning that a path winds around a joint's axis, and need not close.
+    """Make the warning that a path winds around a joint's axis, and need not close.
 
     ``turns`` is the number of turns, not 0, and ``joint`` the joint's name.
     """

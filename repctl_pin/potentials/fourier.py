@@ -177,7 +177,7 @@ class FourierMap(Potentials):
 
 
 def _sum(k: NDArray[np.int_]) -> str:
-    """Write the sum k · u as text, such as ``2 u_0 − u_3``, for the names of potentials.
+    """Format the sum k · u as text, such as ``2 u_0 − u_3``, for the names of potentials.
 
     k (n,) are whole numbers, not all 0.
     """

@@ -218,7 +218,11 @@ def _design_of(content: DesignFile, task: Task) -> Design:
 
 
 class _Head(msgspec.Struct):
-    """Fields that a file has in every schema version, so that an error can name the version."""
+    """Fields that a file has in every schema version, so that an error can name the version.
+
+    ``format`` is the kind of file, ``schema`` its schema version, and ``written_by`` the version of
+    this package that wrote it; empty if unknown.
+    """
 
     format: str
     schema: int

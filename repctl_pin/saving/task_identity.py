@@ -71,7 +71,7 @@ def identity(task: Task) -> TaskFile:
 
 
 def _placements(task: Task, q: Array) -> Array:
-    """Evaluate the placements [R p] of the task's F frames, stacked: (3 F, 4), m."""
+    """Evaluate the placements [R p] of the task's F frames at q (n,), stacked: (3 F, 4), m."""
     places = task.placements(q) if isinstance(task, SeveralFrames) else [task.placement(q)]
     return np.concatenate([place.homogeneous[:3] for place in places])
 
@@ -108,14 +108,14 @@ def task_of(made_for: TaskFile, robot: Robot) -> Task:
 
 
 def written_task(made_for: TaskFile) -> str:
-    """Write the arguments of :meth:`Robot.task` that create a saved task, as Python text."""
+    """Format the arguments of :meth:`Robot.task` that create a saved task, as Python text."""
     if isinstance(made_for.frames, msgspec.UnsetType):
         return f"{made_for.frame!r}, {made_for.task!r}"
     return repr([_frame_argument(one) for one in made_for.frames])
 
 
 def written_robot(made_for: TaskFile, where: str | Path) -> str:
-    """Write the arguments of :meth:`Robot.load` for a saved robot that has no catalogue name.
+    """Format the arguments of :meth:`Robot.load` for a saved robot that has no catalogue name.
 
     ``where`` is the path of the design's file, beside which the robot's file may be.
     """

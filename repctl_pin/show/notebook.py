@@ -89,7 +89,7 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> _Inline:
 
 
 def table_and_figures(study: Study) -> str:
-    """Write the table and the figures of a study as HTML, which a notebook shows below its page."""
+    """Make the table and the figures of a study as HTML, which a notebook shows below its page."""
     parts = (
         f'<pre style="{_TABLE}">{html.escape(study_table(study))}</pre>',
         _picture(drift_figure(drawn(study), ""), captions.drift_words(study)),
@@ -99,7 +99,7 @@ def table_and_figures(study: Study) -> str:
 
 
 def frame(page: str, height: int = 640) -> str:
-    """Write the HTML of an inline frame, ``height`` pixels high, that shows a page given as HTML.
+    """Make the HTML of an inline frame, ``height`` pixels high, that shows a page given as HTML.
 
     The page's script runs in a sandbox and cannot access the notebook.
     """
@@ -111,7 +111,7 @@ def frame(page: str, height: int = 640) -> str:
 
 
 def _picture(figure: Figure, text: str) -> str:
-    """Write the HTML of an image that shows a figure, at twice the resolution of the page.
+    """Make the HTML of an image that shows a figure, at twice the resolution of the page.
 
     ``text`` is the alternative text, for readers who cannot see the figure.
     """

@@ -50,7 +50,7 @@ def report_page(
     command: str | None = None,
     animation: str | None = None,
 ) -> str:
-    """Write the report of a study as one self-contained HTML page.
+    """Make the report of a study as one self-contained HTML page.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def _chosen(
 
 
 def _text(value: object) -> str:
-    """Write the value of an option for a reader: ``yes`` for True, and a list with commas.
+    """Format the value of an option for a reader: ``yes`` for True, and a list with commas.
 
     ``None`` is written as ``chosen by the study``.
     """

@@ -113,7 +113,7 @@ def _portable(command: str) -> str:
 
 
 def _motions(study: Study) -> str:
-    """Write the motions of a study as the text of a CSV file, at most 100 rows per cycle.
+    """Format the motions of a study as the text of a CSV file, at most 100 rows per cycle.
 
     The text is cached, because the name of the run is a digest of it.
     """
@@ -124,7 +124,7 @@ def _motions(study: Study) -> str:
 
 
 def study_page(study: Study, *, seconds: float | None = None) -> str:
-    """Write the animation page of a study: J⁺, custom controllers and the repeatable inverse.
+    """Make the HTML of a study's page: J⁺, custom controllers and the repeatable inverse.
 
     Controllers with a posture task are not shown. ``seconds`` is the duration of a cycle at normal
     speed, s, by default the period of the motions.

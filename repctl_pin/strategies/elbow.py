@@ -3,9 +3,11 @@
 A repeatable inverse keeps its potentials h at the level c. Pose x and level c determine q, so a
 position of the elbow is chosen by a level. While the elbow moves towards the point, the frame
 rests: q̇ = N ż with J N = 0, where z (r,) are coordinates of the self-motion. The elbow is the
-origin of a link. Ω is the design region of the inverse. The ratio of a configuration is the scale
-of Ω at which the boundary passes through it: 1 at the edge, below 1 inside. An argument ``inverse``
-is the repeatable inverse, and ``lower`` and ``upper`` (n,) are joint limits, rad or m.
+origin of a link. The reference pose is the default configuration of a robot, from its SRDF or else
+mid-range. J is the Jacobian of the task, N an orthonormal basis of its null space, and Ω the design
+region of the inverse. The ratio of a configuration is the scale of Ω at which the boundary passes
+through it: 1 at the edge, below 1 inside. An argument ``inverse`` is the repeatable inverse, and
+``lower`` and ``upper`` (n,) are joint limits, rad or m.
 
 ``_Bounded`` is a region Ω of joint space, with the distance of q from its edge. ``_OnLeaves`` is a
 repeatable inverse, as far as the search for an elbow needs it. ``ElbowLevel`` is the level c at
@@ -65,7 +67,11 @@ class _Bounded(Protocol):
 
 
 class _OnLeaves(Protocol):
-    """Interface of a repeatable inverse, as far as the search for an elbow needs it."""
+    """Interface of a repeatable inverse, as far as the search for an elbow needs it.
+
+    ``task`` is the controlled task, and ``potentials`` are the functions h that the inverse holds
+    constant.
+    """
 
     task: Task
     potentials: Potentials
@@ -215,8 +221,9 @@ def leaf_toward(
     The search begins at q (n,). p_elbow is the position of ``elbow``, and p_e is ``point`` (3,),
     both in the base frame, m. The method uses first and second derivatives by z (r,), the step
     along the columns of N. After a step to q + N z, the frame is brought back to its pose. A joint
-    at a limit stays there unless the minimum is inside its limits. ``margin`` is the distance to
-    keep from the joint limits, rad or m.
+    at a limit stays there unless the minimum is inside its limits. The search also ends where no
+    step brings the elbow nearer within these limits and away from singularities. ``margin`` is the
+    distance to keep from the joint limits, rad or m.
     """
     task = inverse.task
     lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
@@ -276,9 +283,9 @@ def _newton_step(
     The step leads from q (n,) to q + N z, with the null-space basis N (n, r). g (r,) and H (r, r)
     are the gradient and the second derivatives of half the squared distance by z, and A (3, r) is
     the derivative of the elbow's position by z. ``lower`` and ``upper`` (n,) are the limits of q. A
-    joint at or beyond its limit that would move farther outward is moved to the limit. The second
-    result is False if the minimum is not unique, because slope and curvature vanish along a
-    direction.
+    joint at or beyond its limit that would move farther outward is moved to the limit. The step is
+    shortened so that no other joint passes its limit, and none moves too far. The second result is
+    False if the minimum is not unique, because slope and curvature vanish along a direction.
     """
     held = np.zeros(len(q), bool)
     goal = np.clip(q, lower, upper)
@@ -303,10 +310,11 @@ def _newton_step(
 def _model_step(A: Array, H: Array, g: Array, rows: Array, back: Array) -> tuple[Array, bool]:
     """Minimise ``gᵀz + ½ zᵀHz`` subject to ``rows z = back``, for the step z (r,).
 
-    ``rows`` (K, r) are the rows of N of K joints at limits, and ``back`` (K,) their motions to the
-    limits, rad or m. A direction is flat if slope and curvature along it are small compared with
-    ``‖A‖²``, where A is the derivative of the elbow's position by z. z is 0 along flat directions.
-    The second result is True if no direction is flat.
+    g (r,) and H (r, r) are the gradient and the second derivatives of half the squared distance of
+    the elbow from the point by z. ``rows`` (K, r) are the rows of N of K joints at limits, and
+    ``back`` (K,) their motions to the limits, rad or m. A direction is flat if slope and curvature
+    along it are small compared with ``‖A‖²``, where A is the derivative of the elbow's position by
+    z. z is 0 along flat directions. The second result is True if no direction is flat.
     """
     begin: Array = np.zeros(len(g))
     if len(rows):
@@ -363,8 +371,8 @@ def _accepted(
 def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: Array) -> Array:
     """Move joints of q (n,) that are beyond their limits back to them, with the frame at ``place``.
 
-    Return the configuration (n,). If that would move a joint by more than 0.3 rad or m in one
-    iteration, the search ends with joints beyond their limits.
+    Return the configuration (n,). The joints are moved step by step; before a step that would move
+    a joint by more than 0.3 rad or m, the result is returned with joints still beyond their limits.
     """
     for _ in range(_NEWTON):
         back = np.clip(q, lower, upper) - q

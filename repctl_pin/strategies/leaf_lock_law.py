@@ -1,10 +1,12 @@
 """Law of the leaf lock in NumPy: one step of a repeatable inverse, with feedback to its leaf.
 
 The leaf is the set h(q) = c on which the potentials h keep the arm, and c its level; the leaf lock
-corrects c − h(q) as a controller corrects the task error. J_V = [J; Vᵀ] is the augmented Jacobian,
-with V = ∂hᵀ/∂q. The law is written twice: in C (:mod:`.native_law`), the default, and here. This
-version is the reference, and is used for what C does not support: user-defined potentials, more
-than 64 joints. Numbers such as (31) are equations of the paper, see docs/notation.md.
+corrects c − h(q) as a controller corrects the task error. ẋ (m,) is the task velocity, f(q) is the
+pose of the frame, and x − f(q) the task error (m,) of a target x. J_V = [J; Vᵀ] is the augmented
+Jacobian, with V = ∂hᵀ/∂q. The law is written twice: in C (:mod:`.native_law`), the default, and
+here. This version is the reference, and is used for what C does not support: user-defined
+potentials, more than 64 joints. Numbers such as (31) are equations of the paper, see
+docs/notation.md.
 
 ``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``StepLimits`` are
 the limits of a step: joint speeds (n,), and the maximum damping.

@@ -3,7 +3,8 @@
 The arguments of the C functions are in one block of memory, the struct Call, which is allocated
 once: a control loop then allocates nothing but its result. The inverse keeps r potentials h(q)
 constant, with the gradients V = ∂hᵀ/∂q; a leaf is the set h(q) = c, and c (r,) its level. With the
-Jacobian J, J_V = [J; Vᵀ].
+Jacobian J, J_V = [J; Vᵀ]. ẋ (m,) is the task velocity, f(q) is the pose of the frame, and x − f(q)
+the task error (m,) of a target x.
 
 ``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``StepLimits`` are
 the limits of a step: joint speeds (n,), and the maximum damping.
@@ -175,7 +176,8 @@ class NativeLaw:
     def report(self) -> tuple[float, float]:
         """Return the damping λ of the last step, and its speed-limit factor, 0 to 1.
 
-        The joint speed limits shortened the step by this factor.
+        The factor is that by which the step was shortened to the joint speed limits; 1 if it was
+        not.
         """
         return float(self._numbers[3]), float(self._numbers[4])
 

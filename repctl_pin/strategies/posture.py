@@ -1,4 +1,8 @@
-"""The pseudoinverse J⁺ with a posture task in its null space."""
+"""The pseudoinverse J⁺ with a posture task in its null space.
+
+J (m, n) is the Jacobian of the task, J⁺ its pseudoinverse, and ẋ (m,) the task velocity. A posture
+is the configuration to which the posture task pulls the joints, without moving the frame.
+"""
 
 from __future__ import annotations
 

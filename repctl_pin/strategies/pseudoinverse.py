@@ -1,4 +1,8 @@
-"""The pseudoinverse J⁺, the weighted J⁺_M, and minimum joint speed with a null-space motion."""
+"""The pseudoinverse J⁺, the weighted J⁺_M, and minimum joint speed with a null-space motion.
+
+J (m, n) is the Jacobian of the task, M (n, n) the weight of the joint speeds, and ẋ (m,) the task
+velocity. A posture is a configuration to which the joints are pulled without moving the frame.
+"""
 
 from __future__ import annotations
 

@@ -3,8 +3,10 @@
 So a closed path ends in the configuration it began in, if it can be shrunk to a point through
 closed paths whose motions all stay in Ω, the region of joint space of the design. h are r
 potentials, functions of q, with the gradients V = ∂hᵀ/∂q; the set h(q) = c is a leaf, and c its
-level. The augmented Jacobian is J_V = [J; Vᵀ]. Numbers in parentheses, such as (31), are equations
-of the paper. A self-motion moves the joints while the frame rests. A cell is a box of poses; a
+level. The augmented Jacobian is J_V = [J; Vᵀ]. ẋ (m,) is the task velocity, f(q) is the pose of the
+frame, and x − f(q) the task error (m,) of a target x. Numbers in parentheses, such as (31), are
+equations of the paper. A self-motion moves the joints while the frame rests. The reference pose is
+the default configuration of a robot, from its SRDF or else mid-range. A cell is a box of poses; a
 function over it, which gives one configuration per pose, has potentials of its own.
 
 ``Potentials`` are r functions h(q) that a repeatable controller holds constant. ``Bounded`` is a
@@ -417,6 +419,11 @@ class RepeatableInverse:
             Initial configuration of the search.
         leaf : (r,) array, optional
             Level c; by default h(q0).
+
+        Returns
+        -------
+        (n,) array
+            Configuration q with f(q) = x and h(q) = c.
 
         Raises
         ------

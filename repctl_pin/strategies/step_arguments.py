@@ -3,7 +3,8 @@
 Arrays of doubles of the right size are passed on as they are; other values are converted, or
 refused by an error that names the argument. Python's function calls take as long as the arithmetic
 of a step, so the tests come first. A level c is the value of the potentials h(q) at which a
-repeatable inverse keeps the arm.
+repeatable inverse keeps the arm. q (n,) is a configuration, ẋ (m,) a task velocity, and the twist
+(v, ω) the velocity of a target.
 
 ``StepLimits`` are the limits of a step: joint speeds (n,), and the maximum damping.
 """
@@ -28,7 +29,8 @@ from ..redundancy.augmented import SINGULAR
 class StepLimits(NamedTuple):
     """Limits of a step: joint speeds (n,), infinite if unlimited, and the maximum damping λ_max.
 
-    The damping shortens steps near singularities; with λ_max = 0 there is none.
+    ``velocity_limit`` (n,) is in rad/s or m/s. ``damping`` is λ_max, in the units of the Jacobian:
+    damping shortens steps near singularities, and with λ_max = 0 there is none.
     """
 
     velocity_limit: Array

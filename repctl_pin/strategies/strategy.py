@@ -1,4 +1,8 @@
-"""Protocols of control strategies, velocities and inverses G(q); the result of a control step."""
+"""Protocols of control strategies, velocities and inverses G(q); the result of a control step.
+
+A strategy is a controller: it gives the joint velocities q̇ (n,) for a task velocity ẋ (m,).
+J (m, n) is the Jacobian of the task.
+"""
 
 from __future__ import annotations
 

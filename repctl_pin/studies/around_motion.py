@@ -138,7 +138,7 @@ def timed_cycle(
 
 
 def shrunk_note(design: Design) -> tuple[str, ...]:
-    """Write a note on how far Ω, the region of a design, was shrunk to avoid singularities.
+    """Make a note on how far Ω, the region of a design, was shrunk to avoid singularities.
 
     The result is a tuple of one text; it is empty if Ω was not shrunk.
     """
@@ -236,7 +236,7 @@ def _tube_of_linear(
     This motion is closed, and so nearer to that of the final design than the motion of G_d, which
     drifts. If the design of degree 1 cannot follow the path, the tube is around one cycle of G_d.
     ``width`` is the radius of the tube, rad or m; None for 0.1 rad (revolute joints) and 0.05 m
-    (prismatic ones).
+    (prismatic ones). The path begins at q0 (n,), and ``seed`` is the random seed of the nodes.
 
     Raises
     ------

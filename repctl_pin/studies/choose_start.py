@@ -1,10 +1,11 @@
 """Search for a start from which a closed path can be followed: the default starts, best first.
 
 A start is the configuration q0 where a path begins. The default starts are the named poses of the
-robot (reference, ready, mid-range), then poses found by a search. A dexterous configuration is far
-from a singularity. The measure of this distance, ``dexterity_at``, is the ratio of the smallest to
-the largest singular value of J, with lengths divided by that of the arm. J⁺ is the pseudoinverse,
-the usual controller.
+robot (reference, ready, mid-range), then poses found by a search. The reference pose is the default
+configuration of a robot, from its SRDF or else mid-range, the middle of the joint ranges; the ready
+pose is a working pose of the catalogue. A dexterous configuration is far from a singularity. The
+measure of this distance, ``dexterity_at``, is the ratio of the smallest to the largest singular
+value of J, with lengths divided by that of the arm. J⁺ is the pseudoinverse, the usual controller.
 
 ``PathStart`` is a start configuration that the search found, and the path that begins there.
 """

@@ -113,7 +113,7 @@ def check_degree(task: Task, degree: int) -> None:
 
 
 def _about(seconds: float) -> str:
-    """Write an estimated time in seconds, minutes or hours, such as ``about 5 min``."""
+    """Format an estimated time in seconds, minutes or hours, such as ``about 5 min``."""
     if seconds < 100:
         return f"about {max(seconds, 1):.0f} s"
     if seconds < 6000:

@@ -37,8 +37,9 @@ def problem_of(
 
     By default, start and path are those of the design's cycle. If only another start is given, the
     design's path is kept if it begins at the pose of that start; otherwise, and if the design has
-    no path, the path is the largest circle inside the region. With ``path=False``, the problem has
-    no path, and the default start is the centre of the region.
+    no path, the path is the largest circle, of several radii, on which the motion stays inside the
+    region. With ``path=False``, the problem has no path, and the default start is the centre of the
+    region.
 
     Parameters
     ----------
@@ -51,8 +52,8 @@ def problem_of(
     Raises
     ------
     InputError
-        If no circle lies inside the region Ω of the design, or the path cannot be followed from the
-        start.
+        If the motion on every circle tried leaves the region Ω of the design, or the path cannot be
+        followed from the start.
     """
     if not isinstance(design, Design):
         kinds = dict(parts("problem"))

@@ -2,6 +2,7 @@
 
 The region Ω is the part of joint space for which a controller is designed. Parts that are not given
 are chosen, by ``choose_task`` and ``choose_start``. J⁺ is the pseudoinverse, the usual controller.
+The reference pose is the default configuration of a robot, from its SRDF or else mid-range.
 
 ``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle. ``PathStart``
 is a start configuration that the search found, and the path that begins there.
@@ -70,8 +71,8 @@ class Problem:
         default the end of the arm, and the first of pose, position, xy, xz, yz that is redundant.
     start : (n,) array or str, optional
         Start configuration q0, rad (m for prismatic joints), or the name of a pose of the robot; by
-        default the first of the reference pose, the ready pose, mid-range and dexterous poses
-        around it from which the path can be followed.
+        default the first of the reference pose, the ready pose, mid-range and poses around it, far
+        from singularities, from which the path can be followed.
     path : optional
         Closed path, its name on the command line (``"circle:0.1"``, ``"loop.csv"``), or a function
         ``(task, q0) → path``; by default a circle that fits. For several frames, a list with one

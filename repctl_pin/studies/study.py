@@ -317,7 +317,7 @@ def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, An
 def edge_warning(
     row: Row, strategy: Strategy, path: TaskPath, q0: Array, options: dict[str, Any]
 ) -> list[str]:
-    """Write a warning if the motion changes when its start moves by 1e-6 along the self-motion.
+    """Make a warning if the motion changes when its start moves by 1e-6 along the self-motion.
 
     The results from a start whose motion changes depend on rounding errors. ``row`` is the result
     of ``strategy`` from q0 (n,), and ``options`` are passed to ``follow``. The list has one text;
@@ -407,8 +407,8 @@ def _leaf_margin(design: Design, motion: Motion | None) -> float:
     """Evaluate the minimum leaf margin along a motion, at about 50 points per cycle.
 
     The leaf margin is the distance from an algorithmic singularity, where the potentials no longer
-    determine the joints: 1 is best, 0 is singular. Without a motion, the
-    minimum over the design's region is returned.
+    determine the joints: 1 is best, 0 is singular. Without a motion, the minimum over the design's
+    region is returned.
     """
     if motion is None:
         return design.leaf_margin

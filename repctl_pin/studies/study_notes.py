@@ -59,7 +59,7 @@ def motion_notes(task: Task, q0: Array, rows: Sequence[Row]) -> list[str]:
 
 
 def unlimited_speeds(task: Task) -> list[str]:
-    """Write a note that names the joints without a speed limit in the model.
+    """Make a note that names the joints without a speed limit in the model.
 
     Their speeds cannot be checked. The list has one text; it is empty if all joints have a limit.
     """
@@ -71,7 +71,7 @@ def unlimited_speeds(task: Task) -> list[str]:
 
 
 def _looked_at(rows: Sequence[Row]) -> list[str]:
-    """Write a note per controller whose motion was checked for collisions at its samples only."""
+    """Make a note per controller whose motion was checked for collisions at its samples only."""
     return [
         f"{row.label}: collisions checked{words}, not between them, because "
         f"{' and '.join(row.motion.clearance.undecided or ())} stay close together"
@@ -81,7 +81,7 @@ def _looked_at(rows: Sequence[Row]) -> list[str]:
 
 
 def _path_losses(rows: Sequence[Row]) -> list[str]:
-    """Write a note per controller whose frame leaves the path: the cycle and the maximum errors.
+    """Make a note per controller whose frame leaves the path: the cycle and the maximum errors.
 
     The drift of such a motion is meaningless. ``rows`` has one result per controller.
     """
@@ -112,7 +112,7 @@ def violation_texts(row: Row) -> list[str]:
 
 
 def _drift_elsewhere(plain: Pseudoinverse, q0: Array, motion: Motion | None) -> list[str]:
-    """Write a note on a plane in which J⁺ drifts more, if J⁺ hardly drifts on the study's path.
+    """Make a note on a plane in which J⁺ drifts more, if J⁺ hardly drifts on the study's path.
 
     ``plain`` is J⁺, and ``motion`` is its motion from q0 (n,), or None if it stopped. First circles
     of the same size in other planes are tried, then small loops in all planes. The list has at most
@@ -168,12 +168,12 @@ def _other_circle(plain: Pseudoinverse, q0: Array, motion: Motion) -> tuple[str,
 
 
 def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
-    """Write a note on a repeatable motion that is more than 5 % faster than that of J⁺.
+    """Make a note on a repeatable motion that is more than 5 % faster than that of J⁺.
 
     The note splits the extra speed into two parts: one relative to J⁺ at the same configurations,
     and one because J⁺ drifts to configurations where the path needs less joint speed. ``plain`` is
-    the motion of J⁺, ``closed`` the repeatable one. The list is empty if one of them is None or
-    leaves its path.
+    the motion of J⁺, ``closed`` the repeatable one. The list is empty if the repeatable motion is
+    at most 5 % faster, or if one of the two is None or leaves its path.
     """
     if plain is None or closed is None or plain.path_loss or closed.path_loss:
         return []
@@ -193,7 +193,7 @@ def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
 
 
 def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
-    """Write the notes that compare a design's motion with closed motions of minimum joint speed.
+    """Make the notes that compare a design's motion with closed motions of minimum joint speed.
 
     The first note compares the joint speed with the minimum from the start q0 (n,). A second one
     follows if a free start nearby needs over 5 % less joint speed. The list is empty if the

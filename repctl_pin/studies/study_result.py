@@ -46,6 +46,8 @@ class Row:
     motion : Motion or None
         Motion of the strategy; None if it stopped, or if its drift depends on the number of steps,
         for the reason ``stopped``.
+    stopped : str
+        Reason why there is no motion; empty if there is one.
     leaf_margin : float or None
         Smallest leaf margin along the motion, the distance from an algorithmic singularity, where
         the potentials no longer determine the joints: 1 is best, 0 is singular. None if the

@@ -76,7 +76,7 @@ def redundant_kinds(robot: Robot, frame: str) -> dict[str, int]:
 
 
 def kind_note(task: Task) -> list[str]:
-    """Write a note on why the chosen task is not of kind pose, the first choice.
+    """Make a note on why the chosen task is not of kind pose, the first choice.
 
     The list has one text; it is empty for a pose task, or if the task has several frames.
     """

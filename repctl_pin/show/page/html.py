@@ -88,7 +88,7 @@ def page(
     headline: Headline,
     dialog: Dialog | None = None,
 ) -> str:
-    """Write the animation page, with the viewer, the bodies and the motion inside.
+    """Make the HTML of the animation page, with the viewer, the bodies and the motion inside.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def _dense(style: str) -> str:
 
 
 def _left_out(scene: dict[str, Any]) -> tuple[str, ...]:
-    """List the modules that a page of this scene never calls."""
+    """List the JavaScript modules, by name, that a page with the data ``scene`` never calls."""
     live = () if scene["live"] else ("live/live",)
     return live if scene["cover"] else (*live, "arm/potentials", "arm/cover", "arm/table")
 

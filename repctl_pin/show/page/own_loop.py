@@ -58,10 +58,8 @@ def own_loop(
         Proved closing radius of the repeatable controller: every closed path within this radius
         closes in joint space. None if no radius is proved.
 
-    Returns
-    -------
-    dict or None
-        None if a controller or a potential is user-defined, one of several frames has a ``base`` of
+    Returns ------- dict or None         Numbers by the names that ``law.js`` reads. None if a
+    controller or a potential is user-defined, one of several frames has a ``base`` of
         its own, or the potentials have more than 2000 terms. The visitor then cannot draw a loop.
     """
     task, q0 = motion.task, motion.q[0]
@@ -200,8 +198,9 @@ def _finite(values: Array) -> list[float | None]:
 def _first_axis(task: Task) -> _Numbers | None:
     """Describe the axis of the first joint by ``axis`` (direction), ``origin``, m, and ``name``.
 
-    A motion along a loop that winds around this axis need not close. If the task is on a workpiece,
-    the first joint is the one next to the workpiece. None if the joint is prismatic.
+    Both vectors (3,) are in the base frame, at the reference pose. A motion along a loop that winds
+    around this axis need not close. If the task is on a workpiece, the first joint is the one next
+    to the workpiece. None if the joint is prismatic.
     """
     first = 0 if len(task.frames) > 1 else int(np.argmin(task._first))
     if not task.revolute[first]:

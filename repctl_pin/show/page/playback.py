@@ -2,8 +2,9 @@
 
 A playback, or track, is one motion of all joints of the robot, as the page shows it. A traced chain
 consists of the joints that move one frame; the page draws traces of that frame and of the chain's
-elbow, the joint in the middle of the arm that moves most during self-motion. A potential is a
-function of the joints that a repeatable controller holds constant.
+elbow, the joint in the middle of the arm that moves most during self-motion. The reference pose is
+the default configuration of a robot, from its SRDF or else mid-range. A potential is a function of
+the joints that a repeatable controller holds constant.
 
 ``TracedChain`` is a kinematic chain whose frame and elbow leave traces. ``Playback`` is one motion
 of a whole robot, as the page plays it: label, configurations, times. ``Dialog`` is the texts of a
@@ -176,7 +177,7 @@ def playback_page(
     dialog: Dialog | None = None,
     cover: dict[str, Any] | None = None,
 ) -> str:
-    """Write the HTML page of several motions, side by side, each in a pane.
+    """Make the HTML page of several motions, side by side, each in a pane.
 
     Parameters
     ----------
@@ -201,7 +202,8 @@ def playback_page(
     dialog
         Texts of the page's dialog; by default those of a study.
     cover
-        Surface to draw in pale, as ``cover.js`` reads it; its edges are then the first path.
+        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads;
+        its edges are then the first path. None for no surface.
     """
     cycles = _common_cycles(tracks)
     visuals = Visuals.of(chains[0].task.robot)
@@ -300,7 +302,7 @@ def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
 
 
 def _hand(name: str, kind: Kind) -> str:
-    """Write the label of a hand on the page: its name, and which rotation its task leaves free.
+    """Make the label of a hand on the page: its name, and which rotation its task leaves free.
 
     For a task that controls the position only, it is ``hand, free to turn:``.
     """
@@ -310,7 +312,7 @@ def _hand(name: str, kind: Kind) -> str:
 
 
 def _redundancy(task: Task) -> str:
-    """Write the numbers of joints and of redundant joints: ``, 7 joints, 1 redundant``."""
+    """Format the numbers of joints and of redundant joints: ``, 7 joints, 1 redundant``."""
     return f", {task.n} joints, {task.r} redundant"
 
 

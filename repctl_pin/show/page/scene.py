@@ -2,8 +2,9 @@
 
 A pane is the part of the page that shows one arm. A shape is a body of the arm as it is drawn. A
 sample is a moment of the motion whose configuration the page holds; between samples it
-interpolates. The tip is the frame of the task. A potential is a function of the joints that a
-repeatable controller holds constant.
+interpolates. The tip is the frame of the task. A chain consists of the joints that move one frame;
+its elbow joint is the joint in the middle that moves most in self-motions. A potential is a
+function of the joints that a repeatable controller holds constant.
 
 ``Frames`` are the samples of a motion that the page shows. ``Arm`` is the arm in one pane of the
 page, and its motion under one controller. ``Dialog`` is the texts of a page's dialog, by name.
@@ -296,7 +297,7 @@ def animation_page(
     dialog: Dialog | None = None,
     cover: dict[str, Any] | None = None,
 ) -> str:
-    """Write a self-contained HTML page with one pane per arm: an animation, or the live viewer.
+    """Make a self-contained HTML page with one pane per arm: an animation, or the live viewer.
 
     An animation repeats the shown cycles.
 
@@ -337,7 +338,8 @@ def animation_page(
     dialog
         Texts of the page's dialog; by default those of a study.
     cover
-        Surface to draw in pale, as ``cover.js`` reads it; its edges are then the first path.
+        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads;
+        its edges are then the first path. None for no surface.
 
     Returns
     -------

@@ -45,7 +45,7 @@ def still(ax: Any, motion: Motion, elbow: int, colour: str, *, flat: bool = Fals
     motion
         Motion to draw.
     elbow
-        Index of the joint whose trace is drawn.
+        Index, from 0 among the task's joints, of the joint whose trace is drawn.
     colour
         Colour of the arm at the end.
     flat

@@ -2,7 +2,8 @@
 
 Configurations are sent over a websocket by a server on 127.0.0.1, in a thread of this process. Only
 this host can reach the server. The server and its port close with the process. Only pages that the
-server itself sent may connect.
+server itself sent may connect. A pane is the part of the page that shows one arm. The reference
+pose is the default configuration of a robot, from its SRDF or else mid-range.
 """
 
 from __future__ import annotations
@@ -238,7 +239,7 @@ class Viewer:
         self.close()
 
     def _page(self, q0: Array, path: TaskPath | None) -> str:
-        """Write the HTML page of the viewer, and set ``_moving``: the mask (S,) of moving shapes.
+        """Make the HTML page of the viewer, and set ``_moving``: the mask (S,) of moving shapes.
 
         A shape moves if its placement differs between the start q0 (n,) and two configurations
         that are shifted by 0.3 rad or m in each joint. Only placements of these shapes are sent.

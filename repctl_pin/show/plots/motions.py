@@ -222,7 +222,7 @@ _LINE = 0.058
 
 
 def _end_words(curve: _Curve, high: float) -> str:
-    """Write the label at the end of a line: name, last value and first violations.
+    """Make the label at the end of a line: name, last value and first violations.
 
     ``high`` is the upper end of the axis; an arrow says that the line ends above it.
     """
@@ -387,7 +387,7 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def _power_of_ten(value: float, _: object = None) -> str:
-    """Write a power of ten as ``10⁻³``, the label of a tick of a log scale.
+    """Format a power of ten as ``10⁻³``, the label of a tick of a log scale.
 
     The label is plain text, because matplotlib's parser of formulas is slow.
     """
@@ -492,7 +492,7 @@ def legend_below(figure: Figure, ax: Axes) -> Figure:
 
 
 def axis_label(task: Task, joint: int) -> str:
-    """Write the label of an axis: a joint's name and its unit, as ``joint4 (rad)``.
+    """Make the label of an axis: a joint's name and its unit, as ``joint4 (rad)``.
 
     ``joint`` is the joint's index, from 0.
     """

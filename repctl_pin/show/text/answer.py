@@ -49,7 +49,7 @@ _LAST = ("the start is ", "joint speed: ", "another elbow position ")
 
 
 def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
-    """Write a study's first answer: a sentence, a short table, notes, and the file to open.
+    """Make a study's first answer: a sentence, a short table, notes, and the file to open.
 
     As many notes are listed as fit into the terminal.
 
@@ -83,7 +83,7 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
 
 
 def _proved(study: Study) -> list[str]:
-    """Write the line on the proved closing radius of the design: a list of one text.
+    """Make the line on the proved closing radius of the design: a list of one text.
 
     Every closed path within that radius of the start, or of the path that was followed, is proved
     to close in joint space. The list is empty if nothing was proved.
@@ -98,7 +98,7 @@ def _title(row: Row) -> str:
 
 
 def _about(study: Study) -> str:
-    """Write one line that names the arm, its task, its path and the number of cycles."""
+    """Make one line that names the arm, its task, its path and the number of cycles."""
     moved = (row.motion for row in study.rows if row.motion is not None)
     cycles = next((motion.cycles for motion in moved), 0)
     times = counted(cycles, "cycle")

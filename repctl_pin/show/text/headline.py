@@ -3,8 +3,9 @@
 Its notes give the extra joint speed of the repeatable controller, limits and body distances. The
 displacement of a part is the distance between its positions at the start and after all cycles; a
 part is back if its displacement is below 0.1 mm. The hand is the task's frame. A summary
-(:class:`.MotionSummary`) has the numbers of one motion; the label of a controller is its name in a
-study, such as ``J⁺``. A :class:`.Span` is a piece of text with a tone (``bad``, ``good`` or
+(:class:`.MotionSummary`) has the numbers of one motion; a list ``summaries`` has one per
+controller, the reference first and the repeatable one last; the label of a controller is its name
+in a study, such as ``J⁺``. A :class:`.Span` is a piece of text with a tone (``bad``, ``good`` or
 ``near``), which a page and a terminal show as colour; lists of spans are joined to one text.
 
 ``Row`` is the result of one strategy in a study: its motion and figures, or why it stopped.
@@ -66,7 +67,7 @@ _END_NAMES = (
 
 
 def hands_are(count: int) -> str:
-    """Write the subject of a sentence on the frames of a task, with its verb: ``the hand is``."""
+    """Make the subject of a sentence on the frames of a task, with its verb: ``the hand is``."""
     known = {1: "the hand is", 2: "both hands are"}
     return known.get(count, f"all {count} hands are")
 
@@ -116,7 +117,7 @@ def names_of(label: str) -> dict[str, str]:
 
 
 def stopped_words(label: str, failure: str) -> str:
-    """Write a sentence that says why a controller has no motion to show.
+    """Make a sentence that says why a controller has no motion to show.
 
     ``failure`` is the attribute :attr:`.Row.failure` of the controller's row in a study.
     """
@@ -126,7 +127,7 @@ def stopped_words(label: str, failure: str) -> str:
 
 
 def stopped_cell(row: Row) -> str:
-    """Write the cell of a table for a controller without a motion: ``stopped``, or a dash.
+    """Make the cell of a table for a controller without a motion: ``stopped``, or a dash.
 
     A dash means that the motion was rejected, because its drift depends on the number of steps.
     """
@@ -134,7 +135,7 @@ def stopped_cell(row: Row) -> str:
 
 
 def study_headline(study: Study) -> Headline:
-    """Write the headline of a study, which compares J⁺ with the nearest repeatable inverse.
+    """Make the headline of a study, which compares J⁺ with the nearest repeatable inverse.
 
     For a controller that stopped, a sentence gives the reason.
     """
@@ -148,7 +149,7 @@ def study_headline(study: Study) -> Headline:
 def headline_of(
     summaries: Sequence[MotionSummary], cycles: int, stopped: Sequence[str] = (), *, hands: int = 1
 ) -> Headline:
-    """Write the headline: which part has drifted, how far, and the cost of a repeatable motion.
+    """Make the headline: which part has drifted, how far, and the cost of a repeatable motion.
 
     The cost is the extra joint speed of the last motion relative to the first.
 
@@ -192,7 +193,7 @@ def headline_of(
 
 
 def _collide(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write which bodies collide, if the last motion has a collision, and whether all have one.
+    """State which bodies collide, if the last motion has a collision, and whether all have one.
 
     The last motion is the one that a user would run. The list is empty if it has no collision, or
     if there is only one motion.
@@ -221,7 +222,7 @@ def _is_open(one: MotionSummary) -> bool:
 
 
 def _drifted(summaries: Sequence[MotionSummary], times: str, *, again: bool) -> list[Span]:
-    """Write which part or joint is displaced, and by how much under each controller.
+    """State which part or joint is displaced, and by how much under each controller.
 
     The part is the one that is displaced most under any controller. If no part is displaced by 1 cm
     or more, a joint is named instead that is displaced by 0.1 rad or more. ``times`` is the number
@@ -250,7 +251,7 @@ def _drifted(summaries: Sequence[MotionSummary], times: str, *, again: bool) -> 
 
 
 def _by(one: MotionSummary, summaries: Sequence[MotionSummary]) -> str:
-    """Write " under" and the name of a controller, such as " under the usual control".
+    """Make " under" and the name of a controller, such as " under the usual control".
 
     The text is empty if ``summaries`` has only one controller.
     """
@@ -266,7 +267,7 @@ def _alone(one: MotionSummary) -> str:
 
 
 def _winds(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write that the path winds around the first joint's axis, so that motions need not close.
+    """State that the path winds around the first joint's axis, so that motions need not close.
 
     The list is empty if the path does not wind around the axis, or all motions are closed.
     """
@@ -304,7 +305,7 @@ def ends_off(summaries: Sequence[MotionSummary]) -> list[str]:
 
 
 def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write which end effectors that the task does not control are displaced, and how far.
+    """State which end effectors that the task does not control are displaced, and how far.
 
     The list is empty if none is displaced by 1 cm or more.
     """
@@ -328,7 +329,7 @@ def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
 
 
 def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
-    """Write under which controllers the hand leaves its path or is not back at the end.
+    """State under which controllers the hand leaves its path or is not back at the end.
 
     ``times`` is the number of cycles as text, ``10 cycles``. The list is empty if the hand follows
     its path in all motions, and ends where it began.
@@ -362,7 +363,7 @@ def off_of(one: MotionSummary) -> Span:
 
 
 def _exact(one: MotionSummary) -> str:
-    """Write the most displaced link, and its displacement with three digits: ``link4: 0.0321 m``.
+    """Format the most displaced link, and its displacement with three digits: ``link4: 0.0321 m``.
 
     A page shows this exact value of a rounded text on request.
     """
@@ -397,7 +398,7 @@ def _turned(one: MotionSummary) -> Span:
 
 
 def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
-    """Write the notes of a headline: extra joint speed, limits, body distances, unchecked bodies.
+    """Make the notes of a headline: extra joint speed, limits, body distances, unchecked bodies.
 
     Limits are named that are violated in ``cycles`` cycles, or will be if the drift continues.
     """
@@ -410,7 +411,7 @@ def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
 
 def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list[Span]:
-    """Write the extra joint speed, a root mean square, of the last motion relative to the first.
+    """Format the extra joint speed, a root mean square, of the last motion relative to the first.
 
     It is given for cycle 1, which both motions begin in the same configuration, and for all
     ``cycles`` cycles. The list is empty if there is only one motion, or one of the two leaves its
@@ -431,7 +432,7 @@ def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list
 
 
 def _higher(cost: float) -> str:
-    """Write a change of the joint speed, a fraction, in words: ``0.3 % higher``.
+    """Format a change of the joint speed, a fraction, in words: ``0.3 % higher``.
 
     A negative change is lower; if it is 0 when rounded, the text is ``no higher``.
     """
@@ -442,7 +443,7 @@ def _higher(cost: float) -> str:
 
 
 def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
-    """Write which joint and speed limits are violated, or will be if the drift continues.
+    """State which joint and speed limits are violated, or will be if the drift continues.
 
     Without a violation in ``cycles`` cycles, the text says that the joint limits are kept.
     """
@@ -462,7 +463,7 @@ def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
 
 def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
-    """Write which joints leave their ranges after ``cycles`` cycles if the drift continues.
+    """State which joints leave their ranges after ``cycles`` cycles if the drift continues.
 
     Controllers under which the same joint leaves its range in the same cycle are named together.
     The list is empty if no joint does.
@@ -482,7 +483,7 @@ def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write collisions and minimum body distances; the list is empty without bodies.
+    """State collisions and minimum body distances; the list is empty without bodies.
 
     Links are named if they collide or come within 2 cm; if none do, one text gives the minimum
     distance over all motions.
@@ -508,7 +509,7 @@ def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
 
 
 def _nearest(near: Sequence[MotionSummary], summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write the minimum body distance of each motion in ``near``, with its two links: one span.
+    """Format the minimum body distance of each motion in ``near``, with its two links: one span.
 
     ``summaries`` are all motions; if there are several, each distance names its controller.
     Distances between different links that round to the same number get a third digit, so that they
@@ -537,7 +538,7 @@ def _distance(one: MotionSummary, digits: int = 2) -> str:
 
 
 def _unchecked(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """Write how many bodies without a collision shape are not checked for collisions.
+    """State how many bodies without a collision shape are not checked for collisions.
 
     The list is empty if all bodies are checked.
     """

@@ -1,8 +1,9 @@
 """Summaries of motions, for headlines and tables: displacement, speed, limits, bodies.
 
 The displacement of a part of the arm is the distance between its positions at the start and at the
-end of all cycles. The outlook is the cycle in which a joint leaves its range if every further
-cycle drifts like the last one.
+end of all cycles. The outlook is the cycle in which a joint leaves its range if every further cycle
+drifts like the last one. A chain consists of the joints that move one frame. Cycles are counted
+from 1; joints and links are given by name.
 
 ``JointMotion`` is a joint motion over several cycles: q, q̇ (T, n) at times t, without the path of
 the frame. ``MotionSummary`` is the quantities of one motion that headlines and short tables report.

@@ -58,7 +58,7 @@ def percent(share: float) -> str:
 
 
 def counted(count: int, noun: str) -> str:
-    """Write a number with its noun, such as 1 cycle or 10 cycles."""
+    """Format a number with its noun, such as 1 cycle or 10 cycles."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 

@@ -1,4 +1,8 @@
-"""Display names of an arm's parts, from the links of its URDF."""
+"""Display names of an arm's parts, from the links of its URDF.
+
+The chain of a task consists of the joints that move its frame. The elbow joint is the joint in the
+middle of the chain that moves most in self-motions, in which the frame rests.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +21,7 @@ _WORD = 3
 
 
 def redundant_part(task: Task) -> str:
-    """Write what can drift under a task: "elbow position" for a pose task with r = 1.
+    """State what can drift under a task: "elbow position" for a pose task with r = 1.
 
     For any other task, it is "configuration", because more than the elbow can move.
     """
@@ -71,7 +75,7 @@ def hand_names(task: Task) -> list[str]:
 
 
 def _side(link: str) -> str:
-    """Write on which side a link is, from its name: ``left ``, ``right ``, or an empty text.
+    """State on which side a link is, from its name: ``left ``, ``right ``, or an empty text.
 
     ``l_hand`` counts as left, too. With two arms, the side distinguishes equal parts.
     """

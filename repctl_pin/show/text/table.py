@@ -105,7 +105,7 @@ def study_table(study: Study) -> str:
 
 
 def _two_norms(study: Study) -> dict[str, str]:
-    """Write the design's cost in the Frobenius and the spectral norm, as a dict from label to text.
+    """Format the design's cost in the Frobenius and the spectral norm: a dict from label to text.
 
     The cost is the mean squared distance of the design from the desired inverse over its region Ω.
     With one degree of redundancy the two norms agree, and the dict is empty.
@@ -119,7 +119,7 @@ def _two_norms(study: Study) -> dict[str, str]:
 
 
 def outside_words(share: float) -> list[str]:
-    """Write a warning that a share, 0 to 1, of the motion lies outside Ω, as lines of text.
+    """Make a warning that a share, 0 to 1, of the motion lies outside Ω, as lines of text.
 
     Ω is the region of joint space of the design; outside, repeatability is not guaranteed. The list
     is empty if the share is 0.
@@ -135,7 +135,7 @@ def outside_words(share: float) -> list[str]:
 
 
 def margin_words(motion: JointMotion) -> str:
-    """Write the minimum joint-limit margin of a motion, its unit and joint, or ``no limits``."""
+    """Format the minimum joint-limit margin of a motion, its unit and joint, or ``no limits``."""
     joint = int(np.argmin(motion.limit_margin.min(axis=0)))
     margin = float(motion.limit_margin[:, joint].min())
     if not np.isfinite(margin):
