@@ -526,7 +526,7 @@ def test_every_kind_of_robot_follows_a_drawn_loop(driver: Any, tmp_path: Path, n
     told = told.partition(". ")[2]
     # where the arm could not follow all that was drawn, that is said first
     failed = driver.execute_script("return Boolean(repctl.own.scene.failure)")
-    note = "return document.getElementById('notes').children[1].textContent"
+    note = "return document.getElementById('notes').children[0].textContent"
     answer = driver.execute_script(note) if failed else said(driver)
     assert answer.partition(". ")[2] == told != ""
     assert errors(driver) == []
@@ -1583,6 +1583,11 @@ def test_a_stroke_of_the_address_that_the_arm_can_follow_is_no_failure(
         "blocked under either control.",
         "blocked under the usual control, other under the repeatable one.",
     ]
+    ends = driver.execute_script(
+        "return repctl.own.missed.map((stroke) => stroke[stroke.length - 1])"
+    )
+    far = np.linalg.norm(np.subtract(ends, [x, y, z]), axis=1)
+    assert far == pytest.approx([np.hypot(0.12, 0.05), 4 * size])
     assert errors(driver) == []
 
 
