@@ -23,7 +23,6 @@ from page_file import read
 from store import study_of
 
 import repctl_pin as rp
-from repctl_pin.show import study_files
 from repctl_pin.show.page.own_loop import own_loop
 
 SCRIPTS = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "arm"
@@ -1300,20 +1299,20 @@ def test_help_says_where_to_install_from_and_how_to_cite(page: Path) -> None:
 
 @pytest.mark.slow
 def test_the_page_of_a_command_repeats_it_as_text(tmp_path: Path, monkeypatch) -> None:
+    """Without its output folder and the folders of its files, which others do not have."""
     monkeypatch.chdir(tmp_path)
     few = "study planar3r --degree 1 --cycles 1 --steps 40 --region 0.2"
-    assert main([*few.split(), "--out", "a<b>"]) == 0
-    text = (tmp_path / "a<b>" / "animation.html").read_text("utf-8")
-    assert f"was made by <code>repctl {few}</code></dd>" in text
-
-
-def test_a_page_names_no_folder_of_the_machine_that_made_it() -> None:
-    """It named the output folder, and the folders of URDF, path and packages."""
-    command = "repctl study /home/me/arm.urdf --path=/home/me/a,b.csv --out=/tmp/x --task axis"
-    page = study_files.with_command("<dt>To install</dt>", command)
-    assert "<code>repctl study arm.urdf --path=a,b.csv --task axis</code>" in page
-    page = study_files.with_command("<dt>To install</dt>", "repctl study 'a<b>' --out /tmp/x")
-    assert "<code>repctl study &#39;a&lt;b&gt;&#39;</code>" in page
+    urdf = tmp_path / "a<b>.urdf"
+    urdf.write_text(rp.Robot.load("planar3r").description.xml, "utf-8")
+    for robot, out, told in (
+        ("planar3r", "--out there", "planar3r"),
+        (urdf, f"--out={tmp_path / 'there'}", "&#39;a&lt;b&gt;.urdf&#39;"),
+    ):
+        words = few.replace("planar3r", str(robot))
+        assert main([*words.split(), *out.split()]) == 0
+        text = (tmp_path / "there" / "animation.html").read_text("utf-8")
+        assert f"was made by <code>repctl {few.replace('planar3r', told)}</code></dd>" in text
+        assert str(tmp_path) not in text
 
 
 _BARS = """
