@@ -6,7 +6,7 @@ import { byId, element, tone } from "../dom.js";
 const LOW = 360; // px
 const NARROW = 180; // px, below which a pane cannot hold its label and what is said of the part
 
-const NAMED = 380; // px, from which a pane has room for what its control is called in brackets
+const NAMED = 340; // px, from which a pane has room for what its control is called in brackets
 
 export class Panes {
   // `ratio`: width to height of what a pane shows
