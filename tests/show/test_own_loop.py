@@ -1426,6 +1426,13 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     home = driver.execute_script("return repctl.own.chain.homes[0]")
     assert np.allclose(stroke[0][0], stop) and len(stroke[0]) == 3
     assert np.allclose(stop[1:], home[1:], atol=1e-4) and home[0] - 0.1 < stop[0] < home[0] + 9
+    # it is in the picture, wherever it is
+    inside = driver.execute_script(
+        "const { panes, arms } = repctl.own, { width, height } = panes.place(0);"
+        "const { x, y } = panes.seen(0, arms[0].stop.node.position);"
+        "return [x / width, y / height]"
+    )
+    assert all(0 < share < 1 for share in inside), inside
     parts = driver.execute_script("return repctl.own.addressParts()")
     assert parts[1].startswith("missed=")
     open_page(driver, f"{page.resolve().as_uri()}#{'&'.join(parts)}&")
