@@ -23,7 +23,6 @@ from page_file import read
 from store import study_of
 
 import repctl_pin as rp
-from repctl_pin.show import study_files
 from repctl_pin.show.page.own_loop import own_loop
 
 SCRIPTS = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts" / "arm"
@@ -526,7 +525,7 @@ def test_every_kind_of_robot_follows_a_drawn_loop(driver: Any, tmp_path: Path, n
     told = told.partition(". ")[2]
     # where the arm could not follow all that was drawn, that is said first
     failed = driver.execute_script("return Boolean(repctl.own.scene.failure)")
-    note = "return document.getElementById('notes').children[1].textContent"
+    note = "return document.getElementById('notes').children[0].textContent"
     answer = driver.execute_script(note) if failed else said(driver)
     assert answer.partition(". ")[2] == told != ""
     assert errors(driver) == []
@@ -1300,20 +1299,20 @@ def test_help_says_where_to_install_from_and_how_to_cite(page: Path) -> None:
 
 @pytest.mark.slow
 def test_the_page_of_a_command_repeats_it_as_text(tmp_path: Path, monkeypatch) -> None:
+    """Without its output folder and the folders of its files, which others do not have."""
     monkeypatch.chdir(tmp_path)
     few = "study planar3r --degree 1 --cycles 1 --steps 40 --region 0.2"
-    assert main([*few.split(), "--out", "a<b>"]) == 0
-    text = (tmp_path / "a<b>" / "animation.html").read_text("utf-8")
-    assert f"was made by <code>repctl {few}</code></dd>" in text
-
-
-def test_a_page_names_no_folder_of_the_machine_that_made_it() -> None:
-    """It named the output folder, and the folders of URDF, path and packages."""
-    command = "repctl study /home/me/arm.urdf --path=/home/me/a,b.csv --out=/tmp/x --task axis"
-    page = study_files.with_command("<dt>To install</dt>", command)
-    assert "<code>repctl study arm.urdf --path=a,b.csv --task axis</code>" in page
-    page = study_files.with_command("<dt>To install</dt>", "repctl study 'a<b>' --out /tmp/x")
-    assert "<code>repctl study &#39;a&lt;b&gt;&#39;</code>" in page
+    urdf = tmp_path / "a<b>.urdf"
+    urdf.write_text(rp.Robot.load("planar3r").description.xml, "utf-8")
+    for robot, out, told in (
+        ("planar3r", "--out there", "planar3r"),
+        (urdf, f"--out={tmp_path / 'there'}", "&#39;a&lt;b&gt;.urdf&#39;"),
+    ):
+        words = few.replace("planar3r", str(robot))
+        assert main([*words.split(), *out.split()]) == 0
+        text = (tmp_path / "there" / "animation.html").read_text("utf-8")
+        assert f"was made by <code>repctl {few.replace('planar3r', told)}</code></dd>" in text
+        assert str(tmp_path) not in text
 
 
 _BARS = """
@@ -1404,7 +1403,7 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     assert [e.text for e in marks] == [f"cannot follow\n{reason}" for reason in reasons]
     assert all(reason and reason in found[1] for reason in reasons)
     # the way that was taken is a loop, which both arms do as often as another
-    assert driver.find_element("id", "again").text == "Follow the solid line 10 times"
+    assert driver.find_element("id", "again").text == "Do it 10 times"
     assert driver.find_element("id", "clock").text == "after 1 of 10"
     # one ball in each pane; what its lines mean is said on a phone, too
     balls = driver.execute_script(
@@ -1427,6 +1426,13 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     home = driver.execute_script("return repctl.own.chain.homes[0]")
     assert np.allclose(stroke[0][0], stop) and len(stroke[0]) == 3
     assert np.allclose(stop[1:], home[1:], atol=1e-4) and home[0] - 0.1 < stop[0] < home[0] + 9
+    # it is in the picture, wherever it is
+    inside = driver.execute_script(
+        "const { panes, arms } = repctl.own, { width, height } = panes.place(0);"
+        "const { x, y } = panes.seen(0, arms[0].stop.node.position);"
+        "return [x / width, y / height]"
+    )
+    assert all(0 < share < 1 for share in inside), inside
     parts = driver.execute_script("return repctl.own.addressParts()")
     assert parts[1].startswith("missed=")
     open_page(driver, f"{page.resolve().as_uri()}#{'&'.join(parts)}&")
@@ -1565,24 +1571,23 @@ def test_a_stroke_of_the_address_that_the_arm_can_follow_is_no_failure(
         wait_until_computed(driver)
         found[name] = said(driver), driver.execute_script("return repctl.own.scene.failure")
     assert found["none"][0].startswith("After 10 cycles of your loop the hand is back."), found
-    assert found["none"][1] == ""
+    assert found["none"][1] is None
     start = r"The arm cannot follow your loop beyond its first \d[\d.]*.c?m, at the red ball: "
     assert re.match(start, found["one"][0]) and found["one"][1], found
-    # whom it stops: one arm, or both for the same reason
+    # whom it stops: both, for one reason or for two, or the function of a cell alone
     named = driver.execute_script(
         "const { own } = repctl, words = [];"
         "own.walk = function* (from) { from.refusals = own.refuse; "
         "  return { refusal: 'blocked', trail: [] }; };"
-        "for (own.refuse of [['blocked', ''], ['', 'blocked'], ['blocked', 'blocked'],"
-        "  ['blocked', 'other']]) {"
-        "  const { under, all } = own.stopOf(own.points, own.missed[0]).next().value;"
-        "  words.push([under || '', all]); } delete own.walk; return words;"
+        "for (own.refuse of [['', 'blocked'], ['blocked', 'blocked'], ['blocked', 'other']]) {"
+        "  const stop = own.stopOf(own.points, own.missed[0]).next().value;"
+        "  words.push(failureWords(own.chain, own.arms, stop)[0][0].split('red ball: ')[1]);"
+        "} delete own.walk; return words;"
     )
     assert named == [
-        ["the usual control", False],
-        ["the repeatable one", False],
-        ["", True],
-        ["", False],
+        "blocked.",
+        "blocked under either control.",
+        "blocked under the usual control, other under the repeatable one.",
     ]
     ends = driver.execute_script(
         "return repctl.own.missed.map((stroke) => stroke[stroke.length - 1])"

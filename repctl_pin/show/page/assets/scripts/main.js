@@ -131,6 +131,7 @@ async function main() {
   let drawing = false;
   let lines = []; // what a visitor's loop adds to what is seen: its points, and where it stops
   let own = null;
+  let wide = false; // whether the view was widened for a visitor's loop
   let unfitted = false; // whether the stage has another size since a hand was led
   function show() {
     if (drawing) return;
@@ -220,6 +221,11 @@ async function main() {
       show();
     },
   };
+  const isOutside = (p) => {
+    const { x, y } = panes.seen(0, p);
+    const { width, height } = panes.place(0);
+    return !(x >= 0 && y >= 0 && x <= width && y <= height);
+  };
   const offerEnlarge = () => {
     const most = Math.max(...scene.arms.flatMap(({ off }) => off.flat()));
     byId("enlarge").hidden = scene.live || !(most >= 1e-4 && most < 0.01);
@@ -249,7 +255,10 @@ async function main() {
       rule(clock);
       offerEnlarge();
       panes.inRows();
-      if (unfitted) resize();
+      // a loop that leads out of the picture is seen whole, and the study as before
+      const widened = lines.some(isOutside);
+      if (unfitted || widened || wide) resize();
+      wide = widened;
       yield;
       chart.reserve();
     } finally {

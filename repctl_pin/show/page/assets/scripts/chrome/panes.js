@@ -6,6 +6,8 @@ import { byId, element, tone } from "../dom.js";
 const LOW = 360; // px
 const NARROW = 180; // px, below which a pane cannot hold its label and what is said of the part
 
+const NAMED = 340; // px, from which a pane has room for what its control is called in brackets
+
 export class Panes {
   // `ratio`: width to height of what a pane shows
   constructor(viewer, eye, arms, ratio) {
@@ -50,13 +52,17 @@ export class Panes {
       if (size(columns) > 1.02 * size(best)) best = columns;
     byId("panes").style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;
     // what is pressed stays in its pane
-    byId("stage").classList.toggle("in-columns", best > 1);
-    byId("stage").style.setProperty("--pane", `${Math.round(width / best)}px`);
+    const stage = byId("stage");
+    const wide = Math.round(width / best);
+    stage.classList.toggle("in-columns", best > 1);
+    stage.classList.toggle("narrow", wide < NAMED);
+    stage.style.setProperty("--pane", `${wide}px`);
     this.viewer.renderer.setSize(width, height);
     this.measure();
     this.inRows();
-    const [{ width: wide, height: tall }] = this.places;
-    this.size = { width: Math.max(wide, 1), height: Math.max(tall, 1), ...this.room() };
+    const [first] = this.places;
+    this.size = { width: Math.max(first.width, 1), height: Math.max(first.height, 1) };
+    Object.assign(this.size, this.room());
     this.eye.aspect(this.size.width / this.size.height);
     if (PIXEL.value) PIXEL.value.set(2 / this.size.width, 2 / this.size.height);
     this.colour();

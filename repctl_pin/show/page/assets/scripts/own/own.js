@@ -889,9 +889,8 @@ export class Own {
       sentence.splice(0, Infinity, ...words);
     }
     this.write(sentence, notes, title);
-    const what = failure ? "Follow the solid line" : "Do it";
     byId("again").textContent =
-      cycles < result.cycles ? `${what} ${result.cycles} times` : "Once more";
+      cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";
     this.player.show();
   }
 

@@ -7,6 +7,7 @@ const SAMPLES = 126; // of a cycle
 const TOO_FAST = 1 + 1e-9;
 const RESOLVED = 0.01; // of the drift, within which the ends of cycles are with twice the steps
 const CLOSED = 1e-5; // or this near, rad or m
+const OFF_PATH = 0.01; // of the arm, from which a hand has left its path
 const LOST = 1e-3; // of the arm, from which a hand is not back: the steps were too long
 
 // What the arms do on these paths, see pieces(): {cycles, perCycle, seconds, length, runs,
@@ -77,7 +78,7 @@ function rowsOnPath(chain, { Q, perCycle }, cycle, path) {
       row++;
       chain.place(Q.subarray(first + row * n, first + (row + 1) * n));
       const off = ({ p, rows }, f) => rows.map((i) => (i < 3 ? p[i] - goals[f][i] : 0));
-      if (frames.some((frame, f) => Math.hypot(...off(frame, f)) > LOST * size)) return row;
+      if (frames.some((frame, f) => Math.hypot(...off(frame, f)) > OFF_PATH * size)) return row;
     }
   return perCycle;
 }
