@@ -89,7 +89,7 @@ def _cover_of(design: CellDesign, reach: Sequence[Array]) -> dict[str, Any]:
         motion |= {"from": -half, "to": half}
         motion["turns"] = degrees_turned(cell, _reaches(design))
         if reach:
-            motion["reach"] = [np.rint(1e3 * line).astype(int).ravel().tolist() for line in reach]
+            motion["reach"] = [np.rint(1e3 * line).astype(int).tolist() for line in reach]
             motion["around"] = min(_joint_range(design), 2 * np.pi)
     else:
         across = np.zeros((3, 3))
