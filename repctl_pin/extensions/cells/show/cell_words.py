@@ -67,9 +67,8 @@ def cell_words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, s
 def reach_words() -> dict[str, str]:
     """Explain what the page draws as the reach of the arm, by name."""
     return {
-        "Reach of the arm": "radii and heights at which the arm can hold the tool in this "
-        "orientation, inside its joint limits and without a collision in one direction around the "
-        "axis at least: as found every 3 cm by the search."
+        "Reach of the arm": "radii and heights, as found every 3 cm by the search, at which the "
+        "arm can hold the tool so, inside its joint limits and, at some angle, without a collision."
     }
 
 

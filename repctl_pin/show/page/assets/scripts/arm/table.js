@@ -30,10 +30,10 @@ export class TableMarks {
     const { inner, outer, from, to, reach = [], around, turns } = this.cover;
     const own = [...inner, ...outer.slice().reverse()].map((p) => {
       const { x, z } = new T.Vector3(...p).applyMatrix4(this.inverse);
-      return new T.Vector2(x, z);
+      return new T.Vector3(x, 0, z);
     });
     const lines = reach.map((line) =>
-      line.map(([x, z]) => new T.Vector2(x, z).multiplyScalar(1e-3)),
+      line.map(([x, z]) => new T.Vector3(x, 0, z).multiplyScalar(1e-3)),
     );
     const [near, far] = spanOf(own);
     const [least, most] = spanOf([...own, ...lines.flat()]);
@@ -100,15 +100,12 @@ function jointsAt(joints, cycle, part) {
   if (!joints) return null;
   const { at, count, n, values } = joints;
   const next = Math.max(
-    1,
     at.findIndex((t) => t >= part),
+    1,
   );
-  const [before, after] = [next - 1, next].map((i) => (cycle * count + i) * n);
   const share = Math.min((part - at[next - 1]) / (at[next] - at[next - 1]), 1);
-  return Float64Array.from({ length: n }, (_, i) => {
-    const v = values[before + i];
-    return v + share * (values[after + i] - v);
-  });
+  const first = (cycle * count + next - 1) * n;
+  return values.slice(first, first + n).map((v, i) => v + share * (values[first + n + i] - v));
 }
 
 // Write a number, and turn the needle of its dial.
@@ -126,48 +123,37 @@ function turn(name, angle) {
 
 const spanOf = (points) => [Math.min, Math.max].map((end) => end(...points.map(({ x }) => x)));
 
-const flatMaterial = (color, opacity) =>
-  new MeshCat.THREE.MeshBasicMaterial({
-    color,
-    opacity,
-    transparent: true,
-    depthWrite: false,
-    side: MeshCat.THREE.DoubleSide,
-  });
-
 // A flat ring or part of it.
 function ring(inner, outer, from, to, opacity, color = OF_COVER) {
   const T = MeshCat.THREE;
   const parts = Math.ceil(40 * (to - from));
   const shape = new T.RingGeometry(inner, outer, parts, 1, from, to - from);
-  return new T.Mesh(shape, flatMaterial(color, opacity));
+  return new T.Mesh(
+    shape,
+    new T.MeshBasicMaterial({
+      color,
+      opacity,
+      transparent: true,
+      depthWrite: false,
+      side: T.DoubleSide,
+    }),
+  );
 }
 
-// Closed lines of radii and heights in an upright plane, and what is inside; those around holes are
-// clockwise.
+// Closed lines of radii and heights in an upright plane.
 function upright(lines, color, opacity) {
   const T = MeshCat.THREE;
-  const around = lines.filter((line) => lines.length === 1 || T.ShapeUtils.area(line) > 0);
-  const shapes = around.map((line) => new T.Shape(line));
-  for (const line of lines) if (!around.includes(line)) shapes[0].holes.push(new T.Path(line));
-  const plane = new T.Group().add(
-    new T.Mesh(new T.ShapeGeometry(shapes), flatMaterial(color, 0.15 * opacity)),
-  );
+  const drawn = new T.LineBasicMaterial({ color, opacity, transparent: true });
+  const plane = new T.Group();
   for (const line of lines)
-    plane.add(
-      new T.LineLoop(
-        new T.BufferGeometry().setFromPoints(line),
-        new T.LineBasicMaterial({ color, opacity, transparent: true }),
-      ),
-    );
-  plane.rotation.x = Math.PI / 2; // its y is the height
-  return new T.Group().add(plane);
+    plane.add(new T.LineLoop(new T.BufferGeometry().setFromPoints(line), drawn));
+  return plane;
 }
 
 // Keep an upright plane square to the line of sight, on one side of the axis, as far as the arm
 // goes around.
 function facing(plane, side, around) {
-  const [first] = plane.children[0].children;
+  const [first] = plane.children;
   first.onBeforeRender = (renderer, scene, camera) => {
     const { x, y } = plane.parent.worldToLocal(camera.position.clone());
     const angle = Math.atan2(side * x, -side * y);
@@ -182,16 +168,10 @@ function label(text, radius, angle, size) {
   const T = MeshCat.THREE;
   const canvas = element("canvas", { width: 192, height: 64 });
   const draw = canvas.getContext("2d");
-  Object.assign(draw, {
-    font: "600 48px system-ui, sans-serif",
-    textAlign: "center",
-    textBaseline: "middle",
-    fillStyle: OF_COVER,
-    strokeStyle: "#fffc",
-    lineWidth: 8,
-  });
-  draw.strokeText(text, 96, 34);
-  draw.fillText(text, 96, 34);
+  Object.assign(draw, { font: "600 48px sans-serif", textAlign: "center", lineWidth: 8 });
+  Object.assign(draw, { fillStyle: OF_COVER, strokeStyle: "#fffc" });
+  draw.strokeText(text, 96, 48);
+  draw.fillText(text, 96, 48);
   const map = new T.CanvasTexture(canvas);
   const words = new T.Sprite(new T.SpriteMaterial({ map, depthTest: false }));
   words.position.set(radius * Math.cos(angle), radius * Math.sin(angle), 0.05 * size);
