@@ -51,7 +51,7 @@ def test_the_largest_rectangle_is_that_of_all_rectangles() -> None:
 
 
 def test_outlines_go_around_what_is_reached() -> None:
-    """Closed form: the area inside a line is that of the nodes less 1/8 per corner, holes negative."""
+    """Closed form: each corner cuts 1/8 off the area of the nodes; a hole is negative."""
     table = SimpleNamespace(radii=np.array([0.06, 0.09]), heights=np.array([-0.3, -0.27]))
     mask = np.ones((5, 6), bool)
     mask[2, 3] = False
