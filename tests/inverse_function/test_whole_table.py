@@ -50,6 +50,37 @@ def test_the_largest_rectangle_is_that_of_all_rectangles() -> None:
         assert mask[first[0] : last[0] + 1, first[1] : last[1] + 1].all()
 
 
+def test_outlines_go_around_what_is_reached() -> None:
+    """Closed form: each corner cuts 1/8 off the area of the nodes; a hole is negative."""
+    table = SimpleNamespace(radii=np.array([0.06, 0.09]), heights=np.array([-0.3, -0.27]))
+    mask = np.ones((5, 6), bool)
+    mask[2, 3] = False
+    lines = tables.outline.outlines(table, mask)
+    areas = [0.5 * np.sum(x * np.roll(z, -1) - z * np.roll(x, -1)) for x, z in (n.T for n in lines)]
+    spacing = tables.flood.SPACING
+    assert np.allclose(np.sort(areas) / spacing**2, [-(1 - 4 / 8), 30 - 4 / 8])
+    around = lines[int(np.argmax(areas))]
+    assert len(around) == 8  # straight sides have no points between
+    low, high = around.min(axis=0), around.max(axis=0)
+    assert np.allclose(low, np.array([0.06, -0.3]) - spacing / 2)
+    assert np.allclose(high - low, spacing * np.array([5, 6]))
+
+
+def test_outlines_enclose_all_nodes_and_no_others() -> None:
+    rng = np.random.default_rng(1)
+    table = SimpleNamespace(radii=np.array([0.0]), heights=np.array([0.0]))
+    mask = rng.random((12, 15)) < 0.6
+    lines = tables.outline.outlines(table, mask)
+    nodes = tables.flood.SPACING * np.argwhere(np.ones_like(mask))
+    around = np.zeros(len(nodes))
+    for line in lines:  # winding numbers
+        away = line[None] - nodes[:, None]
+        angle = np.arctan2(away[..., 1], away[..., 0])
+        step = np.roll(angle, -1, axis=1) - angle
+        around += ((step + np.pi) % (2 * np.pi) - np.pi).sum(axis=1) / (2 * np.pi)
+    assert np.array_equal(np.rint(around), mask.ravel())
+
+
 def test_polynomials_fill_a_region_that_they_bound() -> None:
     """Closed form: a region between two quadratics is found to within a spacing at either side."""
     i, j = np.arange(60)[:, None], np.arange(41)

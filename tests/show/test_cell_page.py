@@ -7,10 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from browser import asleep, errors, only_pictures_asked_for, schemes, wait_until_drawn
 from commands import main
 from selenium.webdriver.common.keys import Keys
+
+import repctl_pin as rp
 
 PHONE = {"width": 390, "height": 844}
 DESK = {"width": 1280, "height": 760}
@@ -60,8 +63,12 @@ def test_the_first_screen_of_a_phone_shows_the_arm(page: Path, driver: Any) -> N
         assert kept in words, kept
     notes, frame = box(driver, "#notes span"), box(driver, "iframe")
     assert notes["top"] >= frame["bottom"]
+    brief = driver.find_element("id", "brief")  # they stood a screen below
+    assert brief.is_displayed() and box(driver, "#brief")["bottom"] <= frame["top"]
+    assert "at worst +" in brief.text and brief.text.endswith("Tested, not proved.")
     driver.switch_to.frame(driver.find_element("tag name", "iframe"))
     stage = box(driver, "#stage")
+    assert box(driver, "#legend")["top"] >= box(driver, "#panes")["bottom"]  # it covers no arm
     top = frame["top"] + stage["top"]
     assert top < 260 and min(top + stage["height"], 844) - top > 0.45 * 844
     assert errors(driver) == []
@@ -113,7 +120,7 @@ def test_where_f_ends_is_seen_while_a_hand_is_led(page: Path, driver: Any) -> No
 
 @pytest.mark.slow
 def test_angle_and_spin_are_drawn_as_arcs(page: Path, driver: Any) -> None:
-    """With the degrees of the sentence; they were numbers only."""
+    """With the degrees of the sentence, and a needle where the hand is; the dials stood still."""
     opened(driver, page, **PHONE)
     sentence = driver.find_element("id", "verdict").text
     turns = re.findall(r"(\d+)°", sentence)
@@ -124,8 +131,45 @@ def test_angle_and_spin_are_drawn_as_arcs(page: Path, driver: Any) -> None:
         " dial.parentElement.textContent, dial.getBoundingClientRect().width])"
     )
     assert [arc[0] for arc in arcs] == [f"{turn} 360" for turn in turns]
-    assert [arc[1] for arc in arcs] == [f"angle {turns[0]}°", f"spin {turns[1]}°"]
+    assert [re.sub(r"−?\d+", "0", arc[1]) for arc in arcs] == ["angle 0°", "spin 0°"]
     assert all(arc[2] > 15 for arc in arcs)
+
+
+def shown_place(driver: Any) -> dict[str, float]:
+    """What the legend says of the hand, in m and degrees, by name."""
+    words: list[list[str]] = driver.execute_script(
+        "return [...document.querySelectorAll('#legend b')].map(({ id, textContent }) =>"
+        "[id.slice(4), textContent])"
+    )
+    return {name: float(text.replace("−", "-").rstrip(" m°")) for name, text in words}
+
+
+@pytest.mark.slow
+def test_the_legend_says_where_the_hand_is(page: Path, driver: Any) -> None:
+    """Also while it is led, and as the sector has it: the tool is held, so spin follows angle."""
+    opened(driver, page, **DESK)
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    driver.execute_script("repctl.seek(0)")
+    before = shown_place(driver)
+    ring = driver.find_element("css selector", ".ring")
+    ring.send_keys(*8 * [Keys.ARROW_RIGHT])
+    hand, q = driver.execute_script(
+        "repctl.own.processQueue(); repctl.own.draw(); const { hand, qs } = repctl.own.lead;"
+        "return [hand, [...qs.at(-1)]]"
+    )
+    found = shown_place(driver)
+    cell = rp.load_cell(page.with_name("cell.json")).cell
+    assert isinstance(cell, rp.Sector)
+    middle, (outward, across, up) = cell.placement.rotation, cell.directions
+    x, y, z = (e @ (np.array(hand) - cell.axis[0]) for e in (outward, across, up))
+    angle = np.arctan2(y, x)
+    # R = R_a(φ) R_0 R_z(ψ)
+    turned = middle.T @ pin.exp3(-angle * up) @ cell.task.placement(np.array(q)).rotation
+    assert found["radius"] == pytest.approx(np.hypot(x, y), abs=0.006)
+    assert found["height"] == pytest.approx(z + cell.axis[0] @ up, abs=0.006)
+    assert found["angle"] == pytest.approx(np.degrees(angle), abs=0.6)
+    assert found["spin"] == pytest.approx(np.degrees(np.arctan2(*turned[[1, 0], 0])), abs=0.6)
+    assert abs(found["angle"] - before["angle"]) > 2
 
 
 @pytest.mark.slow

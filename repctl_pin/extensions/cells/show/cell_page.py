@@ -96,7 +96,7 @@ def _cover_of(design: CellDesign, reach: Sequence[Array]) -> dict[str, Any]:
         motion |= {"from": -half, "to": half}
         motion["turns"] = degrees_turned(cell, _reaches(design))
         if reach:
-            motion["reach"] = [np.rint(1e3 * line).astype(int).ravel().tolist() for line in reach]
+            motion["reach"] = [np.rint(1e3 * line).astype(int).tolist() for line in reach]
             motion["around"] = min(_joint_range(design), 2 * np.pi)
     else:
         across = np.zeros((3, 3))
@@ -269,11 +269,10 @@ def _brief(design: CellDesign, motions: Mapping[str, Motion]) -> list[Span]:
     """
     path = list(motions.values())[-1:]
     proved = "Function proved, distances tested." if design.proof else "Tested, not proved."
-    extra = [
-        ratio_in_percent(max(share, 0.0), 2)
-        for share in (design.extra_speed, design.extra_speed_worst)
-    ]
-    cost = f"Joint speed +{extra[0]}, at worst +{extra[1]}."
+    shares = design.extra_speed, design.extra_speed_worst
+    mean, worst = (ratio_in_percent(max(share, 0.0), 2) for share in shares)
+    small = max(shares) < NO_EXTRA_SPEED
+    cost = _cost(design).text if small else f"Joint speed +{mean}, at worst +{worst}."
     bodies = [note for note in _bodies(design, path) if note.tone != "bad"]
     return [_unbroken(note) for note in (Span(cost), *bodies, Span(proved))]
 

@@ -68,11 +68,8 @@ def cell_words(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, s
 def reach_words() -> dict[str, str]:
     """Explain what the page draws as the reach of the arm, by name."""
     return {
-        "Reach of the arm": "the radii and heights at which the arm can hold the tool in this "
-        "orientation, in pale grey: on the ground, and upright as seen from here. The search found "
-        "them every 3 cm, inside the joint limits and without a collision in one direction around "
-        "the axis at least. F covers less: it goes around at one radius and height without a "
-        "change of branch, limits of joint speed and body distance kept."
+        "Reach of the arm": "radii and heights, as found every 3 cm by the search, at which the "
+        "arm can hold the tool so, inside its joint limits and, at some angle, without a collision."
     }
 
 

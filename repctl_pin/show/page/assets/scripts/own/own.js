@@ -727,18 +727,18 @@ export class Own {
     // what has been beyond stays so
     const beyond = lead.beyond || this.beyond(lead.trail.slice(lead.seen));
     lead.seen = lead.trail.length;
-    const told = this.told();
-    if (told !== lead.told || beyond !== lead.beyond) {
-      Object.assign(lead, { told, beyond });
+    const warning = this.warning();
+    if (warning !== lead.warning || beyond !== lead.beyond) {
+      Object.assign(lead, { warning, beyond });
       const further = lead.refusal ? " Go another way, or let go." : " Draw on, or let go.";
-      const sentence = told ? [[told, lead.refusal ? "bad" : "near"], [further]] : DRAW;
+      const sentence = warning ? [[warning, lead.refusal ? "bad" : "near"], [further]] : DRAW;
       this.write(sentence, this.hint(beyond), "your loop");
     }
     this.player.show();
   }
 
   // What holds the hand, or the one arm that cannot follow it; empty while both can.
-  told() {
+  warning() {
     const { refusal, refusals = [] } = this.lead;
     if (refusal) return stated(refusal);
     const k = refusals.findIndex(Boolean);
