@@ -1,5 +1,5 @@
-// The whole table around an arm, on the ground and in upright planes: what the arm reaches, in pale,
-// and where F has values. Where the hand now is: on the ground, and in numbers.
+// The whole table around an arm, on the ground and in upright planes: what the arm reaches, in
+// pale, and where F has values. Where the hand now is: on the ground, and in numbers.
 
 import { byId, element, setText } from "../dom.js";
 
