@@ -1,5 +1,5 @@
-// The whole table around an arm, on the ground and in upright planes: what the arm reaches, in pale,
-// and where F has values. Where the hand now is: on the ground, and in numbers.
+// The whole table around an arm, on the ground and in upright planes: what the arm reaches, in
+// pale, and where F has values. Where the hand now is: on the ground, and in numbers.
 
 import { byId, element, setText } from "../dom.js";
 
@@ -8,8 +8,8 @@ const WHOLE = 2 * Math.PI - 0.01; // rad, from which an arc is a circle
 const DEGREES = 180 / Math.PI;
 
 export class TableMarks {
-  // `cover`: as in drawCover, and {reach, around, turns}: closed lines of radii and heights, mm, how
-  // far the arm goes around, rad, and the angle, degrees; `ground`: height of the floor, m
+  // `cover`: as in drawCover, and {reach, around, turns}: closed lines of radii and heights, mm,
+  // how far the arm goes around, rad, and the angle, degrees; `ground`: height of the floor, m
   constructor(arms, { cover }, ground) {
     const T = MeshCat.THREE;
     const { axis, origin, inner } = cover;
