@@ -522,8 +522,8 @@ def replaced(old: Column | None, cells: NewCells) -> Column:
     """Return a copy of the column ``old`` (K, …) with new numbers; integers become doubles.
 
     ``cells`` has the new numbers and the rows to replace; the other rows keep their numbers. If
-    ``old`` is None, because the file lacks the column, return the first new number of each row
-    (K,).
+    ``old`` is None, because the file lacks the column, ``cells`` has one number per row: return
+    these as a new column (K,).
     """
     if old is None:
         return cells.values[:, 0]

@@ -305,8 +305,9 @@ class Bodies:
     def _all(self, Q: ArrayLike, *, hulls: bool = False) -> tuple[Array, NDArray[np.intp]]:
         """Compute the minimum body distance and the index of its pair at every row of Q (K, n).
 
-        Return distances (K,), m, and indices (K,); inf and −1 without a pair to measure. With
-        ``hulls``, distances are those of the convex hulls, negative where hulls overlap.
+        Return distances (K,), m, and indices (K,); inf and −1 without a pair to measure. A distance
+        is negative in a collision, and 0 where only the hulls overlap. With ``hulls``, distances
+        are those of the convex hulls, negative where these overlap.
         """
         Q = as_configurations(Q, self.task.n, repr(self.task))
         return self._model.least(self._drive.joints(Q), hulls=hulls)

@@ -381,7 +381,8 @@ class Task:
     def from_robot(self, whole: ArrayLike) -> Array:
         """Extract q (..., n) from configurations of all movable joints of the robot.
 
-        This inverts :meth:`to_robot`.
+        ``whole`` (..., R) has the R joints in the order of ``robot.joint_names``. This inverts
+        :meth:`to_robot`, which appends the reference pose of the other joints.
         """
         (whole,) = as_matrices(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
         return whole[..., self._columns]

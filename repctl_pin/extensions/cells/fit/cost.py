@@ -329,7 +329,10 @@ def _products(features: Array, L: Array, r: int) -> Array:
 
 
 def _hinge(part: Penalty, Q: Array) -> Array:
-    """Evaluate the hinges ``max(0, asked − margin)`` of a penalty at Q (L, n): (L, P)."""
+    """Evaluate the hinges ``max(0, asked − margin)`` of one penalty: (L, P).
+
+    Q (L, n) are the configurations at the L poses of this penalty; P is the number of its margins.
+    """
     return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
 
 

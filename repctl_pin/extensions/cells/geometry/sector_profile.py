@@ -130,9 +130,9 @@ def as_profile(radius: Any, height: float) -> tuple[Profile, float, float] | Non
     rho, width = float(middle[0]), float(half[0])
     if not (np.isfinite(middle).all() and np.isfinite(half).all()):
         raise InputError(
-            ": its coefficients are too large for this height",
+            f": its coefficients divided by powers of height={height:g} are not finite",
             argument="radius",
-            remedy="give radii in m and a larger height",
+            remedy="give the coefficients and height= in m",
         )
     if not (least := _minimum(Polynomial(low), 1.0)) > 0:
         raise InputError(

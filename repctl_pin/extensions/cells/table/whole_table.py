@@ -1098,7 +1098,7 @@ def _best_clear(
 
     1 mm is chosen if the best worth with 5 mm is below 85 % of that with 1 mm. The worth of an
     opening is that of its largest rectangle, in units of the spacing squared. ``bound`` (S,) is the
-    worth of each flood without regard to bodies.
+    worth of each flood without regard to bodies, in the same unit, which no opening exceeds.
     """
     known: dict[int, Shut] = {}
     wide = _opened(table, floods, bound, _CLEAR, symmetries, known)
