@@ -56,7 +56,7 @@ def _sides(reached: NDArray[np.bool_]) -> dict[tuple[int, int], list[tuple[int, 
 
 
 def _straightened(line: Array) -> Array:
-    """Leave out the points of a closed line (P, 2) that lie between their neighbours on one line."""
+    """Leave out points of a closed line (P, 2) that are on the line through their neighbours."""
     before, after = line - np.roll(line, 1, axis=0), np.roll(line, -1, axis=0) - line
     turns = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
     return np.asarray(line[np.abs(turns) > 1e-9])
