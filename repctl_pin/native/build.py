@@ -175,8 +175,9 @@ def build(library: Path = LIBRARY) -> bool:
     """Compile the C files of this folder, in parallel, and link the library.
 
     On x86-64, files with long loops are compiled several times: for processors without AVX2, with
-    it, and with AVX-512, as far as this machine has them. ``REPCTL_TARGET`` builds all. Nothing is compiled if the same sources have already been built by the same command
-    lines, at ``library`` or in this folder: that file is then kept or copied.
+    it, and with AVX-512, as far as this machine has them. ``REPCTL_TARGET`` builds all levels.
+    Nothing is compiled if the same sources have already been built by the same command lines, at
+    ``library`` or in this folder: that file is then kept or copied.
 
     Parameters
     ----------
