@@ -27,17 +27,23 @@ LIBRARY = FOLDER / "librepctl.so.1"
 _FLAGS = ("-std=c99", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
 """Without fused multiply-add, every compiler and processor computes the same numbers."""
 
-_LOOPS = ("arm.c", "body_guard.c", "governor.c", "law.c", "least_speed.c")
-"""Files of the control loops, which are compiled with -O3. With -O3 the other files would take
-twice as long to compile and run no faster."""
+_SPEEDS = {
+    "-O3": ("arm.c", "body_guard.c", "governor.c", "law.c", "least_speed.c"),
+    "-O1": ("arm_angle.c", "cell_bounds.c", "leaf_margin_bounds.c"),
+}
+"""Files of the control loops and of the bounds of proofs; the others are compiled with -O2. They
+would run no faster with -O3, and the bounds, which write out their vectors, no faster with -O2,
+but each step doubles the compiler's time."""
 
 _DIGEST = b"repctl-sources-"
 """Text in the library file before two digests: of its sources, and of its build commands."""
 
 _LEVELS = {"plain": "", "avx2": "-mavx2", "avx512": "-mavx512f -mavx512dq"}
+"""Levels of vector instructions of x86-64, lowest first. Processors made since 2013 have AVX2."""
+
 _LEVELLED = ("cell_bounds.c", "arm_angle.c", "function.c")
-"""Files that are compiled once per level of vector instructions; the levels are those of x86-64.
-The plain level, for processors made before 2013, is compiled at -O1, in half the time."""
+"""Files that are compiled once per level, without the inlining of large functions, which takes half
+of the compiler's time and makes them no faster."""
 
 _SECONDS = 300
 """Maximum time of one run of the compiler."""
@@ -130,15 +136,37 @@ def _run(line: list[str], folder: str) -> None:
         raise NoCompilerError(str(error)) from None
 
 
+def _speed(name: str) -> str:
+    """Return the option of the compiler for the speed of a file."""
+    return next((speed for speed, names in _SPEEDS.items() if name in names), "-O2")
+
+
+def _levels(command: list[str]) -> list[str]:
+    """List the levels to build: those of this machine, or all of them for ``REPCTL_TARGET``.
+
+    All are built, too, if the compiler does not tell what this machine has.
+    """
+    if not target().startswith("x86_64"):
+        return ["plain"]
+    line = [*command, "-march=native", "-dM", "-E", "-x", "c", os.devnull]  # its macros
+    told = subprocess.run(line, capture_output=True, text=True, errors="replace", check=False)
+    if "REPCTL_TARGET" in os.environ or told.returncode != 0:
+        return list(_LEVELS)
+    has = {"plain": True, "avx2": "__AVX2__" in told.stdout}
+    has["avx512"] = "__AVX512F__" in told.stdout and "__AVX512DQ__" in told.stdout
+    return [level for level in _LEVELS if has[level]]
+
+
 def _compiler_lines(command: list[str]) -> list[list[str]]:
     """List the command lines that compile the C files, each of which ends with its object file."""
-    levels = _LEVELS if target().startswith("x86_64") else {"plain": ""}
+    levels = _levels(command)
     lines = []
     for source in sorted(FOLDER.glob("*.c")):
-        for level in levels if source.name in _LEVELLED else ("plain",):
-            rare = source.name in _LEVELLED and level == "plain" and len(levels) > 1
-            speed = "-O1" if rare else "-O3" if source.name in _LOOPS else "-O2"
-            flags = [speed, *_FLAGS, "-w", f"-DLEVEL={level}", *levels[level].split()]
+        for level in levels if source.name in _LEVELLED else ["plain"]:
+            flags = [_speed(source.name), *_FLAGS, "-w", f"-DLEVEL={level}"]
+            flags += [f"-DHIGHEST={levels[-1].upper()}", *_LEVELS[level].split()]
+            if source.name in _LEVELLED:
+                flags.append("-fno-inline-functions-called-once")
             lines.append([*command, *flags, "-c", str(source), "-o", f"{source.stem}-{level}.o"])
     return lines
 
@@ -146,9 +174,10 @@ def _compiler_lines(command: list[str]) -> list[list[str]]:
 def build(library: Path = LIBRARY) -> bool:
     """Compile the C files of this folder, in parallel, and link the library.
 
-    On x86-64, files with long loops are compiled several times, for plain, AVX2 and AVX-512
-    processors. Nothing is compiled if the same sources have already been built by the same command
-    lines, at ``library`` or in this folder: that file is then kept or copied.
+    On x86-64, files with long loops are compiled several times: for processors without AVX2, with
+    it, and with AVX-512, as far as this machine has them. ``REPCTL_TARGET`` builds all levels.
+    Nothing is compiled if the same sources have already been built by the same command lines, at
+    ``library`` or in this folder: that file is then kept or copied.
 
     Parameters
     ----------

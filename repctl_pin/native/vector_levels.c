@@ -1,4 +1,5 @@
 /* The kernels of proofs and of cell functions for the vector units of this processor. Every level gives the same numbers, bit by bit.
+   HIGHEST is the highest level that build.py built: PLAIN, AVX2 or AVX512. A lesser processor runs a lower one.
 
    The processor is asked by hand: the compiler's own test of it brings zig's sine and cosine in place of the system's. */
 
@@ -12,15 +13,17 @@ ArmGradients arm_gradients_plain;
 Configuration find_configuration_plain;
 Configurations find_configurations_plain;
 
-#ifdef __x86_64__
+#define PLAIN 1
+#define AVX2 2
+#define AVX512 3
+
+#if HIGHEST > PLAIN
 #include <cpuid.h>
 
 CellBounds cell_bounds_avx2, cell_bounds_avx512;
 ArmGradients arm_gradients_avx2, arm_gradients_avx512;
 Configuration find_configuration_avx2, find_configuration_avx512;
 Configurations find_configurations_avx2, find_configurations_avx512;
-
-enum { UNKNOWN, PLAIN, AVX2, AVX512 };
 
 static int level_of_processor(void) {
   unsigned a, b, c, d, saved, high; /* saved: the registers that the system keeps for each process */
@@ -32,12 +35,16 @@ static int level_of_processor(void) {
 }
 
 static int level(void) {
-  static int found = UNKNOWN;
-  if (found == UNKNOWN) found = level_of_processor();
+  static int found = 0;
+  if (!found) found = level_of_processor();
   return found;
 }
 
+#if HIGHEST == AVX512
 #define CHOSEN(name) (level() == AVX512 ? name##_avx512 : level() == AVX2 ? name##_avx2 : name##_plain)
+#else
+#define CHOSEN(name) (level() >= AVX2 ? name##_avx2 : name##_plain)
+#endif
 #else
 #define CHOSEN(name) name##_plain
 #endif

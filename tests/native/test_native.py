@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import runpy
 import shutil
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 from controls import NEEDS_C, c_compiler
 
 import repctl_pin as rp
+from repctl_pin.native import _loaded
 
 ROOT = Path(__file__).parents[2]
 NATIVE = ROOT / "repctl_pin" / "native"
@@ -207,3 +209,60 @@ def test_an_unchanged_library_is_not_built_again(tmp_path: Path) -> None:
     assert build(wheel) and wheel.read_bytes() != library.read_bytes()
     library.write_bytes(library.read_bytes()[:100])
     assert build(library)
+
+
+@pytest.mark.parametrize(
+    ("macros", "target", "levels"),
+    [
+        ("", "", ["plain"]),
+        ("__AVX2__", "", ["plain", "avx2"]),
+        ("__AVX2__ __AVX512F__", "", ["plain", "avx2"]),
+        ("__AVX2__ __AVX512F__ __AVX512DQ__", "", ["plain", "avx2", "avx512"]),
+        ("__AVX2__", "x86_64-linux-gnu.2.17", ["plain", "avx2", "avx512"]),
+        ("__AVX2__", "aarch64-linux-gnu.2.17", ["plain"]),
+        (None, "", ["plain", "avx2", "avx512"]),
+    ],
+)
+def test_a_library_has_the_vector_levels_of_its_machine_and_a_wheel_for_others_all(
+    macros: str | None, target: str, levels: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A compiler that knows no ``-march=native`` (None) does not tell: then all are built."""
+    monkeypatch.setattr(platform, "machine", lambda: "x86_64")
+    monkeypatch.delenv("REPCTL_TARGET", raising=False)
+    if target:
+        monkeypatch.setenv("REPCTL_TARGET", target)
+    told = f"import sys; print({macros!r}); sys.exit({int(macros is None)})"
+    build = runpy.run_path(str(NATIVE / "build.py"))
+    assert build["_levels"]([sys.executable, "-c", told]) == levels
+
+
+@pytest.mark.slow
+@NEEDS_C
+@pytest.mark.parametrize("highest", ["plain", "avx2", "avx512"])
+def test_a_library_with_fewer_vector_levels_computes_the_same_bits(
+    highest: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A processor that has more runs the highest level, one that has less a lower level."""
+    if platform.machine() != "x86_64":
+        pytest.skip("vector levels are those of x86-64")
+    build = runpy.run_path(str(NATIVE / "build.py"))
+    names = list(build["_LEVELS"])
+    levels = names[: names.index(highest) + 1]
+    monkeypatch.setitem(build["build"].__globals__, "_levels", lambda command: levels)
+    build["build"](tmp_path / "librepctl.so.1")
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    cell = rp.Cell(task, task.placement(np.array([0.3, 0.8, 0.8])), 0.05)
+    found = rp.nearest_inverse_function(
+        rp.Pseudoinverse(task), cell, posture=[0.3, 0.8, 0.8], options=rp.FitOptions(held_out=64)
+    )
+    poses = cell.sample(100)
+    usual = found.function.batch(poses), str(rp.prove(found))
+    monkeypatch.setattr("repctl_pin.native._LIBRARY", tmp_path / "librepctl.so.1")
+    _loaded.cache_clear()
+    try:
+        again = rp.InverseFunction(found.function.chart)
+        assert (again.batch(poses) == usual[0]).all()
+        assert str(rp.prove(found)) == usual[1]
+    finally:
+        monkeypatch.undo()
+        _loaded.cache_clear()
