@@ -358,6 +358,10 @@ class _NoBodies:
         """
         return np.zeros((len(Q), 0))
 
+    def pair_distances(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
+        """Return the distances of no pairs: Q (0, N) and ``pairs`` (0,) are empty, as is (0,)."""
+        return np.zeros(0)
+
     def nearer(self, Q: Array, distance: float, among: Any = None) -> NDArray[np.bool_]:
         """Return False for every row of Q (K, N): no body is near another."""
         return np.zeros(len(Q), bool)

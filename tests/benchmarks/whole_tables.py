@@ -4,23 +4,37 @@ Run ``python tests/benchmarks/whole_tables.py [ARM …]``. Each line is one call
 without a size: areas of radius and height in m², angle and spin in degrees, extra joint speed in
 percent, body distance in cm, and processor time in s, with the time to read the bodies. The
 function with one range of radius is designed afterwards, outside this time. An arm is a catalogue
-name or a URDF, after which ``@FRAME`` may name the frame. The note of the table follows on standard
+name, a URDF, after which ``@FRAME`` may name the frame, or ``lift``: the six-axis arm of
+``examples/rail_cell.urdf`` on a vertical rail of 0.6 m. The note of the table follows on standard
 error.
 """
 
 from __future__ import annotations
 
 import sys
+import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 
 import repctl_pin as rp
 
-ARMS = ("panda", "xarm7", "baxter", "kinova", "ur5", "ur10", "z1", "tiago", "talos")
+ARMS = ("panda", "xarm7", "baxter", "kinova", "ur5", "ur10", "z1", "tiago", "talos", "lift")
+RAIL = Path(__file__).parents[2] / "examples" / "rail_cell.urdf"
 TITLES = (
     "arm | reach | rectangle | one range | designed | angle, spin | mean, worst | bodies | time"
 )
+
+
+def on_a_lift(file: Path) -> str:
+    """Write the arm of ``rail_cell.urdf`` on a vertical rail to a file; return ``FILE@FRAME``."""
+    along = '<axis xyz="0 1 0"/>\n    <limit lower="-0.8" upper="0.8"'
+    before, rail, after = RAIL.read_text("utf-8").partition(along)
+    assert rail, "the rail has other limits"
+    upward = '<axis xyz="0 0 1"/>\n    <limit lower="0" upper="0.6"'
+    file.write_text(before + upward + after, "utf-8")
+    return f"{file}@nozzle"
 
 
 def line(name: str) -> list[str]:
@@ -54,5 +68,7 @@ def line(name: str) -> list[str]:
 
 if __name__ == "__main__":
     print(f"| {TITLES} | locked |")
-    for arm in sys.argv[1:] or ARMS:
-        print("| " + " | ".join(line(arm)) + " |", flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        lift = on_a_lift(Path(folder) / "lift.urdf")
+        for arm in sys.argv[1:] or ARMS:
+            print("| " + " | ".join(line(lift if arm == "lift" else arm)) + " |", flush=True)

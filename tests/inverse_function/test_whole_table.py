@@ -202,6 +202,15 @@ def near_itself(task: rp.Task) -> tuple[whole_table.CellFit, rp.CellDesign]:
     return fit, found
 
 
+def test_an_arm_without_bodies_is_near_nothing(tmp_path: Path) -> None:
+    """Where no link has a collision shape, the search for a whole table ended in a traceback."""
+    task = planar_task([0.5, 0.4, 0.3], tmp_path)
+    cell = rp.Cell(task, np.array([0.7, 0.0, 0.0]), (0.05, 0.05))
+    found = rp.nearest_inverse_function(rp.Pseudoinverse(task), cell, degree=1, options=FEW)
+    U, near = trimming._near(found.function.chart, 0.005, seed=0)
+    assert len(U) == len(near) > 1000 and not near.any()
+
+
 def test_what_is_left_of_a_cell_is_evaluated_in_full(panda_pose: rp.Task) -> None:
     """With few held-out poses, the figures were those of a quick evaluation, without the searches
     for the highest joint speed and the smallest leaf margin."""

@@ -462,7 +462,7 @@ def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.Cel
         text += f"; {table.locked}"
     if table.larger is not None:
         one, area = table.larger, table.area
-        text += f"; a larger sector, {one.area:.2f} m² in place of {area:.2f}, has {one}"
+        text += f"; a larger sector, {one.area:.2g} m² in place of {area:.2g}, has {one}"
     return table.design, [*notes, text]
 
 
