@@ -149,11 +149,11 @@ def _levels(command: list[str]) -> list[str]:
     if not target().startswith("x86_64"):
         return ["plain"]
     line = [*command, "-march=native", "-dM", "-E", "-x", "c", os.devnull]  # its macros
-    told = subprocess.run(line, capture_output=True, text=True, errors="replace", check=False)
-    if "REPCTL_TARGET" in os.environ or told.returncode != 0:
+    macros = subprocess.run(line, capture_output=True, text=True, errors="replace", check=False)
+    if "REPCTL_TARGET" in os.environ or macros.returncode != 0:
         return list(_LEVELS)
-    has = {"plain": True, "avx2": "__AVX2__" in told.stdout}
-    has["avx512"] = "__AVX512F__" in told.stdout and "__AVX512DQ__" in told.stdout
+    has = {"plain": True, "avx2": "__AVX2__" in macros.stdout}
+    has["avx512"] = "__AVX512F__" in macros.stdout and "__AVX512DQ__" in macros.stdout
     return [level for level in _LEVELS if has[level]]
 
 

@@ -230,9 +230,9 @@ def test_a_library_has_the_vector_levels_of_its_machine_and_a_wheel_for_others_a
     monkeypatch.delenv("REPCTL_TARGET", raising=False)
     if target:
         monkeypatch.setenv("REPCTL_TARGET", target)
-    told = f"import sys; print({macros!r}); sys.exit({int(macros is None)})"
+    compiler = f"import sys; print({macros!r}); sys.exit({int(macros is None)})"
     build = runpy.run_path(str(NATIVE / "build.py"))
-    assert build["_levels"]([sys.executable, "-c", told]) == levels
+    assert build["_levels"]([sys.executable, "-c", compiler]) == levels
 
 
 @pytest.mark.slow
