@@ -243,6 +243,28 @@ def test_the_page_computes_on_a_workpiece_as_python_does(name: str, tmp_path: Pa
         assert np.abs(motion.q[:: motion.steps] - ends).max() < 1e-8
 
 
+BROKEN = """
+import { brokenLimits } from "./own/sentence.js";
+const run = ([under, cycle, lost]) =>
+  ({ data: { under, broken: cycle && { cycle, words: "j past its limit" }, lost: lost || Infinity } });
+const cases = [[["A", 2], ["B", 2]], [["A", 2], ["B", 3]], [["A", 2], ["B"]], [["A"], ["B", 2]],
+               [["A", 2]], [["A", 2, 1], ["B", 2, 1]]];
+const words = cases.map((runs) => brokenLimits(runs.map(run)).map(({ under }) => under));
+console.log(JSON.stringify(words));
+"""
+
+
+@pytest.mark.skipif(NODE is None, reason="node is not installed")
+def test_a_limit_that_both_controls_break_is_said_of_both(tmp_path: Path) -> None:
+    """A note for each came one below the other, and a small window cut off the second."""
+    shutil.copytree(SCRIPTS.parent, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    (tmp_path / "broken.js").write_text(BROKEN)
+    found = subprocess.run([str(NODE), "broken.js"], cwd=tmp_path, capture_output=True, check=True)
+    each = ["A", "B"]
+    assert json.loads(found.stdout) == [["either control"], each, each, each, ["A"], each]
+
+
 def test_what_the_page_cannot_compute_has_no_ring(tmp_path: Path) -> None:
     task, q0 = arm("planar3r xy")
     plain = rp.Pseudoinverse(task)

@@ -203,8 +203,9 @@ function mostOff(chain, arm, off) {
 
 function notesOf(arms, runs, cycles) {
   const notes = runs.length > 1 ? [[speedWords(runs.at(-1), runs[0], cycles)]] : [];
-  const violations = runs.flatMap(({ data }) => violationWords(data, cycles));
-  const later = runs.flatMap(({ data }) => laterWords(data, cycles));
+  const broken = brokenLimits(runs);
+  const violations = broken.flatMap((data) => violationWords(data, cycles));
+  const later = broken.flatMap((data) => laterWords(data, cycles));
   const limits = [...violations, ...later];
   notes.push(...(limits.length ? limits : [[" Joint limits are kept."]]));
   const margin = Math.min(...runs.map((run) => run.margin));
@@ -214,6 +215,19 @@ function notesOf(arms, runs, cycles) {
     notes.push([` The repeatable control ${where} where it fails: ${scale}.`]);
   notes.push([" Collisions are not checked."]);
   return notes;
+}
+
+// The limits that the motions break; what all of them break is one, for a line that is cut off
+// must not make one control look worse than the other.
+export function brokenLimits(runs) {
+  const [first, ...others] = runs.map(({ data }) => data);
+  const same = ({ broken, lost }) =>
+    broken &&
+    lost === Infinity &&
+    broken.cycle === first.broken.cycle &&
+    broken.words === first.broken.words;
+  const alike = others.length && first.broken && [first, ...others].every(same);
+  return alike ? [{ ...first, under: "either control" }] : [first, ...others];
 }
 
 const limitWords = (broken) => (broken.name ? `${broken.name} leaves its range` : broken.words);
