@@ -246,7 +246,7 @@ def test_the_page_computes_on_a_workpiece_as_python_does(name: str, tmp_path: Pa
 BROKEN = """
 import { brokenLimits } from "./own/sentence.js";
 const run = ([under, cycle, lost]) =>
-  ({ data: { under, broken: cycle && { cycle, words: "j past its limit" }, lost: lost || Infinity } });
+  ({ data: { under, broken: cycle && { cycle, words: "j off" }, lost: lost || Infinity } });
 const cases = [[["A", 2], ["B", 2]], [["A", 2], ["B", 3]], [["A", 2], ["B"]], [["A"], ["B", 2]],
                [["A", 2]], [["A", 2, 1], ["B", 2, 1]]];
 const words = cases.map((runs) => brokenLimits(runs.map(run)).map(({ under }) => under));
