@@ -10,7 +10,6 @@ from math import inf
 from sys import float_info
 
 import numpy as np
-import scipy  # which imports its parts when they are needed
 from numpy.typing import NDArray
 
 from ..base.arguments import Array
@@ -61,7 +60,7 @@ def newton(
         The solution. If the method did not converge: without ``residual`` None; with it the last q,
         whose residual the caller must check, or None if a step was not finite.
     """
-    daxpy, idamax = scipy.linalg.blas.daxpy, scipy.linalg.blas.idamax
+    from scipy.linalg.blas import daxpy, idamax  # slow to import
 
     q = start.copy()
     n = len(start)

@@ -712,7 +712,7 @@ def test_the_slope_of_a_margin_is_that_of_its_smallest_part(tmp_path: Path) -> N
     U, margin = 0.9 * chart.cell.sample(16), margin_of(measure)
     at = candidate.at(U)
     lowest = measure(at.Q).argmin(axis=1)
-    slope = margin.slope(candidate, at, margin.least(at))
+    slope = margin.slope(candidate, at)
     assert {*lowest} == {0, 2}
     for k in range(2):
         step = 1e-6 * np.eye(2)[k]

@@ -236,7 +236,7 @@ class InverseFunction:
         Q = as_configurations(Q, self.task.n, "this function")
         p, R, _ = placed(self.task, Q)
         good = self.cell._contains(*self.cell.coordinates(p, R))
-        C = np.where(good[:, None], CellPotentials(self.chart).values(Q), np.nan)
+        C = np.where(good[:, None], CellPotentials(self.chart)._values_at(Q, p, R), np.nan)
         return homogeneous(p, R), C
 
     def _law(self, U: Array, C: Array) -> tuple[Array, tuple[int, InputError] | None]:

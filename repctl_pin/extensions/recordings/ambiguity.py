@@ -12,7 +12,7 @@ of u; q̂ is the fitted function.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -141,20 +141,23 @@ def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slic
     """
     folds, N = int(fold.max()) + 1, terms.size
     gram, right = np.zeros((folds, N, N)), np.zeros((folds, N, Q.shape[1]))
-    for part in blocks(len(U)):
-        T = terms.values(U[part])
-        for f in np.unique(fold[part]):
-            mine = fold[part] == f
-            gram[f] += T[mine].T @ T[mine]
-            right[f] += T[mine].T @ Q[part][mine]
+    for f, rows in _blocks_of_folds(fold):
+        T = terms.values(U[rows])
+        gram[f] += T.T @ T
+        right[f] += T.T @ Q[rows]
     fits = _fits(gram, right, np.bincount(fold, minlength=folds), parts)
     misfit = np.empty_like(Q)
-    for part in blocks(len(U)):
-        T = terms.values(U[part])
-        for f in np.unique(fold[part]):
-            mine = np.flatnonzero(fold[part] == f)
-            misfit[part.start + mine] = Q[part][mine] - T[mine] @ fits[f]
+    for f, rows in _blocks_of_folds(fold):
+        misfit[rows] = Q[rows] - terms.polynomials(U[rows], fits[f])
     return misfit
+
+
+def _blocks_of_folds(fold: Column) -> Iterator[tuple[int, Column]]:
+    """Yield each fold with the indices of its frames, in blocks; ``fold`` (K,) has their folds."""
+    for f in np.unique(fold):
+        rows = np.flatnonzero(fold == f)
+        for part in blocks(len(rows)):
+            yield int(f), rows[part]
 
 
 def _fits(gram: Array, right: Array, counts: Column, parts: list[slice]) -> Array:

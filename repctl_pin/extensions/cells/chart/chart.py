@@ -135,16 +135,13 @@ class Chart:
 
     def reference(self, U: Array) -> tuple[Array, Array]:
         """Evaluate the polynomials q_ref (K, n) and n_ref (K, n, r) at the coordinates U (K, k)."""
-        both = np.tensordot(self.monomials.values(U), self.coefficients, axes=1)
+        both = self.monomials.polynomials(U, self.coefficients)
         return both[:, :, 0], both[:, :, 1:]
 
     def slopes(self, U: Array) -> tuple[Array, Array]:
         """Evaluate ∂q_ref/∂u (K, n, k) and ∂n_ref/∂u (K, n, r, k) at the coordinates U (K, k)."""
         monomials, coefficients = self._differentiated
-        values = monomials.values(U)
-        both = (values @ coefficients.reshape(len(coefficients), -1)).reshape(
-            len(U), *coefficients.shape[1:]
-        )
+        both = monomials.polynomials(U, coefficients)
         return both[:, :, 0], both[:, :, 1:]
 
     def gradients(self, U: Array, dU: Array, J: Array, n_ref: Array, away: Array) -> Array:
@@ -462,6 +459,10 @@ class CellPotentials:
     def values(self, Q: Array) -> Array:
         """Evaluate the potentials h (K, r) at every row of Q (K, n)."""
         p, R, _ = placed(self.chart.cell.task, Q)
+        return self._values_at(Q, p, R)
+
+    def _values_at(self, Q: Array, p: Array, R: Array) -> Array:
+        """Evaluate the potentials h (K, r) at Q (K, n), whose poses are p (K, 3), R (K, 3, 3)."""
         cell = self.chart.cell
         q_ref, n_ref = self.chart.reference(cell.coordinates(p, R)[0])
         away = cell._away(Q, q_ref, p, R)

@@ -54,11 +54,20 @@ class Monomials:
 
     def values(self, U: Array) -> Array:
         """Evaluate the monomials at every row of U (K, k): (K, N)."""
+        return np.ascontiguousarray(self._rows(U).T)
+
+    def polynomials(self, U: Array, C: Array) -> Array:
+        """Evaluate the polynomials with coefficients C (N, …) at every row of U (K, k): (K, …)."""
+        values = self._rows(U).T @ C.reshape(self.size, -1)
+        return np.asarray(values.reshape(len(U), *C.shape[1:]))
+
+    def _rows(self, U: Array) -> Array:
+        """Evaluate the monomials at K points U (K, k), one row per monomial: (N, K)."""
         T, u = np.ones((self.size, len(U))), np.ascontiguousarray(U.T)
         for d in range(1, self.degree + 1):
             part = slice(self.starts[d], self.starts[d + 1])
             np.multiply(T[self.parent[part]], u[self.variable[part]], out=T[part])
-        return np.ascontiguousarray(T.T)
+        return T
 
     def slopes(self, T: Array) -> Array:
         """Evaluate the derivatives (K, N, k) of the monomials with respect to u at K points.

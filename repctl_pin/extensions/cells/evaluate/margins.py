@@ -23,6 +23,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +96,8 @@ class Quantity(ABC):
     """A quantity that :func:`searched` minimises over the cell of a function.
 
     Subclasses are kinds of margins, and joint speeds relative to the desired inverse. They define
-    :meth:`least`, its value at given points; :meth:`slope` is its gradient.
+    :meth:`least`, its value at given points. Its gradient is :meth:`Margin.slope` or, for a
+    quantity without derivatives, that of :func:`differences`.
     """
 
     @abstractmethod
@@ -104,21 +106,6 @@ class Quantity(ABC):
 
         A kind of margin with P values per point gives the smallest of them.
         """
-
-    def slope(self, candidate: CandidateFunction, at: Points, value: Array) -> Array:
-        """Evaluate the gradient (K, k) of the quantity with respect to u, along a function.
-
-        ``at`` are K points of the function, and ``value`` (K,) is the quantity there. One-sided
-        differences are used, with steps into the cell. Entries of the gradient are 0 where the
-        function does not exist.
-        """
-        K, k = at.U.shape
-        step = np.where(at.U > 0, -_STEP, _STEP)
-        U = at.U[:, None] + step[:, :, None] * np.eye(k)
-        ends = candidate.at(U.reshape(K * k, k), np.repeat(at.Q, k, axis=0))
-        with np.errstate(invalid="ignore"):
-            slope = (self.least(ends).reshape(K, k) - value[:, None]) / step
-        return np.where(np.isfinite(slope), slope, 0.0)
 
 
 @dataclass(frozen=True)
@@ -164,10 +151,10 @@ class Margin(Quantity):
         """
         return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
 
-    def slope(self, candidate: CandidateFunction, at: Points, value: Array) -> Array:
+    def slope(self, candidate: CandidateFunction, at: Points) -> Array:
         """Evaluate the gradient (K, k) of the smallest margin with respect to u, along a function.
 
-        ``at`` are points of the function; ``value``, the margin there, is not needed.
+        ``at`` are points of the function.
         """
         lowest = self.measure(at.Q).argmin(axis=1)
         return self.slopes(at.Q, candidate.derivative(at))[np.arange(len(lowest)), lowest]
@@ -497,13 +484,31 @@ class CandidateFunction:
 
         It starts from the configurations Q (K, n), by default those of the chart.
         """
-        return self.chart.solve(U, self.terms.values(U) @ self.a, Q)
+        return self.chart.solve(U, self.terms.polynomials(U, self.a), Q)
 
     def derivative(self, at: Points) -> Array:
         """Evaluate ∂F/∂u (K, n, k) at K points of the function."""
         slopes = self.terms.slopes(self.terms.values(at.U))
         ds = np.einsum("KNk,Nr->Krk", slopes, self.a)
         return self.chart.derivative(at, ds)[0][:, :, : self.chart.cell.k]
+
+
+def differences(
+    candidate: CandidateFunction, at: Points, values: Array, least: Callable[[Points], Array]
+) -> Array:
+    """Evaluate gradients (K, k) with respect to u by one-sided differences, along a function.
+
+    ``at`` are K points of the function, ``values`` (K,) those of a quantity there. ``least``
+    evaluates it at K k points: for each of ``at``, one step into the cell in each of k coordinates.
+    Entries of the gradient are 0 where the function does not exist.
+    """
+    K, k = at.U.shape
+    step = np.where(at.U > 0, -_STEP, _STEP)
+    U = at.U[:, None] + step[:, :, None] * np.eye(k)
+    ends = candidate.at(U.reshape(K * k, k), np.repeat(at.Q, k, axis=0))
+    with np.errstate(invalid="ignore"):
+        slope = (least(ends).reshape(K, k) - values[:, None]) / step
+    return np.where(np.isfinite(slope), slope, 0.0)
 
 
 def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> Array:
@@ -539,13 +544,28 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
                 values[own] = quantity.least(rows_of(at, own))
         return values
 
+    def slopes(which: NDArray[np.intp], at: Points, values: Array) -> Array:
+        """Evaluate the gradient of one quantity at each of K points: (K, k).
+
+        ``values`` (K,) are the quantities there. One call of Newton's method finds the points of
+        all differences.
+        """
+        slope, rest = np.empty_like(at.U), np.ones(len(which), bool)
+        for i, quantity in enumerate(quantities):
+            own = which == i
+            if isinstance(quantity, Margin):
+                rest &= ~own
+                if own.any():
+                    slope[own] = quantity.slope(candidate, rows_of(at, own))
+        if rest.any():
+            each = np.repeat(which[rest], at.U.shape[1])
+            some = rows_of(at, rest)
+            slope[rest] = differences(candidate, some, values[rest], partial(least, each))
+        return slope
+
     def trial(rows: NDArray[np.intp], length: Array) -> Array:
         part = rows_of(here, rows)
-        slope = np.empty_like(part.U)  # (L, k)
-        for i, quantity in enumerate(quantities):
-            own = which[rows] == i
-            if own.any():
-                slope[own] = quantity.slope(candidate, rows_of(part, own), value[rows[own]])
+        slope = slopes(which[rows], part, value[rows])
         outward = (np.abs(part.U) >= 1) & (slope * part.U < 0)
         slope = np.where(outward, 0.0, slope)
         way = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-12)

@@ -487,7 +487,7 @@ def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
     for degree in range(1, chart.monomials.degree):
         low = Monomials(chart.cell.k, degree)
         fibres = low.fit(U, N)
-        n_ref = np.tensordot(low.values(U), fibres, axes=1)
+        n_ref = low.polynomials(U, fibres)
         if leaf_margin(N, n_ref).min() > _STRAIGHT:
             coefficients = chart.coefficients.copy()
             coefficients[:, :, 1:] = padded(fibres, chart.monomials)
