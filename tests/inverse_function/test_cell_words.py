@@ -63,11 +63,12 @@ def test_no_price_is_one_number() -> None:
     assert "20 % at the worst pose." in dear and "direction" not in dear
     turning = replace(free, extra_speed_worst=0.2, extra_speed_direction=1.2)
     said = str(PAGE.cell_headline(replace(design, evaluation=turning)))
-    single = "20 % at the worst pose. In a single direction of motion, it is up to "
-    assert f"{single}2.2 times as high." in said
+    assert "Joint speed of all poses: " in said
+    worst, single = "20 % at the worst pose, up to", "in a single direction of motion."
+    assert f"{worst} 120 % {single}" in said
     turning = replace(free, extra_speed_worst=0.2, extra_speed_direction=0.5)
     said = str(PAGE.cell_headline(replace(design, evaluation=turning)))
-    assert f"{single}50 % higher." in said
+    assert f"{worst} 50 % {single}" in said
 
 
 def test_a_sector_is_not_called_a_cell() -> None:

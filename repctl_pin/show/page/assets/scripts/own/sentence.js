@@ -8,6 +8,8 @@ const TURNED = 0.1; // rad, from which a joint is named although no part is off
 const FAR = 0.5; // leaf margin from which the repeatable control is far from where it fails
 const FROM = " from its start";
 const WHERE = "close to a singularity, at the red ball";
+// stands under every loop, whatever is said of it
+export const UNCHECKED = " Collisions are not checked here.";
 const NOT_KNOWN = [
   " Close to a singularity, small errors of the computation grow, so the drift is not known from " +
     "the red ball on.",
@@ -22,7 +24,7 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   const kept = arms.flatMap((_, k) => (lost.includes(k) ? [] : [k]));
   if (!kept.length) {
     const sentence = [[noneWords(runs, shape), "bad"]];
-    return { sentence, notes: [...notesOf(arms, runs, cycles), NOT_KNOWN], part: "hand" };
+    return { sentence, notes: [...notesOf(arms, runs, cycles, shape), NOT_KNOWN], part: "hand" };
   }
   const sentence = lost.flatMap((k) => lostWords(arms[k], runs[k].data));
   const context = {
@@ -36,13 +38,17 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   const found = comparison(context, shape);
   return {
     sentence: [...sentence, ...found.sentence],
-    notes: [...notesOf(context.arms, context.runs, cycles), ...(lost.length ? [NOT_KNOWN] : [])],
+    notes: [
+      ...notesOf(context.arms, context.runs, cycles, shape),
+      ...(lost.length ? [NOT_KNOWN] : []),
+    ],
     part: found.part,
   };
 }
 
-// What is said of a loop that the hand could not follow: how much of it, and why not all. One
-// reason may hold for all arms, or for the function of a cell alone, which says so itself.
+// What is said of a loop that the hand could not follow: how much of it, why not all, and what the
+// solid line is. One reason may hold for all arms, or for the function of a cell alone, which says
+// so itself.
 export function failureWords(chain, arms, { after, reasons }) {
   const far = unbroken(formatLength(after));
   const each = reasons.flatMap((reason, k) => (reason ? [[reason, arms[k].data.under]] : []));
@@ -55,10 +61,50 @@ export function failureWords(chain, arms, { after, reasons }) {
 }
 
 // The same on the page of a cell, where F alone ends, by its edge or at a limit.
-export function edgeWords({ after, reasons }) {
+export function edgeWords({ after, reasons, edge, goes }) {
   const why = reasons.at(-1).replace(/^F covers/, "it covers");
   const far = unbroken(formatLength(after));
-  return [[`F ends after the first ${far} of your loop, at the red ball: ${why}.`, "bad"]];
+  const asked = edge ? goesWords(edge, goes) : "";
+  return [[`F ends after the first ${far} of your loop, at the red ball: ${why}${asked}.`, "bad"]];
+}
+
+// What the solid line of such a loop is: the way of the hand, this long, m. Without anything that it
+// encloses, a way there and back; `retraced`: only the straight way home was blocked.
+export function lineWords(length, { encloses, retraced }) {
+  const long = unbroken(formatLength(length));
+  if (!encloses) return [` The solid line, ${long} long, leads there and back.`];
+  const on = retraced
+    ? "goes back the way it came"
+    : "leaves out what lies beyond and goes on where the hand can follow again";
+  return [` The solid line, ${long} long, ${on}.`];
+}
+
+// Which range of a coordinate F covers where it ends, see CellPotentials.beyond().
+export function coverWords({ name, low, high, angle, height }) {
+  const unit = angle ? "°" : "\u00a0m";
+  const [from, to] = [inward(low, angle, 1), inward(high, angle, -1)];
+  const at = height === null ? "" : ` at height\u00a0${decimals(height, false)}\u00a0m`;
+  return `F covers ${name} ${from} to\u00a0${to}${unit}${at}`;
+}
+
+// How far a loop goes beyond that range, where its number differs from the range's.
+function goesWords({ low, high, angle, at }, goes) {
+  if (goes === null) return "";
+  const value = decimals(goes, angle);
+  const end = at > high ? inward(high, angle, -1) : inward(low, angle, 1);
+  return value === end ? "" : `, your loop goes to ${value}${angle ? "°" : "\u00a0m"}`;
+}
+
+// An end of a range, rounded into it: whole degrees or centimetres.
+function inward(value, angle, side) {
+  const scale = angle ? 180 / Math.PI : 100;
+  const steps = side > 0 ? Math.ceil(value * scale - 1e-3) : Math.floor(value * scale + 1e-3);
+  return decimals(steps / scale, angle);
+}
+
+function decimals(value, angle) {
+  const text = angle ? ((180 / Math.PI) * value).toFixed(0) : value.toFixed(2);
+  return text.replace(/^-(?=0(\.00)?$)/, "").replace("-", "−");
 }
 
 // The reason of a refusal as a sentence; it may begin with the name of a joint.
@@ -131,7 +177,10 @@ function comparison(context, { encloses, turns, whose }) {
   } else {
     const offs = listed((i) => value(i, ""));
     const subject = capitalized(partWords(most.part));
-    sentence.push([`${subject} has hardly drifted in ${times}: `], ...offs, ["."]);
+    // the bars of later cycles may show more
+    const later = runs.some(({ ends }) => Math.max(...ends.at(-1)) >= SMALL);
+    const verb = later ? "has drifted" : "has hardly drifted";
+    sentence.push([`${subject} ${verb} in ${times}: `], ...offs, ["."]);
   }
   sentence.push(...othersOf(chain, arms, runs, k));
   return { sentence, part: most.part };
@@ -201,8 +250,8 @@ function mostOff(chain, arm, off) {
   return { off: off[k], part: chain.links[place.shape][1] || "hand" };
 }
 
-function notesOf(arms, runs, cycles) {
-  const notes = runs.length > 1 ? [[speedWords(runs.at(-1), runs[0], cycles)]] : [];
+function notesOf(arms, runs, cycles, shape) {
+  const notes = runs.length > 1 ? [[speedWords(runs.at(-1), runs[0], cycles, shape)]] : [];
   const violations = runs.flatMap(({ data }) => violationWords(data, cycles));
   const later = runs.flatMap(({ data }) => laterWords(data, cycles));
   const limits = [...violations, ...later];
@@ -212,7 +261,6 @@ function notesOf(arms, runs, cycles) {
   const scale = `${margin.toFixed(2)} (1 is best, 0 fails)`;
   if (arms.some(({ data }) => data.under === "the repeatable one"))
     notes.push([` The repeatable control ${where} where it fails: ${scale}.`]);
-  notes.push([" Collisions are not checked."]);
   return notes;
 }
 
@@ -234,12 +282,12 @@ function laterWords({ broken, under, lost }, cycles) {
 }
 
 // How much higher the joint speed is under the repeatable control than under the usual one.
-function speedWords(one, usual, cycles) {
+function speedWords(one, usual, cycles, { whose }) {
   const [early, late] = [0, cycles - 1].map((c) => higher(one.speeds[c] / usual.speeds[c] - 1));
   const middle = early === late ? " and" : `, ${late}`;
   const over = cycles > 1 ? `${middle} over all ${cycles} cycles` : "";
   const than = `under ${one.data.under} than under the usual control in cycle 1`;
-  return `Average joint speed: ${early} ${than}${over}.`;
+  return `Average joint speed along ${whose}: ${early} ${than}${over}.`;
 }
 
 function higher(cost) {
