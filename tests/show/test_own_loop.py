@@ -1366,6 +1366,7 @@ def test_a_loop_that_was_altered_is_said_to_be_another(driver: Any, page: Path) 
     )
     told = said(driver)
     assert told.startswith("The arm cannot follow your loop beyond its first "), told
+    assert " long, goes back the way it came. Collisions" in told
     assert ": the solid line, " in driver.find_element("id", "title").text
     assert driver.find_element("id", "lines").is_displayed()
     notes = [e.text for e in driver.find_elements("css selector", "#notes > span")]
@@ -1394,7 +1395,9 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     told = said(driver)
     assert lines.is_displayed() and lines.text.split("\n") == ["way taken", "not followed"]
     found = re.fullmatch(
-        r"The arm cannot follow your loop beyond its first \d[\d.]*.c?m, at the red ball: (.*)\.",
+        r"The arm cannot follow your loop beyond its first \d[\d.]*.c?m, at the red ball: (.*)\. "
+        r"The solid line, \d[\d.]*.c?m long, leaves out what lies beyond\. "
+        r"Collisions are not checked here\.",
         told,
     )
     assert found, told
@@ -1529,6 +1532,7 @@ def test_a_loop_that_was_not_followed_at_all_has_no_bars(driver: Any, page: Path
         "own.processQueue(); own.release();"
     )
     assert said(driver).startswith("The arm cannot follow your loop beyond its first ")
+    assert " long, leads there and back." in said(driver)
     read = "return [...document.querySelectorAll('.reading b')].map((one) => one.textContent)"
     assert driver.execute_script(read) == 2 * ["–"]
     # it is seen once, at its far end, and no number of cycles is named

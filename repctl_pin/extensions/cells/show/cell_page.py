@@ -274,7 +274,8 @@ def _brief(design: CellDesign, motions: Mapping[str, Motion]) -> list[Span]:
     mean, worst = (ratio_in_percent(max(share, 0.0), 2) for share in shares)
     small = max(shares) < NO_EXTRA_SPEED
     cost = _cost(design).text if small else f"Joint speed of all poses +{mean}, at worst +{worst}."
-    bodies = [note for note in _bodies(design, path) if note.tone != "bad"]
+    near = [note for note in _bodies(design, path) if note.tone != "bad"]
+    bodies = [note._replace(text=note.text.replace(" come as near as ", ": ")) for note in near]
     return [_unbroken(note) for note in (Span(cost), *bodies, Span(proved))]
 
 

@@ -81,10 +81,14 @@ export class CellPotentials {
     };
   }
 
-  // The value of coordinate i of a point, as beyond() gives it.
-  reading(i, point) {
-    const y = this.measure({ p: point, R: [1, 0, 0, 0, 1, 0, 0, 0, 1] });
-    return this.length(i, y, y[i][0]);
+  // The point of these at which coordinate i is farthest up or down, in the range that F has there:
+  // its value as beyond() gives it, and its height.
+  farthest(i, points, up) {
+    const R = [1, 0, 0, 0, 1, 0, 0, 0, 1];
+    const all = points.map((p) => this.measure({ p, R }));
+    const y = all.reduce((a, b) => (up === b[i][0] > a[i][0] ? b : a));
+    const height = this.sector && this.length(HEIGHT, y, y[HEIGHT][0]);
+    return { value: this.length(i, y, y[i][0]), height };
   }
 
   // A value of coordinate i where the others are y: from the axis, the base or the middle.

@@ -879,12 +879,10 @@ export class Own {
     return { after: lengthOf([loop[0], ...trail]), reasons, edge, goes: this.goesTo(edge, stroke) };
   }
 
-  // The farthest value of the coordinate of an edge of F on a stroke; null if it is no position.
+  // How far a stroke goes in the coordinate of an edge of F; null if that is no position.
   goesTo(edge, stroke) {
     const chart = edge && edge.i < 3 && this.laws.at(-1).parts[0];
-    if (!chart) return null;
-    const values = stroke.map((p) => chart.reading(edge.i, p));
-    return edge.at > edge.high ? Math.max(...values) : Math.min(...values);
+    return chart ? chart.farthest(edge.i, stroke, edge.at > edge.high) : null;
   }
 
   // Say what has happened after a number of cycles.

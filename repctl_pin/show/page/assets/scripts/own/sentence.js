@@ -73,9 +73,7 @@ export function edgeWords({ after, reasons, edge, goes }) {
 export function lineWords(length, { encloses, retraced }) {
   const long = unbroken(formatLength(length));
   if (!encloses) return [` The solid line, ${long} long, leads there and back.`];
-  const on = retraced
-    ? "goes back the way it came"
-    : "leaves out what lies beyond and goes on where the hand can follow again";
+  const on = retraced ? "goes back the way it came" : "leaves out what lies beyond";
   return [` The solid line, ${long} long, ${on}.`];
 }
 
@@ -83,16 +81,20 @@ export function lineWords(length, { encloses, retraced }) {
 export function coverWords({ name, low, high, angle, height }) {
   const unit = angle ? "°" : "\u00a0m";
   const [from, to] = [inward(low, angle, 1), inward(high, angle, -1)];
-  const at = height === null ? "" : ` at height\u00a0${decimals(height, false)}\u00a0m`;
+  const at = height === null ? "" : ` at height\u00a0${decimals(height)}\u00a0m`;
   return `F covers ${name} ${from} to\u00a0${to}${unit}${at}`;
 }
 
-// How far a loop goes beyond that range, where its number differs from the range's.
-function goesWords({ low, high, angle, at }, goes) {
-  if (goes === null) return "";
-  const value = decimals(goes, angle);
+// How far a loop goes beyond that range, where its number differs from the range's; and at which
+// height, if a range of radius is for another.
+function goesWords({ low, high, angle, at, height }, goes) {
+  if (!goes) return "";
+  const value = decimals(goes.value, angle);
   const end = at > high ? inward(high, angle, -1) : inward(low, angle, 1);
-  return value === end ? "" : `, your loop goes to ${value}${angle ? "°" : "\u00a0m"}`;
+  const there = height !== null && decimals(goes.height) !== decimals(height);
+  if (value === end && !there) return "";
+  const where = there ? ` at height\u00a0${decimals(goes.height)}\u00a0m` : "";
+  return `, your loop goes to ${value}${angle ? "°" : "\u00a0m"}${where}`;
 }
 
 // An end of a range, rounded into it: whole degrees or centimetres.
