@@ -219,4 +219,4 @@ def test_a_loop_beyond_f_is_told_the_range_that_ends_it(page: Path, driver: Any)
     assert [inner, outer] == pytest.approx([low, high], abs=0.011)
     assert low <= inner + 1e-3 and outer <= high + 1e-3
     assert goes == pytest.approx((low + high) / 2 + 0.4, abs=0.006)
-    assert told.endswith(" Collisions are not checked here.")
+    assert told.endswith(" Collisions not checked.")

@@ -1366,7 +1366,7 @@ def test_a_loop_that_was_altered_is_said_to_be_another(driver: Any, page: Path) 
     )
     told = said(driver)
     assert told.startswith("The arm cannot follow your loop beyond its first "), told
-    assert " long, goes back the way it came. Collisions" in told
+    assert " long, leads there and back. Collisions" in told
     assert ": the solid line, " in driver.find_element("id", "title").text
     assert driver.find_element("id", "lines").is_displayed()
     notes = [e.text for e in driver.find_elements("css selector", "#notes > span")]
@@ -1397,7 +1397,7 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     found = re.fullmatch(
         r"The arm cannot follow your loop beyond its first \d[\d.]*.c?m, at the red ball: (.*)\. "
         r"The solid line, \d[\d.]*.c?m long, leaves out what lies beyond\. "
-        r"Collisions are not checked here\.",
+        r"Collisions not checked\.",
         told,
     )
     assert found, told

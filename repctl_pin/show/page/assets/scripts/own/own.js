@@ -819,12 +819,7 @@ export class Own {
     const failed = yield* this.failed(points, missed);
     const [failure] = [...failed.values(), null];
     const lead = paths.find(Boolean);
-    // only the straight way home was blocked
-    const retraced = [...failed.keys()].every(
-      (stroke) => stroke.length === 2 && gap(stroke[1], points[0]) < 1e-3,
-    );
     const shape = {
-      retraced,
       encloses: enclosing(lead) > 0,
       turns: points ? windings(this.chain.axis, lead) : 0,
       whose: failure ? "the solid line" : points ? "your loop" : "the path",

@@ -9,7 +9,7 @@ const FAR = 0.5; // leaf margin from which the repeatable control is far from wh
 const FROM = " from its start";
 const WHERE = "close to a singularity, at the red ball";
 // stands under every loop, whatever is said of it
-export const UNCHECKED = " Collisions are not checked here.";
+export const UNCHECKED = " Collisions not checked.";
 const NOT_KNOWN = [
   " Close to a singularity, small errors of the computation grow, so the drift is not known from " +
     "the red ball on.",
@@ -68,13 +68,11 @@ export function edgeWords({ after, reasons, edge, goes }) {
   return [[`F ends after the first ${far} of your loop, at the red ball: ${why}${asked}.`, "bad"]];
 }
 
-// What the solid line of such a loop is: the way of the hand, this long, m. Without anything that it
-// encloses, a way there and back; `retraced`: only the straight way home was blocked.
-export function lineWords(length, { encloses, retraced }) {
-  const long = unbroken(formatLength(length));
-  if (!encloses) return [` The solid line, ${long} long, leads there and back.`];
-  const on = retraced ? "goes back the way it came" : "leaves out what lies beyond";
-  return [` The solid line, ${long} long, ${on}.`];
+// What the solid line of such a loop is, this long, m. It encloses nothing if the way home was
+// blocked, too.
+export function lineWords(length, { encloses }) {
+  const how = encloses ? "leaves out what lies beyond" : "leads there and back";
+  return [` The solid line, ${unbroken(formatLength(length))} long, ${how}.`];
 }
 
 // Which range of a coordinate F covers where it ends, see CellPotentials.beyond().
