@@ -1185,7 +1185,12 @@ export class Own {
       const children = [...node.childNodes];
       const before = node.clientHeight;
       node.replaceChildren(...words.map((text) => element("span", {}, text)));
-      const height = Math.max(before, node.clientHeight);
+      let height = Math.max(before, node.clientHeight);
+      if (id === "verdict") {
+        // the sentence of a loop is that of a study, with a word on collisions
+        node.replaceChildren(...children, UNCHECKED);
+        height = Math.max(height, node.clientHeight);
+      }
       node.replaceChildren(...children);
       if (height) node.style.minHeight = `${height}px`;
     }
