@@ -1259,7 +1259,7 @@ export class Own {
 const LEAD_WORDS = {
   verdict: ["That joint would have to be faster than it can. Go another way, or let go."],
   notes: [
-    "Average joint speed along your loop: 0.7 % higher under the repeatable one than under the " +
+    "Average joint speed on this path: 0.7 % higher under the repeatable one than under the " +
       "usual control in cycle 1.",
     "Joint limits are kept.",
     "The repeatable control stays far from where it fails: 0.82 (1 is best, 0 fails).",

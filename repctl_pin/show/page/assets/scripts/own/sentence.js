@@ -24,7 +24,7 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   const kept = arms.flatMap((_, k) => (lost.includes(k) ? [] : [k]));
   if (!kept.length) {
     const sentence = [[noneWords(runs, shape), "bad"]];
-    return { sentence, notes: [...notesOf(arms, runs, cycles, shape), NOT_KNOWN], part: "hand" };
+    return { sentence, notes: [...notesOf(arms, runs, cycles), NOT_KNOWN], part: "hand" };
   }
   const sentence = lost.flatMap((k) => lostWords(arms[k], runs[k].data));
   const context = {
@@ -38,10 +38,7 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   const found = comparison(context, shape);
   return {
     sentence: [...sentence, ...found.sentence],
-    notes: [
-      ...notesOf(context.arms, context.runs, cycles, shape),
-      ...(lost.length ? [NOT_KNOWN] : []),
-    ],
+    notes: [...notesOf(context.arms, context.runs, cycles), ...(lost.length ? [NOT_KNOWN] : [])],
     part: found.part,
   };
 }
@@ -250,8 +247,8 @@ function mostOff(chain, arm, off) {
   return { off: off[k], part: chain.links[place.shape][1] || "hand" };
 }
 
-function notesOf(arms, runs, cycles, shape) {
-  const notes = runs.length > 1 ? [[speedWords(runs.at(-1), runs[0], cycles, shape)]] : [];
+function notesOf(arms, runs, cycles) {
+  const notes = runs.length > 1 ? [[speedWords(runs.at(-1), runs[0], cycles)]] : [];
   const violations = runs.flatMap(({ data }) => violationWords(data, cycles));
   const later = runs.flatMap(({ data }) => laterWords(data, cycles));
   const limits = [...violations, ...later];
@@ -282,12 +279,12 @@ function laterWords({ broken, under, lost }, cycles) {
 }
 
 // How much higher the joint speed is under the repeatable control than under the usual one.
-function speedWords(one, usual, cycles, { whose }) {
+function speedWords(one, usual, cycles) {
   const [early, late] = [0, cycles - 1].map((c) => higher(one.speeds[c] / usual.speeds[c] - 1));
   const middle = early === late ? " and" : `, ${late}`;
   const over = cycles > 1 ? `${middle} over all ${cycles} cycles` : "";
   const than = `under ${one.data.under} than under the usual control in cycle 1`;
-  return `Average joint speed along ${whose}: ${early} ${than}${over}.`;
+  return `Average joint speed on this path: ${early} ${than}${over}.`;
 }
 
 function higher(cost) {
