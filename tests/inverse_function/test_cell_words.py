@@ -101,3 +101,16 @@ def test_a_full_turn_within_wider_limits_is_not_the_whole_range() -> None:
     said = str(PAGE.cell_headline(wide)).replace("\u00a0", " ")
     assert re.search(r"Joint limits kept by 0\.02[45] rad or more", said) and ends not in said
     assert f"0.025 rad of {turn.joint}, a full turn" in wide.summary()
+
+
+def test_the_sentence_says_where_the_tool_points_and_what_is_left_out() -> None:
+    """Neither was said; the panda's tool points down, and its first joint has no full turn."""
+    design = found("one orientation")
+    told, (gap, *_) = PAGE._covered(design), PAGE.cell_headline(design).notes
+    assert "tool down" in told
+    inner, angle = numbers(gap.text)
+    assert gap.text.startswith("Not covered: ")
+    rho = design.cell.radii([design.cell.middle[1]])[0]
+    assert 0 <= inner - rho[0] < 0.01
+    (turn,) = PAGE.degrees_turned(design.cell, PAGE._reaches(design)).values()
+    assert angle == 360 - turn > 0

@@ -17,13 +17,17 @@ from ....base.arguments import Array
 from .cell import Cell
 from .cell_arguments import VERTICAL
 from .sector import HEIGHT, RADIUS, SPIN, Sector
-from .symmetry import NEAR, difference
+from .symmetry import NEAR, difference, last_axis
 
 _HEIGHTS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Heights at which a range of radius is given, as coordinates u."""
 
 _LARGEST_STEP = 0.01
 """Maximum step to which the phrase rounds a length, m; about a tenth of a range if that is less."""
+
+_ALONG = 0.9
+"""Cosine between the frame's z axis and the way from the last joint above which a tool points along
+this axis."""
 
 _AHEAD = 0.9
 """Cosine between the middle of a sector and the base's x axis above which the rest of the turn is
@@ -110,9 +114,16 @@ def gap_phrase(sector: Sector, reaches: Mapping[str, float] | None = None) -> st
 
 
 def tool_direction(sector: Sector) -> str | None:
-    """Return ``down`` or ``up`` if the frame's z axis points there in all of a sector, or None."""
+    """Return ``down`` or ``up`` if the tool points there in all of a sector, or None.
+
+    It is None, too, where the way from the last joint to the frame, along which a tool points, is
+    not along the frame's z axis.
+    """
     fixed = sector.task.kind.turns and not sector.widths[3:5].any() and _is_upright(sector)
-    where = _pointing(sector) if fixed else ""
+    _, (origin, _) = last_axis(sector.task)
+    if not fixed or -origin[2] <= _ALONG * float(np.linalg.norm(origin)):
+        return None
+    where = _pointing(sector)
     return where if where in ("down", "up") else None
 
 

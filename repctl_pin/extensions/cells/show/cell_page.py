@@ -38,7 +38,6 @@ from ..evaluate.symmetric_coordinates import Turn
 from ..geometry.cell import Cell
 from ..geometry.ranges import degrees_turned, gap_phrase, range_phrase, tool_direction
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
-from ..table.approach import approach_axis
 from .cell_loop import cell_loop
 from .cell_words import cell_uses, cell_words, reach_words, shape_word, usual
 
@@ -296,18 +295,15 @@ def _covered(design: CellDesign) -> str:
 
 
 def _tool(design: CellDesign) -> str | None:
-    """Return the direction of the tool, ``down`` or ``up``; None if it changes or is not known.
-
-    It is known if the tool points along the frame's z axis.
-    """
-    where = tool_direction(design.cell) if isinstance(design.cell, Sector) else None
-    return where if where and approach_axis(design.task).axis == "z" else None
+    """Return the direction of the tool, ``down`` or ``up``; None if it changes or is not known."""
+    return tool_direction(design.cell) if isinstance(design.cell, Sector) else None
 
 
 def _gap(design: CellDesign) -> list[Span]:
     """Write what a sector that is covered leaves out around its axis; the list is empty if none."""
-    whole = isinstance(design.cell, Sector) and design.evaluation.everywhere
-    gap = gap_phrase(design.cell, _reaches(design)) if whole else ""
+    if not (isinstance(design.cell, Sector) and design.evaluation.everywhere):
+        return []
+    gap = gap_phrase(design.cell, _reaches(design))
     return [Span(f"Not covered: {gap}.")] if gap else []
 
 
@@ -319,8 +315,8 @@ def _reaches(design: CellDesign) -> dict[str, float]:
 def _cost(design: CellDesign) -> Span:
     """Write the extra joint speed, on average and at the worst pose of the cell.
 
-    It is relative to the desired inverse, by default J⁺; all directions of motion count equally. The
-    extra joint speed in the worst single direction follows.
+    It is relative to the desired inverse, by default J⁺; all directions of motion count equally.
+    The extra joint speed in the worst single direction follows.
     """
     every = design.extra_speed, design.extra_speed_worst
     if max(every) < NO_EXTRA_SPEED:
