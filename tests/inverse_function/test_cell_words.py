@@ -63,11 +63,12 @@ def test_no_price_is_one_number() -> None:
     assert "20 % at the worst pose." in dear and "direction" not in dear
     turning = replace(free, extra_speed_worst=0.2, extra_speed_direction=1.2)
     said = str(PAGE.cell_headline(replace(design, evaluation=turning)))
-    single = "20 % at the worst pose. In a single direction of motion, it is up to "
-    assert f"{single}2.2 times as high." in said
+    assert "Joint speed of all poses: " in said
+    worst, single = "20 % at the worst pose, up to", "in a single direction of motion."
+    assert f"{worst} 120 % {single}" in said
     turning = replace(free, extra_speed_worst=0.2, extra_speed_direction=0.5)
     said = str(PAGE.cell_headline(replace(design, evaluation=turning)))
-    assert f"{single}50 % higher." in said
+    assert f"{worst} 50 % {single}" in said
 
 
 def test_a_sector_is_not_called_a_cell() -> None:
@@ -100,3 +101,16 @@ def test_a_full_turn_within_wider_limits_is_not_the_whole_range() -> None:
     said = str(PAGE.cell_headline(wide)).replace("\u00a0", " ")
     assert re.search(r"Joint limits kept by 0\.02[45] rad or more", said) and ends not in said
     assert f"0.025 rad of {turn.joint}, a full turn" in wide.summary()
+
+
+def test_the_sentence_says_where_the_tool_points_and_what_is_left_out() -> None:
+    """Neither was said; the panda's tool points down, and its first joint has no full turn."""
+    design = found("one orientation")
+    told, (gap, *_) = PAGE._covered(design), PAGE.cell_headline(design).notes
+    assert "tool down" in told
+    inner, angle = numbers(gap.text)
+    assert gap.text.startswith("Not covered: ")
+    rho = design.cell.radii([design.cell.middle[1]])[0]
+    assert 0 <= inner - rho[0] < 0.01
+    (turn,) = PAGE.degrees_turned(design.cell, PAGE._reaches(design)).values()
+    assert angle == 360 - turn > 0

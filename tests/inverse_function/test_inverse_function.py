@@ -548,7 +548,7 @@ def test_what_a_design_says_of_itself() -> None:
         and "no" not in said["body distance"].split()
     )
     small = replace(design, posture=[0.012345, -1e-6, 1.23456, -2, 30, 4e-5, -0.04])
-    assert small.figures()["posture"] == "0.0123, 0, 1.235, -2, 30, 0, -0.04"
+    assert small.figures()["posture"] == "0.0123, 0, 1.235, -2, 30, 0, -0.04 rad"
     errors = replace(j, extra_speed_error=0.00945, body_distance=0.1235)
     said = replace(design, evaluation=errors).figures()
     assert " % ± 0.9 on average, " in said["extra joint speed"]

@@ -188,3 +188,35 @@ def test_of_many_cycles_two_leave_traces(page: Path, driver: Any) -> None:
     assert drawn[0] == [[0, pytest.approx(whole / 2, rel=0.02)]]
     assert drawn[1][1] == [whole, pytest.approx(whole / 4, rel=0.05)]
     assert drawn[2] == [[0, whole], [pytest.approx(5.5 * whole, rel=0.01), whole]]
+
+
+@pytest.mark.slow
+def test_a_loop_beyond_f_is_told_the_range_that_ends_it(page: Path, driver: Any) -> None:
+    """The ball looked well inside the pale shape: no radius, height or angle was named."""
+    opened(driver, page, **DESK)
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    cell = rp.load_cell(page.with_name("cell.json")).cell
+    assert isinstance(cell, rp.Sector)
+    (low, high), floor = cell.radii([cell.middle[1]])[0], cell.axis[0] @ cell.directions[2]
+    driver.set_script_timeout(90)
+    told = driver.execute_async_script(
+        "const [radius, height, done] = arguments, { own } = repctl;"
+        "const { origin, axes } = own.laws.at(-1).parts[0].sector;"
+        "const at = (r) => origin.map((v, i) => v + r * axes[0][i] + height * axes[2][i]);"
+        "own.grab(0, 7, null, 0); own.lead.queue.push(at(radius), at(radius + 0.4));"
+        "own.processQueue(); own.release().then(() =>"
+        " done(document.getElementById('verdict').textContent))",
+        *(float((low + high) / 2), float(cell.middle[1])),
+    )
+    found = re.match(
+        r"F ends after the first .* of your loop, at the red ball: it covers radius (.*) to (.*) m "
+        r"at height (.*) m, your loop goes to (.*) m\. The solid line, ",
+        told.replace("\u00a0", " "),
+    )
+    assert found, told
+    inner, outer, height, goes = (float(v.replace("−", "-")) for v in found.groups())
+    assert height == pytest.approx(floor + cell.middle[1], abs=0.006)
+    assert [inner, outer] == pytest.approx([low, high], abs=0.011)
+    assert low <= inner + 1e-3 and outer <= high + 1e-3
+    assert goes == pytest.approx((low + high) / 2 + 0.4, abs=0.006)
+    assert told.endswith(" Collisions not checked.")

@@ -381,10 +381,12 @@ def test_a_loop_is_drawn_by_a_pointer(
     (verdict,) = re.findall(r'<p id="verdict">(.*?)</p>', again)
     (speed,) = re.findall(r'<p id="notes"><span>(.*?cycles\.)', again)
     told = re.sub("<[^>]*>", "", verdict).partition(". ")[2]
+    assert told
     again = "repctl.placed(); repctl.own.repeat(); return repctl.time"
     assert driver.execute_script(again) == 1, "on from the end of cycle 1"
     driver.execute_script("repctl.seek(10); repctl.own.report(10)")
-    assert said(driver).partition(". ")[2] == told != ""
+    told += " Collisions not checked."
+    assert said(driver).partition(". ")[2] == told
     notes = driver.execute_script("return document.getElementById('notes').textContent")
     # the same words; samples differ, and with them the last digit
     digits = r"\d[\d.]*(?=\N{NO-BREAK SPACE}%)"
@@ -1388,6 +1390,7 @@ def test_a_loop_that_was_altered_is_said_to_be_another(driver: Any, page: Path) 
     )
     told = said(driver)
     assert told.startswith("The arm cannot follow your loop beyond its first "), told
+    assert " long, leads there and back. Collisions" in told
     assert ": the solid line, " in driver.find_element("id", "title").text
     assert driver.find_element("id", "lines").is_displayed()
     notes = [e.text for e in driver.find_elements("css selector", "#notes > span")]
@@ -1416,7 +1419,9 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     told = said(driver)
     assert lines.is_displayed() and lines.text.split("\n") == ["way taken", "not followed"]
     found = re.fullmatch(
-        r"The arm cannot follow your loop beyond its first \d[\d.]*.c?m, at the red ball: (.*)\.",
+        r"The arm cannot follow your loop beyond its first \d[\d.]*.c?m, at the red ball: (.*)\. "
+        r"The solid line, \d[\d.]*.c?m long, leaves out what lies beyond\. "
+        r"Collisions not checked\.",
         told,
     )
     assert found, told
@@ -1551,6 +1556,7 @@ def test_a_loop_that_was_not_followed_at_all_has_no_bars(driver: Any, page: Path
         "own.processQueue(); own.release();"
     )
     assert said(driver).startswith("The arm cannot follow your loop beyond its first ")
+    assert " long, leads there and back." in said(driver)
     read = "return [...document.querySelectorAll('.reading b')].map((one) => one.textContent)"
     assert driver.execute_script(read) == 2 * ["–"]
     # it is seen once, at its far end, and no number of cycles is named

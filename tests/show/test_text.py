@@ -103,8 +103,9 @@ def test_it_says_what_is_wrong_what_is_right_and_the_price() -> None:
         "0 under the repeatable one."
     )
     assert (
-        notes == "Average joint speed: 0.3 % higher under the repeatable one than under the usual "
-        "control in cycle 1, 8.8 % lower over all 10 cycles. This is possible because the "
+        notes
+        == "Average joint speed on this path: 0.3 % higher under the repeatable one than under the "
+        "usual control in cycle 1, 8.8 % lower over all 10 cycles. This is possible because the "
         "two arms pass through different joint positions. Joint limits are kept. Links stay at "
         "least 13 cm apart under both controls."
     )
@@ -296,14 +297,14 @@ def test_limits_bodies_and_where_it_leads() -> None:
     faster = replace(CLOSED, mean_speed=1.003 * USUAL.mean_speed)
     told = words(headline_of([USUAL, faster], 10))[1]
     assert told.startswith(
-        "Average joint speed: 0.3 % higher under the repeatable one than under the usual "
-        "control in cycle 1 and over all 10 cycles. Joint limits"
+        "Average joint speed on this path: 0.3 % higher under the repeatable one than under the "
+        "usual control in cycle 1 and over all 10 cycles. Joint limits"
     )
     slower = words(headline_of([USUAL, replace(CLOSED, speed=0.998 * USUAL.speed)], 1))[1]
     assert slower.startswith(
-        "Average joint speed: 0.2 % lower under the repeatable one than under the usual "
-        "control in cycle 1. This is possible because the two arms pass through different joint "
-        "positions."
+        "Average joint speed on this path: 0.2 % lower under the repeatable one than under the "
+        "usual control in cycle 1. This is possible because the two arms pass through different "
+        "joint positions."
     )
     close = replace(USUAL, body_distance=0.013, near=("link3", "link5"))
     told = headline_of([close, CLOSED], 10)

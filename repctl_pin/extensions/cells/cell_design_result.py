@@ -259,7 +259,10 @@ class CellDesign:
         if np.isnan(j.body_distance):
             bodies = "not known: the bodies have changed since it was evaluated"
         elif np.isfinite(j.body_distance):
-            bodies = f"{100 * j.body_distance:.3g} cm, {' and '.join(j.nearest_bodies)}"
+            near = j.body_distance
+            short = abs(near) < 0.01
+            bodies = f"{1e3 * near:.3g} mm" if short else f"{100 * near:.3g} cm"
+            bodies += f", {' and '.join(j.nearest_bodies)}"
             bodies += _unmet(j.body_distance, self.requested_body_distance)
         sigma = f"{j.smallest_singular_value:.3g}"
         sigma += _unmet(j.smallest_singular_value, self.requested_sigma_min)
@@ -276,7 +279,8 @@ class CellDesign:
             **self._ranges(),
             "middle": self.cell.where(np.zeros(self.cell.k)),
             **self._symmetry(),
-            "posture": ", ".join(f"{v:.4g}" for v in np.round(self.posture, 4) + 0.0),
+            "posture": ", ".join(f"{v:.4g}" for v in np.round(self.posture, 4) + 0.0)
+            + f" {self.task._joint_unit}",
             "degree": f"{self.degrees[-1][0]}, evaluated from {terms} terms",
             "extra joint speed": speed,
             "mean ‖∂F − G_d‖²": f"{cost} (on {self.held_out} held-out poses)",

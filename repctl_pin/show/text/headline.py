@@ -425,7 +425,7 @@ def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list
     middle = " and" if early == late else f", {late}"
     over = f"{middle} over all {cycles} cycles" if cycles > 1 else ""
     than = f"under {under(last.label)} than under {under(first.label)} in cycle 1"
-    said = f"Average joint speed: {early} {than}{over}."
+    said = f"Average joint speed on this path: {early} {than}{over}."
     if first.label == "J⁺" and "lower" in early + late:
         said += f" {_WHY_LOWER}"
     return [Span(said)]

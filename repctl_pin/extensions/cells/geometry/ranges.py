@@ -16,14 +16,22 @@ import numpy as np
 from ....base.arguments import Array
 from .cell import Cell
 from .cell_arguments import VERTICAL
-from .sector import HEIGHT, RADIUS, Sector
-from .symmetry import NEAR, difference
+from .sector import HEIGHT, RADIUS, SPIN, Sector
+from .symmetry import NEAR, difference, last_axis
 
 _HEIGHTS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Heights at which a range of radius is given, as coordinates u."""
 
 _LARGEST_STEP = 0.01
 """Maximum step to which the phrase rounds a length, m; about a tenth of a range if that is less."""
+
+_ALONG = 0.9
+"""Cosine between the frame's z axis and the way from the last joint above which a tool points along
+this axis."""
+
+_AHEAD = 0.9
+"""Cosine between the middle of a sector and the base's x axis above which the rest of the turn is
+called behind the base."""
 
 _POINTS = (("down", (0, 0, -1)), ("up", (0, 0, 1)), ("along x of the base", (1, 0, 0)))
 """Directions of the tool that have a name, in axes of the base."""
@@ -47,12 +55,15 @@ def range_rows(cell: Cell) -> dict[str, str]:
     for i, name in enumerate(cell.coordinate_names):
         if i not in (RADIUS, HEIGHT, *cell.free) and w[i]:
             rows[name] = f"±{w[i]:.3g} rad"
+    rows = {name: text.replace("-", "−") for name, text in rows.items()}
     if cell.task.kind.turns:
         rows["orientation"] = f"z axis of the frame {_pointing(cell)}, turns with the angle"
     return rows
 
 
-def range_phrase(cell: Cell, reaches: Mapping[str, float] | None = None) -> str:
+def range_phrase(
+    cell: Cell, reaches: Mapping[str, float] | None = None, *, tool: str | None = None
+) -> str:
     """Write what a cell covers, such as ``height 0.05 to 0.45 m, radius 0.35 to 0.70 m``.
 
     Parameters
@@ -63,18 +74,62 @@ def range_phrase(cell: Cell, reaches: Mapping[str, float] | None = None) -> str:
         Full widths, rad, of the ranges of ``angle`` and ``spin`` (the keys) in which their joints
         stay within the limits, as a design found them. A range of the cell that is wider is written
         with this width. With None, the ranges are those of the cell.
+    tool
+        Direction of the tool in the middle of a sector, such as ``down``. By default none is given.
     """
     if not isinstance(cell, Sector):
         return _box_phrase(cell)
     parts = [_radius_phrase(cell)]
     if cell.task.m > 2 and cell.widths[HEIGHT]:
         parts.insert(0, f"height {_inward(*_heights(cell, np.array([-1.0, 1.0])))} m")
-    near = max(difference(cell.axis, VERTICAL)) <= NEAR
-    around = "around the base" if near else "around the axis"
+    around = "around the base" if _is_upright(cell) else "around the axis"
     words = {"angle": f"{{}}° {around}", "spin": "the tool turned through {}°"}
+    if tool:
+        words["spin"] = f"tool {tool}, turned through {{}}°"
     for name, turn in degrees_turned(cell, reaches).items():
         parts.append(words.get(name, f"{{}}° of {name}").format(turn))
+    if tool and not cell.widths[SPIN]:
+        parts.append(f"tool {tool}")
     return ", ".join(parts)
+
+
+def gap_phrase(sector: Sector, reaches: Mapping[str, float] | None = None) -> str:
+    """Write what a sector leaves out, ``0.30 m around the base at mid-height, 44° behind it``.
+
+    It is what is nearer to the axis, and the rest of a full turn; the text is empty if there is
+    neither. Ends are those of :func:`range_phrase`, with the same ``reaches``.
+    """
+    parts, upright = [], _is_upright(sector)
+    if sector.widths[RADIUS] and float(sector.radii([sector.middle[1]])[0][0]) > 0:
+        _, inner, *_ = _radius_phrase(sector).split()
+        around = "the base" if upright else "the axis"
+        at = " at mid-height" if sector.profile.degree else ""
+        parts.append(f"{inner} m around {around}{at}")
+    turn = degrees_turned(sector, reaches).get("angle", 360)
+    if turn < 360:
+        ahead = upright and sector.directions[0][0] > _AHEAD
+        behind = f"behind {'it' if parts else 'the base'}"
+        parts.append(f"{360 - turn}° {behind if ahead else 'opposite the middle'}")
+    return ", ".join(parts)
+
+
+def tool_direction(sector: Sector) -> str | None:
+    """Return ``down`` or ``up`` if the tool points there in all of a sector, or None.
+
+    It is None, too, where the way from the last joint to the frame, along which a tool points, is
+    not along the frame's z axis.
+    """
+    fixed = sector.task.kind.turns and not sector.widths[3:5].any() and _is_upright(sector)
+    _, (origin, _) = last_axis(sector.task)
+    if not fixed or -origin[2] <= _ALONG * float(np.linalg.norm(origin)):
+        return None
+    where = _pointing(sector)
+    return where if where in ("down", "up") else None
+
+
+def _is_upright(sector: Sector) -> bool:
+    """Test whether the axis of a sector is the z axis of the base, as nearly as a joint's is."""
+    return max(difference(sector.axis, VERTICAL)) <= NEAR
 
 
 def degrees_turned(sector: Sector, reaches: Mapping[str, float] | None = None) -> dict[str, int]:

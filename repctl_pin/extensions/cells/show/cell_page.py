@@ -36,7 +36,7 @@ from ....show.text.headline import NEAR, Headline
 from ..cell_design_result import NO_EXTRA_SPEED, CellDesign
 from ..evaluate.symmetric_coordinates import Turn
 from ..geometry.cell import Cell
-from ..geometry.ranges import degrees_turned, range_phrase
+from ..geometry.ranges import degrees_turned, gap_phrase, range_phrase, tool_direction
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 from .cell_loop import cell_loop
 from .cell_words import cell_uses, cell_words, reach_words, shape_word, usual
@@ -253,7 +253,7 @@ def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = Non
         Motions along a sample path, by controller; the last one is the function's. By default none.
     """
     path = list((motions or {}).values())[-1:]
-    said = [_cost(design), _limits(design, path), *_bodies(design, path)]
+    said = [*_gap(design), _cost(design), _limits(design, path), *_bodies(design, path)]
     for motion in path:
         if motion.speed_ratio > TOO_FAST:
             times = f"{motion.speed_ratio:.2g} times the speed limit"
@@ -272,8 +272,9 @@ def _brief(design: CellDesign, motions: Mapping[str, Motion]) -> list[Span]:
     shares = design.extra_speed, design.extra_speed_worst
     mean, worst = (ratio_in_percent(max(share, 0.0), 2) for share in shares)
     small = max(shares) < NO_EXTRA_SPEED
-    cost = _cost(design).text if small else f"Joint speed +{mean}, at worst +{worst}."
-    bodies = [note for note in _bodies(design, path) if note.tone != "bad"]
+    cost = _cost(design).text if small else f"Joint speed of all poses +{mean}, at worst +{worst}."
+    near = [note for note in _bodies(design, path) if note.tone != "bad"]
+    bodies = [note._replace(text=note.text.replace(" come as near as ", ": ")) for note in near]
     return [_unbroken(note) for note in (Span(cost), *bodies, Span(proved))]
 
 
@@ -283,7 +284,7 @@ def _covered(design: CellDesign) -> str:
     This is the first sentence of the page.
     """
     found = design.evaluation
-    ranges = range_phrase(design.cell, _reaches(design))
+    ranges = range_phrase(design.cell, _reaches(design), tool=_tool(design))
     if found.everywhere:
         return f"Same hand pose, same joints, however the hand gets there: {ranges}. "
     causes = [stop for stop in design.failures if stop.cause != "collision"]
@@ -291,6 +292,19 @@ def _covered(design: CellDesign) -> str:
     why = "" if most is None else f": {most.what}"
     shape = shape_word(design)
     return f"One function covers {found.covered}{why}. The {shape} asked for: {ranges}. "
+
+
+def _tool(design: CellDesign) -> str | None:
+    """Return the direction of the tool, ``down`` or ``up``; None if it changes or is not known."""
+    return tool_direction(design.cell) if isinstance(design.cell, Sector) else None
+
+
+def _gap(design: CellDesign) -> list[Span]:
+    """Write what a sector that is covered leaves out around its axis; the list is empty if none."""
+    if not (isinstance(design.cell, Sector) and design.evaluation.everywhere):
+        return []
+    gap = gap_phrase(design.cell, _reaches(design))
+    return [Span(f"Not covered: {gap}.")] if gap else []
 
 
 def _reaches(design: CellDesign) -> dict[str, float]:
@@ -301,21 +315,18 @@ def _reaches(design: CellDesign) -> dict[str, float]:
 def _cost(design: CellDesign) -> Span:
     """Write the extra joint speed, on average and at the worst pose of the cell.
 
-    It is relative to the desired inverse, by default J⁺; all directions of motion count equally. A
-    second sentence gives the extra joint speed in the worst single direction.
+    It is relative to the desired inverse, by default J⁺; all directions of motion count equally.
+    The extra joint speed in the worst single direction follows.
     """
     every = design.extra_speed, design.extra_speed_worst
     if max(every) < NO_EXTRA_SPEED:
         return Span(f"Joint speed as under the {usual(design)} control.")
     mean, worst = (ratio_in_percent(share, 2).replace("-", "−") for share in every)
     above = f"{mean} above that of the {usual(design)} control on average"
-    said = f"Joint speed {above}, {worst} at the worst pose"
+    said = f"Joint speed of all poses: {above}, {worst} at the worst pose"
     if design.extra_speed_direction > design.extra_speed_worst:
-        more = design.extra_speed_direction
-        high = f"{ratio_in_percent(more, 2)} higher"
-        if more >= 1:
-            high = f"{1 + more:.2g} times as high"
-        said += f". In a single direction of motion, it is up to {high}"
+        more = ratio_in_percent(design.extra_speed_direction)
+        said += f", up to {more} in a single direction of motion"
     return Span(f"{said}.")
 
 

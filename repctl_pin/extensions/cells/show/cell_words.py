@@ -125,8 +125,8 @@ def _of_the_figures(design: CellDesign) -> dict[str, str]:
         "Leaf margin": "the distance from a configuration at which the potentials of the function "
         "no longer determine the joints: 1 at best and 0 there",
         "Residual": "how far the hand is from its pose at the joints of the function, at most",
-        "Coverage": "the share of the held-out poses at which the function has joints inside "
-        "their limits",
+        "Coverage": f"the share of the held-out poses of the {shape_word(design)}, not of all that "
+        "the arm reaches, at which the function has joints inside their limits",
     }
 
 

@@ -1,5 +1,9 @@
 // The potentials of a function F over a cell, h = n_refᵀ (q − q_ref): chart.py has their letters.
 
+const [RADIUS, ANGLE, HEIGHT] = [0, 1, 2]; // coordinates of a sector
+const IN_SECTOR = ["radius", "angle", "height", "tilt about x", "tilt about y", "spin"];
+const IN_BOX = ["x", "y", "z"];
+
 // Make the potentials from what cell_loop.py writes. `weights`: coefficients of q_ref and n_ref.
 export class CellPotentials {
   constructor(data) {
@@ -47,14 +51,55 @@ export class CellPotentials {
     return found;
   }
 
-  // Whether the frame stands where F has no value.
-  outside(frame) {
-    const { moved, widths, offset, bounds, removed } = this;
+  // The coordinate by which the frame stands where F has no value: {i, name, low, high, at}, its
+  // range there and its value, m or, if it is an `angle`, rad; with the `height` for which a range
+  // of radius is. Null where F has one.
+  beyond(frame) {
+    const { moved, widths, offset, bounds, removed, sector } = this;
     const y = this.measure(frame);
-    return (
-      moved.some((i, j) => Math.abs(y[i][0] - offset[j]) > (bounds[j] + 1e-6) * widths[j]) ||
-      removed.some(({ i, most }) => most !== null && Math.abs(y[i][0]) > most + 1e-6)
+    const ranges = moved.map((i, j) => [i, offset[j], bounds[j] * widths[j], 1e-6 * widths[j]]);
+    for (const { i, most } of removed) if (most !== null) ranges.push([i, 0, most, 1e-6]);
+    const out = ranges.filter(
+      ([i, middle, half, more]) => Math.abs(y[i][0] - middle) > half + more,
     );
+    if (!out.length) return null;
+    // a radius counts at a height that F covers
+    const [i, middle, half] = out.find(([one]) => one !== RADIUS) || out[0];
+    const scaled = (v) => this.length(i, y, v);
+    const [low, high, at] = [middle - half, middle + half, y[i][0]].map(scaled);
+    const height =
+      sector && i === RADIUS && sector.half ? this.length(HEIGHT, y, y[HEIGHT][0]) : null;
+    const name = (sector ? IN_SECTOR : IN_BOX)[i];
+    return {
+      i,
+      name,
+      low,
+      high,
+      at,
+      angle: Boolean(sector && i !== RADIUS && i !== HEIGHT),
+      height,
+    };
+  }
+
+  // The point of these at which coordinate i is farthest up or down, in the range that F has there:
+  // its value as beyond() gives it, and its height.
+  farthest(i, points, up) {
+    const R = [1, 0, 0, 0, 1, 0, 0, 0, 1];
+    const all = points.map((p) => this.measure({ p, R }));
+    const y = all.reduce((a, b) => (up === b[i][0] > a[i][0] ? b : a));
+    const height = this.sector && this.length(HEIGHT, y, y[HEIGHT][0]);
+    return { value: this.length(i, y, y[i][0]), height };
+  }
+
+  // A value of coordinate i where the others are y: from the axis, the base or the middle.
+  length(i, y, v) {
+    const { sector, middle } = this;
+    if (!sector) return middle[i] + v;
+    const { origin, axes, radius, height, half, bend, stretch } = sector;
+    if (i === HEIGHT) return dot(axes[2], origin) + height + v;
+    if (i !== RADIUS) return v;
+    const inside = Math.min(Math.max(y[HEIGHT][0], -half), half);
+    return radius + value(bend, inside) + value(stretch, inside) * v;
   }
 
   // q_ref and n_ref, and their slopes, at coordinates u.

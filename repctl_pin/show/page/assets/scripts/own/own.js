@@ -23,7 +23,16 @@ import {
   windings,
 } from "./loops.js";
 import { bodiesOff, computed, drawnAt } from "./run.js";
-import { answer, edgeWords, failureWords, shortName, stated } from "./sentence.js";
+import {
+  answer,
+  coverWords,
+  edgeWords,
+  failureWords,
+  lineWords,
+  shortName,
+  stated,
+  UNCHECKED,
+} from "./sentence.js";
 
 const CYCLES = 10;
 const DRIVEN = 0.5; // of what moves most along the slider, from which a part gives it its name
@@ -624,6 +633,7 @@ export class Own {
     const found = this.laws.map((_, k) => this.stepArm(k, from, targets, length));
     const refusals = found.map(({ refusal }) => refusal || "");
     from.refusals = refusals;
+    from.edge = found.at(-1).edge || null;
     if (together ? refusals.some(Boolean) : refusals.every(Boolean)) return refusals.find(Boolean);
     from.qs = found.map(({ q }, k) => q || from.qs[k]);
     from.worst = found.map((state, k) => (state.q ? state : from.worst[k]));
@@ -681,8 +691,8 @@ export class Own {
     if (this.isOff(q, targets)) return { refusal: OUT_OF_REACH };
     const { joint, margin } = chain.nearest(q);
     const [chart] = law.parts;
-    if (chart && chart.outside(chain.frames[0]))
-      return { refusal: "F covers no positions beyond this one" };
+    const edge = chart && chart.beyond(chain.frames[0]);
+    if (edge) return { refusal: coverWords(edge), edge };
     if (chart && margin < 0) return { refusal: `${chain.names[joint]} is at its limit` };
     return { q, limit: margin, leaf: 1, sine: 1 };
   }
@@ -850,7 +860,7 @@ export class Own {
   }
 
   // Where on a loop the hand cannot follow a stroke, and why: {after, m of the loop, reasons}, one
-  // for each arm that cannot.
+  // for each arm that cannot; where F ends, its `edge`, and how far the stroke `goes` beyond.
   *stopOf(loop, stroke) {
     const from = {
       hand: loop[0],
@@ -860,7 +870,14 @@ export class Own {
     const till = loop.slice(1, nearestPiece(loop, stroke[0]) + 1);
     const { refusal, trail } = yield* this.walk(from, [...till, ...stroke]);
     const reasons = refusal ? from.refusals : [];
-    return { after: lengthOf([loop[0], ...trail]), reasons };
+    const edge = (refusal && from.edge) || null;
+    return { after: lengthOf([loop[0], ...trail]), reasons, edge, goes: this.goesTo(edge, stroke) };
+  }
+
+  // How far a stroke goes in the coordinate of an edge of F; null if that is no position.
+  goesTo(edge, stroke) {
+    const chart = edge && edge.i < 3 && this.laws.at(-1).parts[0];
+    return chart ? chart.farthest(edge.i, stroke, edge.at > edge.high) : null;
   }
 
   // Say what has happened after a number of cycles.
@@ -886,8 +903,9 @@ export class Own {
           .replace("the red ball on", "there on");
       const atEdge = this.scene.cover && failure.reasons.at(-1);
       const words = atEdge ? edgeWords(failure) : failureWords(chain, arms, failure);
-      sentence.splice(0, Infinity, ...words);
+      sentence.splice(0, Infinity, ...words, lineWords(this.length, shape));
     }
+    sentence.push([UNCHECKED]);
     this.write(sentence, notes, title);
     byId("again").textContent =
       cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";
@@ -1167,7 +1185,12 @@ export class Own {
       const children = [...node.childNodes];
       const before = node.clientHeight;
       node.replaceChildren(...words.map((text) => element("span", {}, text)));
-      const height = Math.max(before, node.clientHeight);
+      let height = Math.max(before, node.clientHeight);
+      if (id === "verdict") {
+        // the sentence of a loop is that of a study, with a word on collisions
+        node.replaceChildren(...children, UNCHECKED);
+        height = Math.max(height, node.clientHeight);
+      }
       node.replaceChildren(...children);
       if (height) node.style.minHeight = `${height}px`;
     }
@@ -1236,11 +1259,10 @@ export class Own {
 const LEAD_WORDS = {
   verdict: ["That joint would have to be faster than it can. Go another way, or let go."],
   notes: [
-    "Average joint speed: 0.7 % higher under the repeatable one than under the usual control in " +
-      "cycle 1.",
+    "Average joint speed on this path: 0.7 % higher under the repeatable one than under the " +
+      "usual control in cycle 1.",
     "Joint limits are kept.",
     "The repeatable control stays far from where it fails: 0.82 (1 is best, 0 fails).",
-    "Collisions are not checked.",
   ],
 };
 const LET_GO =

@@ -8,6 +8,8 @@ const TURNED = 0.1; // rad, from which a joint is named although no part is off
 const FAR = 0.5; // leaf margin from which the repeatable control is far from where it fails
 const FROM = " from its start";
 const WHERE = "close to a singularity, at the red ball";
+// stands under every loop, whatever is said of it
+export const UNCHECKED = " Collisions not checked.";
 const NOT_KNOWN = [
   " Close to a singularity, small errors of the computation grow, so the drift is not known from " +
     "the red ball on.",
@@ -41,8 +43,9 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   };
 }
 
-// What is said of a loop that the hand could not follow: how much of it, and why not all. One
-// reason may hold for all arms, or for the function of a cell alone, which says so itself.
+// What is said of a loop that the hand could not follow: how much of it, why not all, and what the
+// solid line is. One reason may hold for all arms, or for the function of a cell alone, which says
+// so itself.
 export function failureWords(chain, arms, { after, reasons }) {
   const far = unbroken(formatLength(after));
   const each = reasons.flatMap((reason, k) => (reason ? [[reason, arms[k].data.under]] : []));
@@ -55,10 +58,50 @@ export function failureWords(chain, arms, { after, reasons }) {
 }
 
 // The same on the page of a cell, where F alone ends, by its edge or at a limit.
-export function edgeWords({ after, reasons }) {
+export function edgeWords({ after, reasons, edge, goes }) {
   const why = reasons.at(-1).replace(/^F covers/, "it covers");
   const far = unbroken(formatLength(after));
-  return [[`F ends after the first ${far} of your loop, at the red ball: ${why}.`, "bad"]];
+  const asked = edge ? goesWords(edge, goes) : "";
+  return [[`F ends after the first ${far} of your loop, at the red ball: ${why}${asked}.`, "bad"]];
+}
+
+// What the solid line of such a loop is, this long, m. It encloses nothing if the way home was
+// blocked, too.
+export function lineWords(length, { encloses }) {
+  const how = encloses ? "leaves out what lies beyond" : "leads there and back";
+  return [` The solid line, ${unbroken(formatLength(length))} long, ${how}.`];
+}
+
+// Which range of a coordinate F covers where it ends, see CellPotentials.beyond().
+export function coverWords({ name, low, high, angle, height }) {
+  const unit = angle ? "°" : "\u00a0m";
+  const [from, to] = [inward(low, angle, 1), inward(high, angle, -1)];
+  const at = height === null ? "" : ` at height\u00a0${decimals(height)}\u00a0m`;
+  return `F covers ${name} ${from} to\u00a0${to}${unit}${at}`;
+}
+
+// How far a loop goes beyond that range, where its number differs from the range's; and at which
+// height, if a range of radius is for another.
+function goesWords({ low, high, angle, at, height }, goes) {
+  if (!goes) return "";
+  const value = decimals(goes.value, angle);
+  const end = at > high ? inward(high, angle, -1) : inward(low, angle, 1);
+  const there = height !== null && decimals(goes.height) !== decimals(height);
+  if (value === end && !there) return "";
+  const where = there ? ` at height\u00a0${decimals(goes.height)}\u00a0m` : "";
+  return `, your loop goes to ${value}${angle ? "°" : "\u00a0m"}${where}`;
+}
+
+// An end of a range, rounded into it: whole degrees or centimetres.
+function inward(value, angle, side) {
+  const scale = angle ? 180 / Math.PI : 100;
+  const steps = side > 0 ? Math.ceil(value * scale - 1e-3) : Math.floor(value * scale + 1e-3);
+  return decimals(steps / scale, angle);
+}
+
+function decimals(value, angle) {
+  const text = angle ? ((180 / Math.PI) * value).toFixed(0) : value.toFixed(2);
+  return text.replace(/^-(?=0(\.00)?$)/, "").replace("-", "−");
 }
 
 // The reason of a refusal as a sentence; it may begin with the name of a joint.
@@ -131,7 +174,10 @@ function comparison(context, { encloses, turns, whose }) {
   } else {
     const offs = listed((i) => value(i, ""));
     const subject = capitalized(partWords(most.part));
-    sentence.push([`${subject} has hardly drifted in ${times}: `], ...offs, ["."]);
+    // the bars of later cycles may show more
+    const later = runs.some(({ ends }) => Math.max(...ends.at(-1)) >= SMALL);
+    const verb = later ? "has drifted" : "has hardly drifted";
+    sentence.push([`${subject} ${verb} in ${times}: `], ...offs, ["."]);
   }
   sentence.push(...othersOf(chain, arms, runs, k));
   return { sentence, part: most.part };
@@ -213,7 +259,6 @@ function notesOf(arms, runs, cycles) {
   const scale = `${margin.toFixed(2)} (1 is best, 0 fails)`;
   if (arms.some(({ data }) => data.under === "the repeatable one"))
     notes.push([` The repeatable control ${where} where it fails: ${scale}.`]);
-  notes.push([" Collisions are not checked."]);
   return notes;
 }
 
@@ -253,7 +298,7 @@ function speedWords(one, usual, cycles) {
   const middle = early === late ? " and" : `, ${late}`;
   const over = cycles > 1 ? `${middle} over all ${cycles} cycles` : "";
   const than = `under ${one.data.under} than under the usual control in cycle 1`;
-  return `Average joint speed: ${early} ${than}${over}.`;
+  return `Average joint speed on this path: ${early} ${than}${over}.`;
 }
 
 function higher(cost) {
