@@ -182,7 +182,7 @@ function label(text, radius, angle, size) {
   });
   const words = new T.Sprite(new T.SpriteMaterial({ map, depthTest: false }));
   words.position.set(radius * Math.cos(angle), radius * Math.sin(angle), 0.05 * size);
-  words.renderOrder = 8;
+  words.renderOrder = 9;
   words.scale.set(0.36 * size, 0.12 * size, 1);
   return words;
 }
