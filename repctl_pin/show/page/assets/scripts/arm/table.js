@@ -5,7 +5,7 @@ import { byId, element, inEachScheme, setText, tone } from "../dom.js";
 
 const [OF_REACH, OF_COVER] = ["--reach", "--cover"];
 const WHOLE = 2 * Math.PI - 0.01; // rad, from which an arc is a circle
-const SMALL = window.matchMedia("(max-width: 640px)"); // where words in the scene are unreadable
+const ON_PHONE = window.matchMedia("(max-width: 640px)"); // where words in the scene are unreadable
 const DEGREES = 180 / Math.PI;
 
 export class TableMarks {
@@ -54,7 +54,7 @@ export class TableMarks {
     const flat = new T.Group().add(
       ring(near, far, from, to, 0.1),
       ring(rim, 1.03 * rim, from, to, 0.9),
-      ...(SMALL.matches ? [] : ends).map(([angle, text]) => label(text, 1.16 * rim, angle, rim)),
+      ...(ON_PHONE.matches ? [] : ends).map(([angle, text]) => label(text, 1.16 * rim, angle, rim)),
       ray,
     );
     const section = upright([own], OF_COVER, 0.9);
