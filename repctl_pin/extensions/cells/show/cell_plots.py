@@ -25,6 +25,12 @@ from ....show.plots.motions import titled
 from ..cell_design_result import CellDesign, Slice
 from ..geometry.cell import Cell
 
+_NOT_COVERED = 0xDD
+"""Grey level of poses that are not covered, in a figure on white paper."""
+
+_VEIL = 0x80
+"""Grey level of the veil that shows these poses on any paper."""
+
 _WHAT = {
     "limit_margin": ("limit margin", "viridis", 1.0),
     "extra_speed": ("extra joint speed, %", "magma_r", 100.0),
@@ -52,7 +58,7 @@ def _slice_of_cell(
     centre = cell.centre[cell.moved]
     low, high = ends
     around = [np.concatenate([e[0], e[:, -1], e[-1, ::-1], e[::-1, 0]]) for e in (x, y)]
-    ax.fill(*around, color="#dddddd", lw=0)
+    ax.fill(*around, color=str(_NOT_COVERED / 255), lw=0)
     ax.pcolormesh(x, y, values, cmap=colours, shading="gouraud", vmin=low, vmax=high)
     ax.plot(centre[i], centre[j], "+", color=VERMILLION, ms=10, mew=2)
     _name_axes(ax, cell, i, j)
@@ -142,15 +148,31 @@ def _beside(whole: Image.Image, *axes: Axes) -> tuple[Image.Image, str]:
     top, bottom = min(box[1] for box in tight), max(box[3] for box in tight)
     gap = whole.height // 40
     width = sum(right - left + gap for left, _, right, _ in tight) - gap
-    made = Image.new(whole.mode, (width, bottom - top), "white")
+    made = Image.new("RGBA", (width, bottom - top), "white")
     corners = ["0 0,0 100%,100% 100%,100% 0,0 0"]
     x = 0
     for ax, (left, _, right, _) in zip(axes, tight, strict=True):
         made.paste(whole.crop((left, top, right, bottom)), (x, 0))
         hole = np.subtract(_pixels(whole, ax, ax.get_window_extent()), [left - x, top] * 2)
+        x0, y0, x1, y1 = (int(side) for side in hole)
+        made.paste(_on_any_paper(made.crop((x0, y0, x1, y1))), (x0, y0))
         corners.append(_hole(*(hole / np.tile(made.size, 2))))
         x += right - left + gap
     return made, f"polygon(evenodd,{','.join(corners)})"
+
+
+def _on_any_paper(drawn: Image.Image) -> Image.Image:
+    """Make white and the grey of poses that are not covered a veil of mid-grey.
+
+    On white paper the picture looks as before; on dark paper these poses are dark.
+    """
+    pixels = np.array(drawn.convert("RGBA"))
+    level = pixels[..., 0]
+    pale = (level >= _NOT_COVERED) & (pixels[..., :3] == level[..., None]).all(axis=-1)
+    opacity = 255.0 * (255 - level[pale]) / (255 - _VEIL)
+    pixels[pale, :3] = _VEIL
+    pixels[pale, 3] = opacity.round()
+    return Image.fromarray(pixels)
 
 
 def _pixels(whole: Image.Image, ax: Axes, box: BboxBase | None) -> tuple[int, int, int, int]:

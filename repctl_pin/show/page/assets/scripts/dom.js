@@ -67,7 +67,17 @@ export function tone(name) {
     tones.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
   return tones.get(name);
 }
-export const forgetTones = () => tones.clear();
+const followers = [];
+export function forgetTones() {
+  tones.clear();
+  for (const follow of followers) follow();
+}
+
+// Do `colour` now, and again in each other scheme.
+export function inEachScheme(colour) {
+  followers.push(colour);
+  colour();
+}
 
 // The size of a canvas in CSS pixels, and em, the page's own measure of size: to ask lays the page
 // out.

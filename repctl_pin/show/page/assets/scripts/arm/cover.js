@@ -1,8 +1,8 @@
 // What a function covers, in pale: a surface around its positions, and their edges.
 
+import { inEachScheme, tone } from "../dom.js";
 import { dots } from "./traces.js";
 
-const COLOUR = "#0072b2";
 const SECTIONS = 49;
 const EDGE = 400; // points of the line around what is covered at a height
 
@@ -10,7 +10,14 @@ const EDGE = 400; // points of the line around what is covered at a height
 // first section to the last, or {origin, axis, from, to}, around which the section turns, rad.
 export function drawCover(arms, { cover }, edges) {
   const T = MeshCat.THREE;
-  const pale = { color: COLOUR, transparent: true, depthWrite: false };
+  const pale = { transparent: true, depthWrite: false };
+  // in a small picture, lines and surfaces stand closer
+  const faint = window.matchMedia("(max-width: 640px)").matches ? 0.6 : 1;
+  const sheetOf = new T.MeshBasicMaterial({ ...pale, opacity: 0.055 * faint, side: T.DoubleSide });
+  const lineOf = new T.LineBasicMaterial({ ...pale, opacity: 0.5 * faint });
+  inEachScheme(() => {
+    for (const { color } of [sheetOf, lineOf]) color.set(tone("--cover"));
+  });
   const [inner, outer] = [cover.inner, cover.outer].map((side) =>
     side.map((p) => new T.Vector3(...p)),
   );
@@ -19,20 +26,9 @@ export function drawCover(arms, { cover }, edges) {
   );
   for (const at of [0, -1]) sheets.push([inner, outer].map((side) => sections(side, cover).at(at)));
   for (const arm of arms) {
-    for (const sheet of sheets)
-      arm.group.add(
-        new T.Mesh(
-          strip(sheet),
-          new T.MeshBasicMaterial({ ...pale, opacity: 0.055, side: T.DoubleSide }),
-        ),
-      );
+    for (const sheet of sheets) arm.group.add(new T.Mesh(strip(sheet), sheetOf));
     for (const line of edges)
-      arm.group.add(
-        new T.Line(
-          new T.BufferGeometry().setFromPoints(line),
-          new T.LineBasicMaterial({ ...pale, opacity: 0.5 }),
-        ),
-      );
+      arm.group.add(new T.Line(new T.BufferGeometry().setFromPoints(line), lineOf));
   }
 }
 
@@ -49,8 +45,9 @@ export class EdgeLine {
       : new T.Vector3(...cover.axis);
     this.positions = new T.Float32BufferAttribute(3 * EDGE, 3);
     const geometry = new T.BufferGeometry().setAttribute("position", this.positions);
-    const line = new T.LineLoop(geometry, new T.LineBasicMaterial({ color: COLOUR }));
-    parent.add(Object.assign(line, { frustumCulled: false }), dots(geometry, COLOUR));
+    const color = tone("--cover");
+    const line = new T.LineLoop(geometry, new T.LineBasicMaterial({ color }));
+    parent.add(Object.assign(line, { frustumCulled: false }), dots(geometry, color));
   }
 
   show(point) {

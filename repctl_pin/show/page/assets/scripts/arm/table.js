@@ -1,10 +1,11 @@
 // The whole table around an arm, on the ground and in upright planes: what the arm reaches, in
 // pale, and where F has values. Where the hand now is: on the ground, and in numbers.
 
-import { byId, element, setText } from "../dom.js";
+import { byId, element, inEachScheme, setText, tone } from "../dom.js";
 
-const [OF_REACH, OF_COVER] = ["#6b7784", "#0072b2"];
+const [OF_REACH, OF_COVER] = ["--reach", "--cover"];
 const WHOLE = 2 * Math.PI - 0.01; // rad, from which an arc is a circle
+const ON_PHONE = window.matchMedia("(max-width: 640px)"); // where words in the scene are unreadable
 const DEGREES = 180 / Math.PI;
 
 export class TableMarks {
@@ -39,19 +40,21 @@ export class TableMarks {
     const [least, most] = spanOf([...own, ...lines.flat()]);
     const rim = 1.04 * most;
     const half = Math.round(turns.angle / 2);
+    // beside the ends of the arc, where no path leads
+    const aside = Math.min((WHOLE - to + from) / 6, 0.14);
     const ends =
       to - from > WHOLE
         ? [[0, `${2 * half}°`]]
         : [
-            [from, `−${half}°`],
-            [to, `${half}°`],
+            [from - aside, `−${half}°`],
+            [to + aside, `${half}°`],
           ];
     // on the ground: the radii that are reached, those of F, and an arc of its angle
     const ray = ring(0, rim, -0.006, 0.006, 0.9);
     const flat = new T.Group().add(
       ring(near, far, from, to, 0.1),
       ring(rim, 1.03 * rim, from, to, 0.9),
-      ...ends.map(([angle, text]) => label(text, 1.14 * rim, angle, rim)),
+      ...(ON_PHONE.matches ? [] : ends).map(([angle, text]) => label(text, 1.16 * rim, angle, rim)),
       ray,
     );
     const section = upright([own], OF_COVER, 0.9);
@@ -128,22 +131,21 @@ function ring(inner, outer, from, to, opacity, color = OF_COVER) {
   const T = MeshCat.THREE;
   const parts = Math.ceil(40 * (to - from));
   const shape = new T.RingGeometry(inner, outer, parts, 1, from, to - from);
-  return new T.Mesh(
-    shape,
-    new T.MeshBasicMaterial({
-      color,
-      opacity,
-      transparent: true,
-      depthWrite: false,
-      side: T.DoubleSide,
-    }),
-  );
+  const drawn = new T.MeshBasicMaterial({
+    opacity,
+    transparent: true,
+    depthWrite: false,
+    side: T.DoubleSide,
+  });
+  inEachScheme(() => drawn.color.set(tone(color)));
+  return new T.Mesh(shape, drawn);
 }
 
 // Closed lines of radii and heights in an upright plane.
 function upright(lines, color, opacity) {
   const T = MeshCat.THREE;
-  const drawn = new T.LineBasicMaterial({ color, opacity, transparent: true });
+  const drawn = new T.LineBasicMaterial({ opacity, transparent: true });
+  inEachScheme(() => drawn.color.set(tone(color)));
   const plane = new T.Group();
   for (const line of lines)
     plane.add(new T.LineLoop(new T.BufferGeometry().setFromPoints(line), drawn));
@@ -168,14 +170,20 @@ function label(text, radius, angle, size) {
   const T = MeshCat.THREE;
   const canvas = element("canvas", { width: 192, height: 64 });
   const draw = canvas.getContext("2d");
-  Object.assign(draw, { font: "600 48px sans-serif", textAlign: "center", lineWidth: 8 });
-  Object.assign(draw, { fillStyle: OF_COVER, strokeStyle: "#fffc" });
-  draw.strokeText(text, 96, 48);
-  draw.fillText(text, 96, 48);
+  Object.assign(draw, { font: "600 46px sans-serif", textAlign: "center" });
+  const wide = draw.measureText(text).width + 28;
   const map = new T.CanvasTexture(canvas);
+  inEachScheme(() => {
+    draw.clearRect(0, 0, 192, 64);
+    draw.fillStyle = tone("--stage");
+    draw.fillRect(96 - wide / 2, 2, wide, 60);
+    draw.fillStyle = tone(OF_COVER);
+    draw.fillText(text, 96, 48);
+    map.needsUpdate = true;
+  });
   const words = new T.Sprite(new T.SpriteMaterial({ map, depthTest: false }));
   words.position.set(radius * Math.cos(angle), radius * Math.sin(angle), 0.05 * size);
-  words.renderOrder = 8;
+  words.renderOrder = 9;
   words.scale.set(0.36 * size, 0.12 * size, 1);
   return words;
 }

@@ -37,7 +37,9 @@ export class Callouts {
     this.sets.forEach(({ arm, part, hands, mark }, k) => {
       const reason = failure && failure[k];
       const edge = Boolean(this.scene.cover) && k === this.sets.length - 1;
-      if (reason) sayWhatStops(mark, edge ? "F ends here" : "cannot follow", reason);
+      // on a phone, what holds for more than one arm is said once
+      const once = this.narrow.matches && Boolean(failure) && failure.indexOf(reason) < k;
+      if (reason) sayWhatStops(mark, edge ? "F ends here" : "cannot follow", reason, once);
       else sayWhatBreaks(mark, arm, leading, this.isNarrow(k));
       const short = this.isNarrow(k);
       const off = times && atEnd ? arm.ends[cycle][end] : arm.partOff();
@@ -106,9 +108,12 @@ export class Callouts {
         const places = tip && aroundHand(boxes[f], tip, room);
         putCallout(hand, boxes[f], tip, spots ? RIM : 0, room, places);
       };
-      const ball = mark.on ? panes.seen(k, markedSpot(arm, isStopped(this, k))) : null;
+      const stopped = isStopped(this, k);
+      const ball = mark.on ? panes.seen(k, markedSpot(arm, stopped)) : null;
       room.reserved({ x: left, y: row, w: width - left, h: box.h }, () => {
-        putCallout(mark, marked, ball, 3, room, ball && aroundHand(marked, ball, room));
+        // what stops a loop has many words: at the corner they cover neither arm nor line
+        const ways = stopped ? [inCorner(marked, label, width)] : null;
+        putCallout(mark, marked, ball, 3, room, ball && (ways || aroundHand(marked, ball, room)));
         hands.forEach(put);
       });
       const corner = { ...box, x: width - box.w - 8, y: 8, start: 0.5 };
@@ -138,9 +143,9 @@ function makeCallout(pane, kind) {
 const isStopped = ({ scene: { failure } }, k) => Boolean(failure && failure[k]);
 
 // Say at the red ball why a visitor's loop could not be followed.
-function sayWhatStops(mark, what, reason) {
-  mark.on = true;
-  mark.box.style.visibility = "";
+function sayWhatStops(mark, what, reason, once) {
+  mark.on = !once;
+  mark.box.style.visibility = once ? "hidden" : "";
   setText(mark.value, what);
   setText(mark.note, reason);
 }
@@ -172,6 +177,12 @@ function aboveArm({ w, h }, at, left, y, width) {
   return [0.5, 0.1, 0.9].flatMap((start) =>
     [-0.45, 0, 0.45].map((share) => ({ x: x(share), y, w, h, start })),
   );
+}
+
+// The upper right corner of a pane: in the row of its label, or below it.
+function inCorner({ w, h }, label, width) {
+  const beside = label.x + label.w + w + 16 <= width;
+  return { x: Math.max(width - w - 8, 0), y: beside ? 8 : label.y + label.h + 4, w, h };
 }
 
 // Where a hand's callout may stand, the best first: below the hand, above it, beside it.

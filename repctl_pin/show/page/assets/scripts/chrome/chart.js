@@ -130,12 +130,13 @@ export class Chart {
     else this.drawBars(sheet, cycle, part);
   }
 
-  // Where time is; words stand before it.
-  drawNow({ draw, foot, at }, cycle, part) {
+  // Where time is: a line, below these words at a height where it would cross them.
+  drawNow({ draw, foot, em, at }, cycle, part, words = "", y = 0) {
     const x = at(cycle + part);
+    const crossed = words && x < INSET + draw.measureText(words).width + 6;
     draw.strokeStyle = tone("--ink");
     draw.lineWidth = 1.5;
-    line(draw, x, 0, x, foot, []);
+    line(draw, x, crossed ? y + 0.3 * em : 0, x, foot, []);
   }
 
   // How far each arm is off at the end of each cycle; the axis ends at a step of 1, 2 or 5.
@@ -154,8 +155,10 @@ export class Chart {
     let legend = failure ? " · of the solid line" : "";
     if (idle) {
       // a way there and back has nothing to show
-      this.drawNow(sheet, cycle, part);
-      textWithHalo(draw, "no bars: the loop was not followed", INSET + 2, foot - 0.5 * em, em);
+      const words = "no bars: the loop was not followed";
+      const y = 0.95 * em;
+      this.drawNow(sheet, cycle, part, words, y);
+      textWithHalo(draw, words, INSET + 2, y, em);
       return;
     }
     let open = false;
@@ -182,7 +185,7 @@ export class Chart {
     const after = inLine && words ? draw.measureText(words).width + 8 : 0;
     draw.strokeStyle = tone("--edge");
     line(draw, INSET + after, level(top), width - INSET, level(top), [3, 4]);
-    this.drawNow(sheet, cycle, part);
+    this.drawNow(sheet, cycle, part, words, y);
     if (words) textWithHalo(draw, words, INSET + 2, y, em);
   }
 

@@ -98,10 +98,12 @@ export class Panes {
     const box = this.frames[0].querySelector(".callout:not(.hand)");
     const above = box ? box.offsetHeight : 0;
     const stage = byId("panes");
-    const legend = stage.offsetTop + stage.offsetHeight - byId("below").offsetTop;
+    const left = (node) => stage.offsetTop + stage.offsetHeight - node.offsetTop;
+    const legend = byId("legend");
+    const covered = legend && legend.offsetHeight ? left(legend) + 4 : 0;
     return {
       above: this.beside ? Math.max(label, above + 12) : label + above,
-      below: low ? Math.max(legend, 10) + 4 : label,
+      below: Math.max(low ? Math.max(left(byId("below")), 10) + 4 : label, covered),
     };
   }
 
