@@ -14,11 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from page_file import COLOURS
-from PIL import Image
 from store import study_of
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.show import cell_plots
 from repctl_pin.show.plots import cycles, designs, motions
 
 NAMES = ("drift", "joints", "still", "drift again", "joints again", "orbits", "cycle", "maps")
@@ -287,19 +285,3 @@ def test_a_map_leaves_what_is_undefined_blank(study: rp.Study) -> None:
     np.testing.assert_array_equal(mesh.get_array()[1:], values[1:])
     assert ax.get_xlabel() == f"{names[0]} (rad)"
     assert ax.figure.axes[1].get_ylabel() == "defect"
-
-
-@pytest.mark.parametrize("grey", [0xDD, 0xEE, 0xFF])
-def test_a_veil_looks_as_before_on_white_paper_and_is_dark_on_dark_paper(grey: int) -> None:
-    """Poses that are not covered glared on a dark page."""
-    drawn = Image.new("RGBA", (2, 1), (grey, grey, grey, 255))
-    drawn.putpixel((1, 0), (253, 231, 37, 255))
-    found = cell_plots._on_any_paper(drawn)
-    seen = {
-        paper: Image.alpha_composite(Image.new("RGBA", (2, 1), paper), found)
-        for paper in ("white", "#14191f")
-    }
-    white, dark = (np.array(one)[0, 0, :3].astype(int) for one in seen.values())
-    np.testing.assert_allclose(white, grey, atol=1)
-    assert dark.max() < 0x50
-    assert found.getpixel((1, 0)) == (253, 231, 37, 255)
