@@ -21,7 +21,7 @@ minimises over the cell of a function.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -532,40 +532,9 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
     here = rows_of(here, here.found)
     tried, visited = here, [here.U]
 
-    def least(which: NDArray[np.intp], at: Points) -> Array:
-        """Evaluate one quantity at each of K points: (K,).
-
-        ``which`` (K,) has for each point the index of its quantity in ``starts``.
-        """
-        values = np.empty(len(which))
-        for i, quantity in enumerate(quantities):
-            own = which == i
-            if own.any():
-                values[own] = quantity.least(rows_of(at, own))
-        return values
-
-    def slopes(which: NDArray[np.intp], at: Points, values: Array) -> Array:
-        """Evaluate the gradient of one quantity at each of K points: (K, k).
-
-        ``values`` (K,) are the quantities there. One call of Newton's method finds the points of
-        all differences.
-        """
-        slope, rest = np.empty_like(at.U), np.ones(len(which), bool)
-        for i, quantity in enumerate(quantities):
-            own = which == i
-            if isinstance(quantity, Margin):
-                rest &= ~own
-                if own.any():
-                    slope[own] = quantity.slope(candidate, rows_of(at, own))
-        if rest.any():
-            each = np.repeat(which[rest], at.U.shape[1])
-            some = rows_of(at, rest)
-            slope[rest] = differences(candidate, some, values[rest], partial(least, each))
-        return slope
-
     def trial(rows: NDArray[np.intp], length: Array) -> Array:
         part = rows_of(here, rows)
-        slope = slopes(which[rows], part, value[rows])
+        slope = _slopes_of(quantities, candidate, which[rows], part, value[rows])
         outward = (np.abs(part.U) >= 1) & (slope * part.U < 0)
         slope = np.where(outward, 0.0, slope)
         way = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-12)
@@ -575,13 +544,51 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
         nonlocal tried
         tried = candidate.at(U, here.Q[rows])
         jump = np.abs(tried.Q - here.Q[rows]).max(axis=1)
-        return least(which[rows], tried), jump < _JUMP
+        return _least_of(quantities, which[rows], tried), jump < _JUMP
 
     def accepted(rows: NDArray[np.intp], better: NDArray[np.bool_]) -> None:
         nonlocal here
         here = here.replaced(rows[better], rows_of(tried, better))
         visited.append(tried.U[better | ~tried.found])
 
-    U, value = here.U.copy(), least(which, here)
+    U, value = here.U.copy(), _least_of(quantities, which, here)
     descend_in_box(U, value, trial, evaluate, _LENGTHS, accepted=accepted)
     return np.concatenate([*visited, U])
+
+
+def _least_of(quantities: Sequence[Quantity], which: NDArray[np.intp], at: Points) -> Array:
+    """Evaluate one quantity at each of K points: (K,).
+
+    ``which`` (K,) has for each point the index of its quantity in ``quantities``.
+    """
+    values = np.empty(len(which))
+    for i, quantity in enumerate(quantities):
+        own = which == i
+        if own.any():
+            values[own] = quantity.least(rows_of(at, own))
+    return values
+
+
+def _slopes_of(
+    quantities: Sequence[Quantity],
+    candidate: CandidateFunction,
+    which: NDArray[np.intp],
+    at: Points,
+    values: Array,
+) -> Array:
+    """Evaluate the gradient of one quantity at each of K points, with respect to u: (K, k).
+
+    ``which`` (K,) has for each point the index of its quantity in ``quantities``, and ``values``
+    (K,) are the quantities there. One call of Newton's method finds the points of all differences.
+    """
+    slope, rest = np.empty_like(at.U), np.ones(len(which), bool)
+    for i, quantity in enumerate(quantities):
+        own = which == i
+        if isinstance(quantity, Margin):
+            rest &= ~own
+            if own.any():
+                slope[own] = quantity.slope(candidate, rows_of(at, own))
+    if rest.any():
+        each = partial(_least_of, quantities, np.repeat(which[rest], at.U.shape[1]))
+        slope[rest] = differences(candidate, rows_of(at, rest), values[rest], each)
+    return slope

@@ -84,30 +84,39 @@ def _cover_of(design: CellDesign, reach: Sequence[Array]) -> dict[str, Any]:
     """
     cell = design.cell
     if isinstance(cell, Sector):
-        heights = np.linspace(-1.0, 1.0, _HALF_SIDE if cell.profile.degree else 2)
-        sides = []
-        for radius in (-1.0, 1.0):
-            Y = np.zeros((len(heights), 6))
-            Y[:, RADIUS], Y[:, HEIGHT] = radius, heights
-            sides.append(cell.placements(Y[:, cell.moved])[0])
-        origin, axis = cell.axis
-        half = float(cell.widths[ANGLE])
-        motion: dict[str, Any] = {"origin": _plain(origin), "axis": _plain(axis)}
-        motion |= {"from": -half, "to": half}
+        sides, motion = _turned(cell)
         motion["turns"] = degrees_turned(cell, _reaches(design))
         if reach:
             motion["reach"] = [np.rint(1e3 * line).astype(int).tolist() for line in reach]
             motion["around"] = min(_joint_range(design), 2 * np.pi)
     else:
-        across = np.zeros((3, 3))
-        rows = cell.task.rows[: len(cell.half_width)]
-        across[rows, rows] = cell.half_width
-        x, y, z = across
-        corner = cell.placement.translation - x - y - z
-        sides = [np.array([corner, corner + 2 * z]), np.array([corner, corner + 2 * z]) + 2 * x]
-        motion = {"shift": _plain(2 * y), "turns": {}}
+        sides, motion = _shifted(cell)
     inner, outer = (np.round(side, 4).tolist() for side in sides)
     return {"inner": inner, "outer": outer} | motion
+
+
+def _turned(cell: Sector) -> tuple[list[Array], dict[str, Any]]:
+    """Return both sides of a sector's section, (P, 3) each, m, and how it is turned, by key."""
+    heights = np.linspace(-1.0, 1.0, _HALF_SIDE if cell.profile.degree else 2)
+    sides = []
+    for radius in (-1.0, 1.0):
+        Y = np.zeros((len(heights), 6))
+        Y[:, RADIUS], Y[:, HEIGHT] = radius, heights
+        sides.append(cell.placements(Y[:, cell.moved])[0])
+    origin, axis = cell.axis
+    half = float(cell.widths[ANGLE])
+    return sides, {"origin": _plain(origin), "axis": _plain(axis), "from": -half, "to": half}
+
+
+def _shifted(cell: Cell) -> tuple[list[Array], dict[str, Any]]:
+    """Return both sides of a box's section, (2, 3) each, m, and how it is shifted, by key."""
+    across = np.zeros((3, 3))
+    rows = cell.task.rows[: len(cell.half_width)]
+    across[rows, rows] = cell.half_width
+    x, y, z = across
+    corner = cell.placement.translation - x - y - z
+    side = np.array([corner, corner + 2 * z])
+    return [side, side + 2 * x], {"shift": _plain(2 * y), "turns": {}}
 
 
 def _joint_range(design: CellDesign) -> float:
