@@ -18,6 +18,7 @@ LEFT_OUT = [
     "array_api_compat",
     "PIL",
     "collada",
+    "contourpy",
     "embreex",
     "example_robot_data",
     "jinja2",
