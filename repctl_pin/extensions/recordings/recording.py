@@ -331,7 +331,7 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
     if wrong.any():
         at = int(np.argmax(wrong))
         raise InputError(
-            f"pose {at}: the quaternion has length {length[at]:.3g}, not 1",
+            f"frame {at} (counted from 0): the quaternion has length {length[at]:.3g}, not 1",
             remedy="give x, y, z in m, then qx, qy, qz, qw, of length 1",
             at=at,
         )
@@ -355,7 +355,7 @@ def _rotations(R: Array) -> Array:
             "it is reflected, with det R = −1" if reflected else f"R Rᵀ differs from I by {off:.2g}"
         )
         raise InputError(
-            f"pose {at}: the matrix is not a rotation: {why}",
+            f"frame {at} (counted from 0): the matrix is not a rotation: {why}",
             remedy="give orthonormal, right-handed rotations, in homogeneous matrices",
             at=at,
         )
@@ -389,7 +389,9 @@ def _times(given: ArrayLike, size: int) -> Array:
     if not np.isfinite(t).all():
         at = int(np.argmin(np.isfinite(t)))
         raise InputError(
-            f"the time of frame {at} is not finite", remedy="correct it, or remove that row", at=at
+            f"the time of frame {at} is not finite (frames are counted from 0)",
+            remedy="correct it, or remove that row",
+            at=at,
         )
     return t
 
