@@ -96,8 +96,7 @@ class Quantity(ABC):
     """A quantity that :func:`searched` minimises over the cell of a function.
 
     Subclasses are kinds of margins, and joint speeds relative to the desired inverse. They define
-    :meth:`least`, its value at given points. Its gradient is :meth:`Margin.slope` or, for a
-    quantity without derivatives, that of :func:`differences`.
+    :meth:`least`, its value at given points, and :meth:`slope` where its derivatives are known.
     """
 
     @abstractmethod
@@ -106,6 +105,13 @@ class Quantity(ABC):
 
         A kind of margin with P values per point gives the smallest of them.
         """
+
+    def slope(self, candidate: CandidateFunction, at: Points) -> Array | None:
+        """Evaluate its gradient with respect to u at K points of a function: (K, k).
+
+        Without known derivatives, return None: the gradient is that of :func:`differences`.
+        """
+        return None
 
 
 @dataclass(frozen=True)
@@ -584,10 +590,10 @@ def _slopes_of(
     slope, rest = np.empty_like(at.U), np.ones(len(which), bool)
     for i, quantity in enumerate(quantities):
         own = which == i
-        if isinstance(quantity, Margin):
+        exact = quantity.slope(candidate, rows_of(at, own)) if own.any() else None
+        if exact is not None:
+            slope[own] = exact
             rest &= ~own
-            if own.any():
-                slope[own] = quantity.slope(candidate, rows_of(at, own))
     if rest.any():
         each = partial(_least_of, quantities, np.repeat(which[rest], at.U.shape[1]))
         slope[rest] = differences(candidate, rows_of(at, rest), values[rest], each)
