@@ -100,8 +100,9 @@ def gap_phrase(sector: Sector, reaches: Mapping[str, float] | None = None) -> st
     neither. Ends are those of :func:`range_phrase`, with the same ``reaches``.
     """
     parts, upright = [], _is_upright(sector)
-    if sector.widths[RADIUS] and float(sector.radii([sector.middle[1]])[0][0]) > 0:
-        _, inner, *_ = _radius_phrase(sector).split()
+    low, high = sector.radii(sector.middle[1])
+    if high > low > 0:
+        inner, _ = _rounded_inward(low, high)
         around = "the base" if upright else "the axis"
         at = " at mid-height" if sector.profile.degree else ""
         parts.append(f"{inner} m around {around}{at}")
@@ -175,11 +176,8 @@ def _radius_row(sector: Sector) -> str:
 
 def _radius_phrase(sector: Sector) -> str:
     """Write ``radius 0.30 to 0.70 m``; if the range depends on the height, that at mid-height."""
-    rho, half = sector.middle[0], sector.widths[RADIUS]
-    if not sector.profile.degree:
-        return f"radius {_inward(rho - half, rho + half)} m"
-    (low, high), _ = sector.radii([sector.middle[1]] * 2)
-    return f"radius {_inward(low, high)} m at mid-height"
+    at = " at mid-height" if sector.profile.degree else ""
+    return f"radius {_inward(*sector.radii(sector.middle[1]))} m{at}"
 
 
 def _heights(sector: Sector, u: Array) -> Array:
@@ -193,12 +191,16 @@ def _heights(sector: Sector, u: Array) -> Array:
 
 def _inward(low: float, high: float) -> str:
     """Write a range, m, its ends rounded inward by steps of at most 1 cm: ``0.35 to 0.70``."""
-    if not high > low:
-        return f"{low:.3g}"
+    return " to ".join(_rounded_inward(low, high)) if high > low else f"{low:.3g}"
+
+
+def _rounded_inward(low: float, high: float) -> tuple[str, str]:
+    """Return both ends of a range that is not empty, m, as :func:`_inward` writes them."""
     digits = int(-np.floor(np.log10(min(_LARGEST_STEP, (high - low) / 10)) + 1e-9))
     step = 10.0**-digits
     ends = np.ceil(low / step - 1e-6) * step, np.floor(high / step + 1e-6) * step
-    return " to ".join(f"{end + 0.0:.{digits}f}".replace("-", "−") for end in ends)
+    first, last = (f"{end + 0.0:.{digits}f}".replace("-", "−") for end in ends)
+    return first, last
 
 
 def _pointing(sector: Sector) -> str:

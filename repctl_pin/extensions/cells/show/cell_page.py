@@ -282,8 +282,7 @@ def _brief(design: CellDesign, motions: Mapping[str, Motion]) -> list[Span]:
     mean, worst = (ratio_in_percent(max(share, 0.0), 2) for share in shares)
     small = max(shares) < NO_EXTRA_SPEED
     cost = _cost(design).text if small else f"Joint speed of all poses +{mean}, at worst +{worst}."
-    near = [note for note in _bodies(design, path) if note.tone != "bad"]
-    bodies = [note._replace(text=note.text.replace(" come as near as ", ": ")) for note in near]
+    bodies = [note for note in _bodies(design, path, "{}: {}.") if note.tone != "bad"]
     return [_unbroken(note) for note in (Span(cost), *bodies, Span(proved))]
 
 
@@ -389,10 +388,13 @@ def _whole_turns(design: CellDesign) -> list[Turn]:
     return [turn for turn in turns if turn.coordinate in free and np.isfinite(turn.joint_range)]
 
 
-def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
+def _bodies(
+    design: CellDesign, path: Sequence[Motion], near: str = "{} come as near as {}."
+) -> list[Span]:
     """Write the smallest known distance between bodies, or that there are none.
 
-    ``path`` is empty, or has the motion along the sample path, which then counts too.
+    ``path`` is empty, or has the motion along the sample path, which then counts too. ``near`` is
+    the sentence on bodies that come near, with places for their names and for the distance.
     """
     unchecked = bodies_of(design.task).not_checked
     more = [Span(f"Collisions not checked: {unchecked}.", "near")] if unchecked else []
@@ -405,7 +407,7 @@ def _bodies(design: CellDesign, path: Sequence[Motion]) -> list[Span]:
     if least < 0:
         return [Span(f"{named} collide.", "bad"), *more]
     if least < NEAR:
-        return [Span(f"{named} come as near as {length_below(least)}.", "near"), *more]
+        return [Span(near.format(named, length_below(least)), "near"), *more]
     return [Span(f"Links are at least {length_below(least)} apart at the tested poses."), *more]
 
 
