@@ -31,12 +31,12 @@ def strips(
     ``Q``, ``slope`` and ``bend`` (K, n) are q, q′ and q″ at the stages.
     """
     ones = np.ones_like(slope)
-    strips = [(slope / limits.acceleration, bend / limits.acceleration, -ones, ones)]
+    kinds = [(slope / limits.acceleration, bend / limits.acceleration, -ones, ones)]
     effort = torques_along(limits, Q, slope, bend)
     if effort is not None and limits.torque is not None:
         turning, moving, still = (part / limits.torque for part in effort)
-        strips.append((turning, moving, -1 - still, 1 - still))
-    along, across, low, high = (np.hstack(parts) for parts in zip(*strips, strict=True))
+        kinds.append((turning, moving, -1 - still, 1 - still))
+    along, across, low, high = (np.hstack(parts) for parts in zip(*kinds, strict=True))
     return along, across, low, high
 
 
