@@ -56,10 +56,10 @@ def fit_terminals(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
         return reported
 
-    reported = reporting(cli.terminal.report)
+    reported = reporting(cli.print_result.print_result)
     for _, command in cli.commands():
-        if hasattr(command, "report"):
-            monkeypatch.setattr(command, "report", reported)
+        if hasattr(command, "print_result"):
+            monkeypatch.setattr(command, "print_result", reported)
     return small
 
 

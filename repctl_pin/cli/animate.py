@@ -19,7 +19,8 @@ from ..base.errors import InputError
 from ..base.files import write_whole, written_together
 from .options import Parser
 from .parsed_options import Options, integer, positive
-from .terminal import progress, report
+from .print_result import print_result
+from .terminal import progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -80,7 +81,7 @@ def run(options: Options) -> int:
     with written_together(folder) as staged:
         file = folder / write_whole(staged / "animation.html", page).name
     result = {"robot": task.robot.name, "frame": task.frame, "cycles": cycles, "drift": drift}
-    return report(options, lambda: result, files=[file])
+    return print_result(options, lambda: result, files=[file])
 
 
 def _drawn(

@@ -27,7 +27,8 @@ from ..show.text.numbers import row
 from .exit_codes import proof_code
 from .options import Parser
 from .parsed_options import Options, box_within_limits, cut_note, integer, natural, positive
-from .terminal import in_percent, progress, report
+from .print_result import print_result
+from .terminal import in_percent, progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -110,7 +111,7 @@ def run(options: Options) -> int:
         high = np.minimum(task.upper, q0 + np.pi)
         box = rp.Box.between(low, high)
         surfaces = rp.stable_surface(case.strategy, box, seed=options.seed)
-    return report(
+    return print_result(
         options,
         lambda: _as_dict(case, verdict, drift, surfaces),
         lambda: fitted("\n".join(_lines(case, verdict, drift, surfaces))),
@@ -155,7 +156,7 @@ def _prove(options: Options, say: Callable[[str], None]) -> int:
     )
     against = "" if held is None or proof else _against(held, proof)
     lines = [proof.summary(), *([f"note: {against}"] if against else [])]
-    report(
+    print_result(
         options,
         lambda: asdict(proof) | {"notes": [against] if against else []},
         lambda: fitted("\n".join(lines)),

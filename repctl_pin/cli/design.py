@@ -37,7 +37,8 @@ from .parsed_options import (
     require_proofs,
     with_options,
 )
-from .terminal import in_percent, progress, report
+from .print_result import print_result
+from .terminal import in_percent, progress
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -143,7 +144,7 @@ def run(options: Options) -> int:
     say("comparing and drawing")
     made = _Made(design, problem, name, degrees, baselines, notes)
     files = _written(made, folder)
-    report(options, lambda: _as_dict(made), lambda: _text(made), files)
+    print_result(options, lambda: _as_dict(made), lambda: _text(made), files)
     return proof_code(design.proof)
 
 

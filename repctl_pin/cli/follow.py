@@ -31,7 +31,8 @@ from ..show.text.coloured_text import fitted, noted
 from ..show.text.numbers import metres, number, row
 from .options import Parser
 from .parsed_options import Options, integer, positive, with_options
-from .terminal import progress, report, say_line
+from .print_result import print_result
+from .terminal import progress, say_line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -137,7 +138,7 @@ def run(options: Options) -> int:
     files = _written(options, slowed, rest, remedy)
 
     searched = [] if found is None else [found.summary()]
-    report(options, lambda: result, lambda: _text(result, slowed, searched, files), files)
+    print_result(options, lambda: result, lambda: _text(result, slowed, searched, files), files)
     if violated and not options.json:
         sys.stdout.flush()
         say_line(f"repctl: warning: {'; '.join(map(str, violated))}; {remedy}")

@@ -15,7 +15,7 @@ import repctl_pin as rp
 from ..show.text.coloured_text import fitted, noted
 from .options import Parser
 from .parsed_options import Options
-from .terminal import report
+from .print_result import print_result
 
 HELP = "list what a robot or a URDF holds: joints, limits, frames and redundancy"
 EXAMPLE = """examples:
@@ -43,7 +43,7 @@ def run(options: Options) -> int:
     robot = options.load_robot()
     frames = robot.movable_frames if options.all else robot.end_frames
     found = _inspection(robot, {frame: redundant_kinds(robot, frame) for frame in frames})
-    return report(options, lambda: found, lambda: fitted(_text(found)))
+    return print_result(options, lambda: found, lambda: fitted(_text(found)))
 
 
 def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) -> dict[str, Any]:

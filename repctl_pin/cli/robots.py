@@ -9,7 +9,8 @@ import repctl_pin as rp
 from ..show.text.coloured_text import fitted
 from .options import Parser
 from .parsed_options import Options
-from .terminal import progress, report
+from .print_result import print_result
+from .terminal import progress
 
 HELP = "list the catalogue: joints, chains, frames, redundancy by task"
 EXAMPLE = "example: repctl robots"
@@ -55,7 +56,7 @@ def run(options: Options) -> int:
     def text() -> str:
         return fitted(f"{table(header, [_cells(row) for row in rows], left=2)}\n{legend}")
 
-    return report(options, lambda: rows, text)
+    return print_result(options, lambda: rows, text)
 
 
 def _cells(row: dict[str, Any]) -> list[str]:

@@ -19,7 +19,8 @@ from ..base.defaults import CYCLES, DEGREE, PERIOD, STEPS
 from ..base.files import write_whole, written_together
 from .options import Parser
 from .parsed_options import Options, integer, natural, positive, with_options
-from .terminal import page_lines, progress, report
+from .print_result import page_lines, print_result
+from .terminal import progress
 
 _PATHS = """paths, lengths in m:
   circle:RADIUS:DEGREES  turned until the arm can follow it; DEGREES: start (0)
@@ -108,7 +109,7 @@ def run(options: Options) -> int:
         )
 
     listed = files if options.full or options.json else []  # the answer names them itself
-    code = report(options, lambda: result.as_dict() | {"run": run}, text, listed)
+    code = print_result(options, lambda: result.as_dict() | {"run": run}, text, listed)
     if options.open and not webbrowser.open(files[0].resolve().as_uri()):
         say(f"note: no browser was found; open {files[0]} in one")
     return code

@@ -12,7 +12,7 @@ from .follow import followed as followed
 from .follow import unresolved as unresolved
 from .joint_motion import violations_of as violations_of
 from .leaf_lock import LeafLock as LeafLock
-from .least_motion import least_closed_motion as least_closed_motion
+from .least_closed_motion import least_closed_motion as least_closed_motion
 from .limits import Limits as Limits
 from .motion import Motion as Motion
 from .solve_ik import check_reach as check_reach

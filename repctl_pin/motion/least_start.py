@@ -24,7 +24,7 @@ from ..base.errors import InputError, SingularityError
 from ..model.task import Task
 from ..paths.task_path import TaskPath
 from ..redundancy import nullspace
-from .least_motion import least_closed_motion
+from .least_closed_motion import least_closed_motion
 from .motion import Motion
 from .self_motion import self_motions
 

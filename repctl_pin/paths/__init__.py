@@ -3,7 +3,7 @@
 A path is a function of s, which runs from 0 to 1 along a cycle; it does not depend on time.
 """
 
-from . import pieces as pieces  # paths pickle by their pieces
+from . import polynomial_pieces as polynomial_pieces  # paths pickle by their pieces
 from .shapes import circle as circle
 from .shapes import figure_eight as figure_eight
 from .shapes import rose as rose

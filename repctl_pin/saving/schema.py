@@ -25,7 +25,7 @@ from ..base.certificate import CHECKED_BEFORE, ClosingRadius, Proof
 from ..base.errors import InputError
 from ..design.fingerprint import check_configurations, points_at
 from ..model.task import Task
-from ..paths.pieces import Piece, path_of, pieces_of
+from ..paths.polynomial_pieces import Piece, path_of, pieces_of
 from ..paths.several_paths import joined, paths_of
 from ..paths.task_path import Cycle, TaskPath
 from ..potentials import Joined, Polynomial, PotentialBasis

@@ -359,9 +359,13 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
         If the name is empty, no text, or that of another controller of the study, or if the
         strategy is for a different task.
     """
-    if not isinstance(name, str) or name in (*LABELS, *LABELS.values()) or not name.strip():
+    if not isinstance(name, str) or not name.strip():
         raise InputError(
-            f": {name!r} is the name of a controller of the study, or is not a name",
+            f": a name must be a text that is not empty; got {name!r}", argument="controls"
+        )
+    if name in (*LABELS, *LABELS.values()):
+        raise InputError(
+            f": the study has a controller named {name!r}",
             argument="controls",
             remedy="give the custom controller another name",
         )

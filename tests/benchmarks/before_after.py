@@ -238,6 +238,29 @@ def studies() -> Measured:
     return found
 
 
+def relabels() -> Measured:
+    """Time the relabelling of ten sessions of a panda, s; 1,000 frames take its fixed part."""
+    import numpy as np
+
+    import repctl_pin as rp
+
+    robot = rp.Robot.load("panda")
+    fingers = [joint for joint in robot.joint_names if joint not in robot.task().joint_names]
+    task = rp.Robot.load("panda", lock=fingers).task()
+    found = {}
+    for frames in (1_000, 10_000, 100_000):
+        rng, t = np.random.default_rng(6), np.arange(frames)
+        waves = rng.uniform(0, 6, task.n) + t[:, None] * rng.uniform(0.01, 0.03, task.n)
+        recording = rp.Recording(
+            task, joints=task.reference + 0.12 * np.sin(waves), sessions=10 * t // frames
+        )
+        begin = time.process_time()
+        done = rp.relabel(recording)
+        found[f"relabelling of {frames} frames, s"] = time.process_time() - begin
+        found[f"relabelling of {frames} frames: level c, rad"] = float(done.leaf[0])
+    return found
+
+
 def designs() -> Measured:
     """Time designs of planar arms with many spare joints, degree 2, s; their costs must agree."""
     import numpy as np
@@ -260,7 +283,7 @@ def designs() -> Measured:
     return found
 
 
-PARTS = {f.__name__: f for f in (least, declined, bodies, designs, ticks, studies)}
+PARTS = {f.__name__: f for f in (least, declined, bodies, designs, relabels, ticks, studies)}
 
 
 def measured(checkout: Path, part: str) -> Measured:

@@ -386,7 +386,7 @@ def test_the_command_writes_a_saved_design(
     assert main(["design", "arm.urdf", "--start", "0.3,0.8,0.8", *small, "--out", "."]) == 0
     capsys.readouterr()
     assert "is not a saved design" in refused(capsys, "export", "arm.urdf")
-    assert "give the path of its URDF: --robot arm.urdf" in refused(capsys, "export", "design.json")
+    assert "give the path of its file: --robot arm.urdf" in refused(capsys, "export", "design.json")
     given = ["export", "design.json", "--robot", "arm.urdf"]
     assert "is reserved in C" in refused(capsys, *given, "--name", "double")
     said = told(capsys, *given, "--out", "c", "--name", "planar")

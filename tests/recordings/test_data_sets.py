@@ -415,7 +415,7 @@ def test_what_is_no_robomimic_file_is_refused(design: rp.CellDesign, demos, tmp_
     assert "env_args of data is not JSON" in said(attribute("data", "env_args", "{"))
     assert "but no array of the 3 joints" in said(without("obs/robot0_joint_pos"))
     assert "is a link to another file" in said(external)
-    assert "shares its numbers with another array" in said(shared)
+    assert "is stored in another array or file" in said(shared)
     assert "several arrays may be the joints: obs/robot0_joint_pos, obs/robot1" in said(two_arms)
     assert "no array 'obs/arm' of numbers" in said(lambda h5: None, joints=["obs/arm"])
     (tmp_path / "text.hdf5").write_text("no", encoding="utf-8")

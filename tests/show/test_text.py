@@ -17,7 +17,7 @@ from repctl_pin.show.text import numbers
 from repctl_pin.show.text.coloured_text import Span, coloured, fitted, wrapped
 from repctl_pin.show.text.headline import headline_of
 from repctl_pin.show.text.motion_summary import MotionSummary
-from repctl_pin.show.text.parts import part_name
+from repctl_pin.show.text.part_names import part_name
 
 # ---- numbers and lines --------------------------------------------------------------------------
 

@@ -35,7 +35,8 @@ from ...cli.parsed_options import (
     proved,
     require_proofs,
 )
-from ...cli.terminal import in_percent, page_lines, progress, report
+from ...cli.print_result import page_lines, print_result
+from ...cli.terminal import in_percent, progress
 from ...show.text.coloured_text import Span, fitted, noted, wrapped
 
 if TYPE_CHECKING:
@@ -265,7 +266,7 @@ def run(options: Options) -> int:
 
     said = {"start_is": asked.start_is, "notes": notes}
     listed = files if options.json else []  # the answer names them itself
-    report(options, lambda: _as_dict(design) | said, text, listed)
+    print_result(options, lambda: _as_dict(design) | said, text, listed)
     return proof_code(design.proof)
 
 

@@ -161,6 +161,6 @@ class _FramePotentials(CellPotentials):
     def _native_part(self) -> Any:
         """Raise an InputError: these potentials cannot be evaluated in C."""
         raise InputError(
-            "the function of another tool is not available in C",
+            "a function that was converted to another tool cannot be evaluated in C",
             remedy="use the frame's function, of_frame, with poses x T⁻¹ (T: the tool's placement)",
         )

@@ -18,7 +18,8 @@ from ...base.errors import InputError
 from ...base.files import write_whole
 from ...cli.options import Parser
 from ...cli.parsed_options import Options, positive
-from ...cli.terminal import in_percent, progress, report
+from ...cli.print_result import print_result
+from ...cli.terminal import in_percent, progress
 from ...show.text.coloured_text import fitted, noted
 from ...show.text.numbers import counted, metres
 
@@ -103,7 +104,9 @@ def run(options: Options) -> int:
     # the files
     texts = ((options.csv, csv_text), (options.yaml, yaml_text))
     files = [write_whole(name, text(moved)) for name, text in texts if name is not None]
-    return report(options, lambda: result, lambda: fitted("\n".join(_lines(result, moved))), files)
+    return print_result(
+        options, lambda: result, lambda: fitted("\n".join(_lines(result, moved))), files
+    )
 
 
 def _poses(file: str, cell: rp.Cell) -> tuple[Any, list[str]]:

@@ -153,7 +153,10 @@ def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slic
 
 
 def _blocks_of_folds(fold: Column) -> Iterator[tuple[int, Column]]:
-    """Yield each fold with the indices of its frames, in blocks; ``fold`` (K,) has their folds."""
+    """Yield pairs (fold, indices of some of its frames), so that no part is large.
+
+    ``fold`` (K,) is the fold of each frame. A fold with many frames is yielded in several parts.
+    """
     for f in np.unique(fold):
         rows = np.flatnonzero(fold == f)
         for part in blocks(len(rows)):

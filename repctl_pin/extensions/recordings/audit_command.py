@@ -10,7 +10,8 @@ from ...base.errors import InputError
 from ...base.files import written_together
 from ...cli.options import KINDS, Parser
 from ...cli.parsed_options import Options, positive
-from ...cli.terminal import page_lines, progress, report
+from ...cli.print_result import page_lines, print_result
+from ...cli.terminal import progress
 
 HELP = "measure in a joint log how far the arm has drifted, between returns to one hand pose"
 EXAMPLE = """examples:
@@ -83,4 +84,4 @@ def run(options: Options) -> int:
 
     listed = files if options.json else []  # the answer names them itself
     lines = page_lines(files) if files else []
-    return report(options, found.as_dict, lambda: audit_answer(found, lines), listed)
+    return print_result(options, found.as_dict, lambda: audit_answer(found, lines), listed)

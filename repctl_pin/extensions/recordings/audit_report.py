@@ -29,7 +29,7 @@ from ...show.plots.motions import plain, png, quiet, titled
 from ...show.text.coloured_text import Span, capital, fitted, wrapped
 from ...show.text.headline import Headline, hands_are
 from ...show.text.numbers import metres, number
-from ...show.text.parts import part_name
+from ...show.text.part_names import part_name
 from ...show.text.table import table
 from .audit import Audit
 from .audit_words import audit_dialog

@@ -16,7 +16,8 @@ from ...base.errors import InputError, needed
 from ...base.files import write_whole, written_together
 from ...cli.options import KINDS, Parser
 from ...cli.parsed_options import Options, integer, natural, numbers_of
-from ...cli.terminal import in_percent, progress, report
+from ...cli.print_result import print_result
+from ...cli.terminal import in_percent, progress
 from ...show.text.coloured_text import fitted
 
 HELP = "give recorded poses or joints one configuration per pose, and report the difference"
@@ -118,7 +119,7 @@ def run(options: Options) -> int:
         said = f"{_sentence(relabeled)} {_ambiguity(relabeled)}"
         return fitted(f"{said}\n\n{relabeled.summary()}\n")
 
-    return report(options, lambda: _as_dict(relabeled), text, files)
+    return print_result(options, lambda: _as_dict(relabeled), text, files)
 
 
 def _places(options: Options) -> tuple[Path, Path]:
@@ -144,7 +145,7 @@ def _sentence(relabeled: rp.Relabeled) -> str:
     """
     import numpy as np
 
-    from ...show.text.parts import redundant_part
+    from ...show.text.part_names import redundant_part
 
     before = relabeled.residual_before
     part = redundant_part(relabeled.recording.task)

@@ -9,7 +9,7 @@ import repctl_pin as rp
 
 from ...cli.options import Parser
 from ...cli.parsed_options import Options
-from ...cli.terminal import report
+from ...cli.print_result import print_result
 
 HELP = "write a saved design or cell as C for the control loop of a robot"
 EXAMPLE = """examples:
@@ -53,4 +53,6 @@ def run(options: Options) -> int:
             region=design.region,
             closes=(alone and design.proof and design.proof.closes) or None,
         )
-    return report(options, lambda: {**design.task.as_dict(), "name": options.name}, files=files)
+    return print_result(
+        options, lambda: {**design.task.as_dict(), "name": options.name}, files=files
+    )

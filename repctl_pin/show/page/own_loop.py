@@ -34,7 +34,7 @@ from ...potentials.polynomial import PolynomialMap
 from ...strategies import Pseudoinverse, RepeatableInverse, Strategy
 from ...studies.study_result import Study
 from ..text.headline import end_name
-from ..text.parts import hand_names, part_name
+from ..text.part_names import hand_names, part_name
 
 _MOST_TERMS = 2000
 """Maximum number of terms of potentials that a page evaluates: some 10 µs each time."""

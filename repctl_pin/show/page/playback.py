@@ -44,7 +44,7 @@ from ...studies.quantities import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, headline_of
 from ..text.motion_summary import MotionSummary, motion_summary, with_outlook
-from ..text.parts import hand_names, part_name
+from ..text.part_names import hand_names, part_name
 from .body_points import body_drift
 from .html import Dialog
 from .scene import (

@@ -37,7 +37,7 @@ from ...motion import elbow
 from ...motion.body_displacement import farthest
 from ...paths import TaskPath
 from ..palette import BLUE, GREEN, PURPLE, VERMILLION
-from ..text.parts import part_name
+from ..text.part_names import part_name
 from .body_points import body_drift
 from .scene import Arm, Frames, animation_page, is_planar, moving_of, poses_of
 

@@ -25,7 +25,7 @@ from ...motion.motion import Motion
 from ...paths.winding import winding
 from ...studies.study_result import Row
 from .numbers import NOTHING
-from .parts import part_name
+from .part_names import part_name
 
 SMALL = 0.01
 """Displacement of a part, m, below which it has hardly drifted."""

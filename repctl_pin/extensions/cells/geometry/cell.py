@@ -235,11 +235,11 @@ class Cell:
         return range(len(self.half_width))
 
     def _kept_middles(self, low: Array, high: Array) -> tuple[Array, Array]:
-        """Narrow a part of the cell so that only :attr:`_movable` coordinates change their middles.
+        """Narrow a part of the cell until the ranges of coordinates that cannot move are symmetric.
 
-        Those are positions or, in a sector, radius, angle, height and, at times, spin. The range of
-        any other coordinate becomes the largest one in it that is symmetric to 0. The part is
-        between the corners low and high (k,); return the new ones.
+        ``low`` and ``high`` (k,) are the corners of the part; return the new ones. The ranges of
+        :attr:`_movable` coordinates stay. Any other range becomes the largest interval [−a, a]
+        inside it, so that its middle is that of the whole cell.
         """
         half = np.minimum(-low, high)
         fixed = ~np.isin(self.moved, self._movable)
@@ -480,10 +480,10 @@ class Cell:
     def limit_margin(self, q: ArrayLike) -> Array:
         """Compute the distance (…, n) of each joint from its nearer limit; negative beyond it.
 
-        ``q`` (…, n) are configurations at which the removed coordinates are 0. Distances are in rad
-        or m. For the joint that moves the frame along such a coordinate, the distance is the
-        minimum over the range of the coordinate. If the range is ``"all"``, the joint limits
-        determine the range, and the distance is infinite.
+        Distances are in rad or m. ``q`` (…, n) are configurations in the middle of the ranges of
+        the removed coordinates. A joint that moves the frame along a removed coordinate turns
+        through the whole range of it; its distance is the smallest over this range. With the range
+        ``"all"``, which ends at that joint's limits, its distance is infinite.
         """
         margin = self.task.limit_margin(q)
         for one in self.removed:
@@ -723,9 +723,9 @@ class Cell:
         return self._active_widths
 
     def _middle_of(self, i: int) -> str:
-        """Write what the middle of the coordinate u_i depends on: in a box nothing, an empty text.
+        """Return the words that follow "from the middle" in messages about the coordinate u_i.
 
-        Error messages append the text to "from the middle".
+        A box has one middle, so the text is empty; a sector may add `` at its height``.
         """
         return ""
 

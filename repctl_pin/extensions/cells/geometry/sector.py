@@ -371,9 +371,9 @@ class Sector(Cell):
         return np.asarray(rho + bend[..., None] + stretch[..., None] * ends)
 
     def _values(self, Y: Array) -> Array:
-        """Return the values (K, m) of the task coordinates at offsets Y (K, m), m and rad.
+        """Return the task coordinates (K, m), m and rad, at offsets Y (K, m) from the middle.
 
-        The radius also depends on the height.
+        With a profile, the middle of the radius and the scale of its offset depend on the height.
         """
         values = super()._values(Y)
         bend, stretch = self._profiled(_all_six(Y)[:, HEIGHT])

@@ -238,8 +238,9 @@ def most_between(mask: NDArray[np.bool_]) -> float:
 
 
 def more_between(mask: NDArray[np.bool_], least: float) -> bool:
-    """Test whether a range of radius in a mask (I, J) can exceed the area ``least``, in spacings².
+    """Test whether a sector of true nodes of a mask (I, J) can have more area than ``least``.
 
-    The range may depend on the height; a spacing is the distance of neighbouring nodes.
+    Its range of radius may depend on the height. Areas are in spacings², the squared distance of
+    neighbouring nodes.
     """
     return most_between(mask) > least

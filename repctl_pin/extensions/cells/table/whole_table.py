@@ -679,11 +679,12 @@ def _place(
     most: float,
     sector: Callable[[tuple[float, float]], Cell],
 ) -> _Place:
-    """Make the place of a sector in the opening k from a configuration q (n,) in its middle.
+    """Make the place for a sector in the opening k.
 
-    ``most`` is the upper bound of its rating. ``sector(turns)`` makes the sector, turned by two
-    angles, rad: about the arm's axis, and about the tool's. They lead to the middle of the opening,
-    or to the middles of the ranges of the joints that turn arm and tool.
+    ``q`` (n,) is a configuration in the middle of the sector, and ``most`` an upper bound of the
+    sector's rating. ``sector(turns)`` makes the sector, turned about the arm's axis and the tool's
+    by the two angles ``turns``, rad. The angles are chosen so that the sector is in the middle of
+    the opening or, if that is a full turn, of the ranges of the joints that turn arm and tool.
     """
     window, at = None, 0.0
     if openings.half[k] < np.pi:

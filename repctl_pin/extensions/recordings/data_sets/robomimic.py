@@ -240,6 +240,7 @@ def _require_own(dataset: Any, file: Path) -> None:
     shared = h5py.h5o.get_info(dataset.id).rc > 1 or dataset.is_virtual or dataset.external
     if shared:
         raise InputError(
-            f"{file}: {dataset.name} shares its numbers with another array or file",
-            remedy="write the numbers as a separate array",
+            f"{file}: {dataset.name} is stored in another array or file, so its numbers cannot be"
+            " replaced alone",
+            remedy="save it as an array of its own",
         )

@@ -37,8 +37,8 @@ from ...cells.geometry.sector import Sector
 from .c_names import checked_name
 from .kdl import kdl_header, quoted
 from .source import Source, about, region_of, write_source
+from .test_vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
 from .text import filled, initialiser
-from .vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
 
 _SIGNED = "written by repctl_pin"
 

@@ -197,7 +197,8 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
 def _torque(inverse: RepeatableInverse, vector: Vector) -> tuple[int, Array, Array]:
     """Evaluate the torque law: return its status, τ (n,), and the observer's new state (r,).
 
-    The state is 0 for a vector without an observer. The level is 0 for a vector without one.
+    Without an observer in the vector, the returned state is 0. Without a level in the vector, the
+    law is evaluated at the level 0.
     """
     task, observer = inverse.task, None
     if vector.observer is not None:
