@@ -8,7 +8,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from sectors import found, sector_of
+from sectors import WIDTHS, found, sector_of
 
 import repctl_pin as rp
 
@@ -30,6 +30,12 @@ def test_the_sentence_promises_no_more_than_the_sector() -> None:
     assert 0 <= np.degrees(2.0) - angle < 1
     assert numbers(PAGE.range_phrase(sector, {"angle": np.radians(33)}))[-1] == 33
     assert "\n" not in PAGE.range_phrase(sector)
+
+
+@pytest.mark.parametrize("name", WIDTHS)
+def test_the_direction_of_the_tool_is_said_once_for_every_task(name: str) -> None:
+    """`cell z1 --down` ended in an IndexError: an axis task has no spin."""
+    assert PAGE.range_phrase(sector_of(name), tool="down").count("tool down") == 1
 
 
 def test_each_height_has_a_line_of_its_own() -> None:

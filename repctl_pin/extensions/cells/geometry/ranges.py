@@ -16,7 +16,7 @@ import numpy as np
 from ....base.arguments import Array
 from .cell import Cell
 from .cell_arguments import VERTICAL
-from .sector import HEIGHT, RADIUS, SPIN, Sector
+from .sector import HEIGHT, RADIUS, Sector
 from .symmetry import NEAR, difference, last_axis
 
 _HEIGHTS = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -86,9 +86,10 @@ def range_phrase(
     words = {"angle": f"{{}}° {around}", "spin": "the tool turned through {}°"}
     if tool:
         words["spin"] = f"tool {tool}, turned through {{}}°"
-    for name, turn in degrees_turned(cell, reaches).items():
+    turned = degrees_turned(cell, reaches)
+    for name, turn in turned.items():
         parts.append(words.get(name, f"{{}}° of {name}").format(turn))
-    if tool and not cell.widths[SPIN]:
+    if tool and "spin" not in turned:
         parts.append(f"tool {tool}")
     return ", ".join(parts)
 
