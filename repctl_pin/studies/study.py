@@ -365,7 +365,7 @@ def _custom_control(task: Task, name: object, control: _Control) -> Strategy:
         )
     if name in (*LABELS, *LABELS.values()):
         raise InputError(
-            f": the study has a controller named {name!r}",
+            f": {name!r} is the name of a controller of the study",
             argument="controls",
             remedy="give the custom controller another name",
         )

@@ -345,6 +345,7 @@ def test_controls_that_cannot_be_used_are_named() -> None:
             "'mine' is for a position task of 'panda_hand_tcp' .*, but the study is for a "
             "pose task of 'panda_hand_tcp'",
         ),
+        ({" ": other}, "a name must be a text that is not empty"),
         ({"mine": 3}, "a function"),
         ({"mine": lambda q, xdot: q[:3]}, "must be 7 finite numbers"),
     ):
