@@ -195,7 +195,7 @@ def test_strategies_are_chosen_by_key_or_by_label(tmp_path, monkeypatch, capsys)
         assert list(json.loads(out)["drift"]) == keys
     error = refused(capsys, "animate", "ppr", "--motion", "motion.csv", "--only", "nope")
     assert error.strip().endswith(
-        "no strategy 'nope'; choose from pseudoinverse, posture, posture_off, repeatable"
+        "no motion of the strategy 'nope'; choose from pseudoinverse, posture, posture_off, repeatable"
     )
     Path("mine.csv").write_text("d1\n0\n0.1\n0\n", encoding="utf-8")
     out, _ = printed(capsys, "animate", "ppr", "--motion", "mine.csv", "--only", "mine", "--json")

@@ -402,11 +402,11 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 
 
 def _with_further(recording: Recording) -> Recording:
-    """Append the further columns of joints of a data set as frames to a recording, without times.
+    """Copy a recording, without its times, and append each further column of joints as K frames.
 
-    They are joints in ``recording.further``, such as commanded ones, K frames per column. Without
-    any, the recording itself is returned. The cell then contains their poses, too, and the level is
-    chosen such that F reaches them.
+    Further columns are those in ``recording.further``, such as commanded joints. With their frames,
+    the cell contains their poses, too, and the level is chosen such that F reaches them. If there
+    are none, the recording itself is returned.
     """
     if not recording.further:
         return recording

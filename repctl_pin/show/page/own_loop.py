@@ -175,11 +175,10 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
 
 
 def _path(motion: Motion) -> list[int | None] | None:
-    """List, for each frame, the index of its path among those drawn on the page, one per frame.
+    """Number the paths of the frames, in the frames' order; a frame that stands still has None.
 
-    The index is None for a frame that stands still. If a visitor changes the start, the page
-    follows these paths from the new start. The result is None if a frame rotates along its path,
-    which the page cannot compute.
+    If a visitor changes the start, the page follows these paths from the new start. The result is
+    None if a frame rotates along its path, which the page cannot compute.
     """
     paths = paths_of(motion.path)
     if any(np.abs(path.twist(s)[3:]).max() > 1e-12 for path in paths for s in (0.1, 0.4, 0.7)):

@@ -172,7 +172,7 @@ def motion_summary(
 
 
 def with_outlook(summary: MotionSummary, played: Sequence[JointMotion]) -> MotionSummary:
-    """Copy the summary of a motion with ``leaves``, its outlook, and ``near``, the closest links.
+    """Copy the summary of a motion, and fill in its attributes ``leaves`` and ``near``.
 
     Parameters
     ----------
