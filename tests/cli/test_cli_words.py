@@ -193,10 +193,9 @@ def test_strategies_are_chosen_by_key_or_by_label(tmp_path, monkeypatch, capsys)
         asked = ["--motion", "motion.csv", "--only", names, "--json"]
         out, _ = printed(capsys, "animate", "ppr", *asked)
         assert list(json.loads(out)["drift"]) == keys
-    error = refused(capsys, "animate", "ppr", "--motion", "motion.csv", "--only", "nope")
-    assert error.strip().endswith(
-        "no motion of the strategy 'nope'; choose from pseudoinverse, posture, posture_off, repeatable"
-    )
+    error = refused(capsys, "animate", "ppr", "--motion", "motion.csv", "--only", "nope").strip()
+    choice = "choose from pseudoinverse, posture, posture_off, repeatable"
+    assert error.endswith(f"has no motion of the strategy 'nope'; {choice}")
     Path("mine.csv").write_text("d1\n0\n0.1\n0\n", encoding="utf-8")
     out, _ = printed(capsys, "animate", "ppr", "--motion", "mine.csv", "--only", "mine", "--json")
     assert json.loads(out)["drift"] == {"mine": [0.0]}
