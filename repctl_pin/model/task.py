@@ -343,8 +343,8 @@ class Task:
     def dynamics(self) -> Callable[[Array, Array, Array], Array]:
         """Create the inverse dynamics (q, q̇, q̈) → ``τ = M q̈ + C q̇ + g`` (n,), N m and N.
 
-        M is the joint-space inertia, C q̇ are velocity terms, and g is gravity. The function has its
-        own scratch memory, so each thread needs a function of its own.
+        M is the joint-space inertia, C q̇ are velocity terms, and g is gravity. The function has
+        its own scratch memory, so each thread needs a function of its own.
         """
         model, drive = self.bodies_model()
         data = model.createData()

@@ -41,8 +41,8 @@ def compiled_steps(
 ) -> Steps | None:
     """Create the function that integrates a strategy in C: (step, end, Q, Qdot) → int.
 
-    That function takes the steps from ``step`` on and before ``end``, writes q and q̇ to the rows of
-    Q and Qdot, and returns the first step that was not taken. Row ``step`` of Q is given.
+    That function takes the steps from ``step`` on and before ``end``, writes q and q̇ to the rows
+    of Q and Qdot, and returns the first step that was not taken. Row ``step`` of Q is given.
 
     Return None without the native library, and for a strategy or task that runge_kutta.c does not
     support; :func:`follow` then takes the same steps in Python, more slowly.

@@ -308,19 +308,11 @@ def blocks(count: int) -> list[slice]:
 
 
 def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
-    X = as_numbers(poses)
-    shapes = [(4, 4), (7,)] if task.kind.turns else [(4, 4), (7,), (3,)]
-    if X is None or X.shape[1:] not in shapes:
-        forms = " or ".join(f"(K, {', '.join(map(str, shape))})" for shape in shapes)
-        got = shown(poses) if X is None else f"shape {X.shape}"
-        raise InputError(f"must be numbers {forms}; got {got}", argument="poses")
-    wrong = ~np.isfinite(X.reshape(len(X), -1)).all(axis=1)
-    if wrong.any():
-        raise InputError(
-            f"pose {np.argmax(wrong)} is not finite",
-            remedy="correct or remove it",
-            at=int(np.argmax(wrong)),
-        )
+    """Read poses as positions (K, 3), m, and rotation matrices (K, 3, 3).
+
+    Positions alone get the orientation of the reference pose.
+    """
+    X = _pose_numbers(task, poses)
     if X.ndim == 3:
         return X[:, :3, 3], _rotations(X[:, :3, :3])
     if X.shape[1] == 3:
@@ -336,6 +328,24 @@ def _poses(task: Task, poses: ArrayLike) -> tuple[Array, Array]:
             at=at,
         )
     return X[:, :3].copy(), quaternion_matrices(X[:, 3:])
+
+
+def _pose_numbers(task: Task, poses: ArrayLike) -> Array:
+    """Convert poses to an array of finite numbers (K, 4, 4) or (K, 7), or of positions (K, 3)."""
+    X = as_numbers(poses)
+    shapes = [(4, 4), (7,)] if task.kind.turns else [(4, 4), (7,), (3,)]
+    if X is None or X.shape[1:] not in shapes:
+        forms = " or ".join(f"(K, {', '.join(map(str, shape))})" for shape in shapes)
+        got = shown(poses) if X is None else f"shape {X.shape}"
+        raise InputError(f"must be numbers {forms}; got {got}", argument="poses")
+    wrong = ~np.isfinite(X.reshape(len(X), -1)).all(axis=1)
+    if wrong.any():
+        raise InputError(
+            f"pose {np.argmax(wrong)} is not finite",
+            remedy="correct or remove it",
+            at=int(np.argmax(wrong)),
+        )
+    return X
 
 
 def _rotations(R: Array) -> Array:

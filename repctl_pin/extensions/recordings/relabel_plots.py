@@ -9,11 +9,13 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from ...base.arguments import Array
 from ...model.task import Task
 from ...show.palette import BLUE, INK, VERMILLION
 from ...show.plots.motions import arrange, axis_label, quiet, titled
+from .recording import Recording
 from .relabel import Relabeled
 
 _POINTS = 1500
@@ -33,9 +35,7 @@ def joints_figure(relabeled: Relabeled) -> Figure:
     Dashed lines are joint limits that lie within a panel, and thin lines separate the sessions.
     """
     recording, task = relabeled.recording, relabeled.recording.task
-    order = np.argsort(recording.session, kind="stable")
-    order = order[np.linspace(0, len(order) - 1, min(_POINTS, len(order))).astype(int)]
-    borders = np.flatnonzero(np.diff(recording.session[order])).astype(float) + 0.5
+    order, borders = _by_session(recording)
     title = f"{task.robot.name}, {task.frame}: joints of the frames"
 
     panels = task.n + (relabeled.recorded_leaves is not None)
@@ -62,6 +62,17 @@ def joints_figure(relabeled: Relabeled) -> Figure:
     arrange(figure, grid, top=_TOP, bottom=_BOTTOM, gap=_GAP)
     figure.legend(*lines, loc="outside lower center", ncols=2, markerscale=5, frameon=False)
     return figure
+
+
+def _by_session(recording: Recording) -> tuple[NDArray[np.intp], Array]:
+    """Choose the frames that are drawn, session by session, and where the sessions change.
+
+    The result is the indices of at most ``_POINTS`` frames, and the borders between sessions as
+    positions among these.
+    """
+    order = np.argsort(recording.session, kind="stable")
+    order = order[np.linspace(0, len(order) - 1, min(_POINTS, len(order))).astype(int)]
+    return order, np.flatnonzero(np.diff(recording.session[order])).astype(float) + 0.5
 
 
 def _limits(ax: Axes, task: Task, joint: int) -> None:
