@@ -39,8 +39,8 @@ from .extensions.runtime.codegen.export import export_c as export_c
 from .extensions.runtime.governor import Governor as Governor
 from .extensions.runtime.governor import Status as Status
 from .extensions.runtime.impedance import LeafImpedance as LeafImpedance
+from .extensions.timing.approach import approach as approach
 from .extensions.timing.feed_override import Run as Run
-from .extensions.timing.timing import approach as approach
 from .extensions.timing.timing import timed as timed
 from .integrability import bracket_defect as bracket_defect
 from .integrability import drift_per_area as drift_per_area

@@ -196,7 +196,7 @@ def _written(made: _Made, folder: Path) -> list[Path]:
     """Write ``design.png`` and ``design.json`` into the folder, and return their paths."""
     from ..design.design_map import design_map
     from ..show.plots.designs import design_figure
-    from ..show.plots.motions import png
+    from ..show.plots.figure_layout import png
 
     design, task = made.design, made.problem.task
     what = f"nearest repeatable inverse of {made.name}, over a {design.region}"

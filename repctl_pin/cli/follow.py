@@ -289,7 +289,7 @@ def _written(
         contents[options.yaml] = yaml_text(written)
     if options.profile is not None and rest is not None:
         from ..show.plots.cycles import phase_figure
-        from ..show.plots.motions import png
+        from ..show.plots.figure_layout import png
 
         contents[options.profile] = png(phase_figure(rest))
     return [write_whole(name, content) for name, content in contents.items()]

@@ -1,4 +1,4 @@
-"""Displacement of bodies between two placements, and prediction of when a joint leaves its range.
+"""Displacement of bodies between two placements.
 
 The **most displaced part** is the arm link whose drawn body contains the point with the largest
 displacement. That point gives the displacement of the part, in every text, table, page and figure.
@@ -18,14 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arguments import Array, read_only
-from ..model.arm_links import arm_links, link_origins, other_ends
+from ..model.arm_links import arm_links, link_origins
+from ..model.coupled_ends import other_ends
 from ..model.shapes import Shape
 from ..model.task import Task
 from ..model.visuals import Visuals
 from .joint_motion import JointMotion
-
-_MOST_CYCLES = 100
-"""Maximum number of further cycles for which it is predicted that a joint leaves its range."""
 
 _off_after: WeakKeyDictionary[JointMotion, tuple[Sequence[Shape], Array]] = WeakKeyDictionary()
 """Cache of each motion's displacements after its cycles; notes, table and figures share it."""
@@ -185,33 +183,3 @@ def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
         return {}
     places = link_origins(task, ends, Q)
     return dict(zip(ends, np.linalg.norm(places - places[0], axis=2).T, strict=True))
-
-
-def leaves_range(motion: JointMotion) -> tuple[int, str] | None:
-    """Predict the cycle in which a drifting joint first exceeds its limits.
-
-    Every further cycle is assumed to add the joint displacement of the last cycle.
-
-    Parameters
-    ----------
-    motion
-        The motion so far.
-
-    Returns
-    -------
-    (int, str) or None
-        The cycle, counted from 1, and the joint's name. None if the motion closes, if a joint
-        exceeds its limits already, or if none does within another 100 cycles.
-    """
-    if motion.first_violation is not None or motion.closes:
-        return None
-    task = motion.task
-    last = motion.q[-motion.steps - 1 :]
-    step = last[-1] - last[0]  # (n,), per cycle
-    margin = np.where(step > 0, task.upper - last.max(axis=0), last.min(axis=0) - task.lower)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        left = np.where(step != 0, margin / np.abs(step), np.inf)
-    joint = int(np.argmin(left))
-    if not left[joint] < _MOST_CYCLES:
-        return None
-    return motion.cycles + int(left[joint]) + 1, task.joint_names[joint]

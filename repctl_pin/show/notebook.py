@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 from ..base.arguments import as_int
 from ..base.errors import InputError
 from ..studies.study_result import Study
-from .plots.motions import drawn, drift_figure, joints_figure, png
+from .plots.figure_layout import png
+from .plots.motions import drawn, drift_figure, joints_figure
 from .study_files import study_page
 from .text import captions
 from .text.table import study_table

@@ -26,9 +26,11 @@ from ..studies.study_result import Study
 from .page.html import render
 from .page.snapshot import still_figure
 from .palette import COLOURS, colours
-from .plots.cycles import cycle_figure, orbits_figure
+from .plots.cycles import cycle_figure
 from .plots.designs import cost_against_degree, joint_map, maps_that_vary
-from .plots.motions import drawn, drift_figure, joints_figure, png
+from .plots.figure_layout import png
+from .plots.motions import drawn, drift_figure, joints_figure
+from .plots.orbits import orbits_figure
 from .study_files import study_page
 from .text import captions
 from .text.answer import displacement_cells

@@ -621,7 +621,7 @@ def _pictures(
     closed lines (P, 2) around radii and heights, m. Return the files, and notes if the period of
     the motion was increased or the motion failed.
     """
-    from ...show.plots.motions import png
+    from ...show.plots.figure_layout import png
     from .cell_design_result import slices
     from .show.cell_page import cell_page
     from .show.cell_plots import cell_figure, map_pictures

@@ -36,8 +36,8 @@ from ..cells.geometry.cell_arguments import stacked
 from ..cells.targets import as_poses, homogeneous
 from ..cells.tool_function import ToolFunction
 from ..timing.speed_profile import Course, Segment, require_possible, require_samples
+from .joint_curves import Part, parts_of
 from .lines import Function
-from .parts import Part, parts_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -25,7 +25,7 @@ from ...model.task import unit_of
 from ...motion.joint_motion import JointMotion
 from ...show.page.playback import Playback, playback_page, traced_chains
 from ...show.palette import GREY, INK, PURPLE, SKY, VERMILLION
-from ...show.plots.motions import plain, png, quiet, titled
+from ...show.plots.figure_layout import plain, png, quiet, titled
 from ...show.text.coloured_text import Span, capital, fitted, wrapped
 from ...show.text.headline import Headline, hands_are
 from ...show.text.numbers import metres, number

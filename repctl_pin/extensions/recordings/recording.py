@@ -34,17 +34,17 @@ from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
 from ..cells.geometry.kinematics import placed
 from ..cells.targets import homogeneous
-from .checks import (
+from .data_sets.data_set import DataSet, is_data_set
+from .data_sets.further_columns import ACTIONS, Joints, further_joints, require_positions
+from .data_sets.joints import joints_of, open_data_set, places_of, require_known
+from .data_sets.lerobot import labels_of, read_info
+from .frame_checks import (
     require_agreement,
     require_increasing,
     require_limits,
     require_metres,
     require_radians,
 )
-from .data_sets.data_set import DataSet, is_data_set
-from .data_sets.further_columns import ACTIONS, Joints, further_joints, require_positions
-from .data_sets.joints import joints_of, open_data_set, places_of, require_known
-from .data_sets.lerobot import labels_of, read_info
 
 _CHUNK = 2**14
 """Number of rows of a block."""

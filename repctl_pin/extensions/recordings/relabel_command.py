@@ -101,7 +101,7 @@ def run(options: Options) -> int:
         options=rp.FitOptions(**options.of("held_out", "seed")),
         progress=in_percent(say),
     )
-    from ...show.plots.motions import png
+    from ...show.plots.figure_layout import png
     from .relabel_plots import joints_figure
 
     # the files: all or none

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...base.arguments import Array
 from ...model.task import Task
 from ...show.palette import BLUE, INK, VERMILLION
-from ...show.plots.motions import arrange, axis_label, quiet, titled
+from ...show.plots.figure_layout import arrange, axis_label, quiet, titled
 from .recording import Recording
 from .relabel import Relabeled
 

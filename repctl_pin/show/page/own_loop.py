@@ -20,7 +20,8 @@ import numpy as np
 
 from ...base.arguments import Array
 from ...base.certificate import ClosingRadius
-from ...model.arm_links import arm_links, link_origins, other_ends
+from ...model.arm_links import arm_links, link_origins
+from ...model.coupled_ends import other_ends
 from ...model.joint_chain import CarriedFrame, joint_tree
 from ...model.length import arm_length
 from ...model.several_frames import of_singles

@@ -29,7 +29,8 @@ import numpy as np
 
 from ...base.arguments import Array, read_only
 from ...base.errors import InputError
-from ...model.arm_links import arm_links, base_moves, base_placements, link_origins, on_base
+from ...model.arm_links import arm_links, link_origins
+from ...model.base_motion import base_moves, base_placements, on_base
 from ...model.kind import Kind
 from ...model.robot import Robot
 from ...model.several_frames import SeveralFrames

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ...model.task import Task
 from ...motion import Motion, elbow
 from ..palette import INK
-from ..plots.motions import plain
+from ..plots.figure_layout import plain
 from ..text.numbers import counted
 from .scene import is_planar
 

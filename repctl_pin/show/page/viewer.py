@@ -27,7 +27,8 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from ...base.arguments import Array, as_int, flag, list_of, list_of_names, require_type, vector
 from ...base.errors import InputError
-from ...model.arm_links import arm_links, base_placements
+from ...model.arm_links import arm_links
+from ...model.base_motion import base_placements
 from ...model.length import arm_length
 from ...model.several_frames import one_frame
 from ...model.surfaces import read_surfaces

@@ -1,7 +1,6 @@
-"""Figures of cycles: joint speed, joint-limit margin, body distance, and orbits in joint space.
+"""Figures of cycles: joint speed, joint-limit margin and body distance.
 
-An orbit is the curve of a motion in joint space, one joint drawn against another. It is closed if
-the motion is. The joint-limit margin is the distance of a joint from its nearer limit.
+The joint-limit margin is the distance of a joint from its nearer limit.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from matplotlib.figure import Figure
 from ...motion import Motion
 from ...motion.timed_motion import TimedMotion
 from ..palette import BLUE, INK
-from .motions import axis_label, legend_below, liveliest_joints, quiet, titled
+from .figure_layout import legend_below, quiet, titled
 
 
 def _speed_over_cycle(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) -> Axes:
@@ -129,48 +128,6 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
     margin_over_cycles(right, motions)
     right.set_title("joint-limit margin", fontsize=9, loc="left")
     return legend_below(figure, left)
-
-
-def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upward: int) -> Axes:
-    """Draw the position of one joint against that of another over all cycles.
-
-    The curve of a repeatable motion is closed. A disc marks the end of each motion, and a cross the
-    start.
-
-    Parameters
-    ----------
-    ax
-        Axes to draw on.
-    motions
-        Label, motion and colour of each.
-    across, upward
-        Indices of the joints on the horizontal and the vertical axis, from 0.
-    """
-    task = motions[0][1].task
-    for label, motion, colour in motions:
-        ax.plot(motion.q[:, across], motion.q[:, upward], color=colour, lw=1.0, label=label)
-        ax.plot(
-            *motion.q[-1, [across, upward]], "o", color=colour, ms=5, mec="white", mew=0.8, zorder=4
-        )
-    ax.plot(*motions[0][1].q[0, [across, upward]], "k+", ms=9, mew=1.4, zorder=5)
-    ax.set_xlabel(axis_label(task, across))
-    ax.set_ylabel(axis_label(task, upward))
-    ax.margins(0.06)
-    return quiet(ax)
-
-
-def orbits_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
-    """Draw the figure of orbits: the three joints that drift most, pair by pair in three panels.
-
-    ``motions`` lists the label, motion and colour of each controller. The orbit of a repeatable
-    motion is one closed curve.
-    """
-    i, j, k = liveliest_joints(motions)
-    figure = titled(10, 3.9, "")
-    axes = figure.subplots(1, 3)
-    for ax, (across, upward) in zip(axes, ((i, j), (i, k), (j, k)), strict=True):
-        orbit(ax, motions, across, upward)
-    return legend_below(figure, axes[0])
 
 
 def phase_figure(timed: TimedMotion) -> Figure:

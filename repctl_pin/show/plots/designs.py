@@ -25,7 +25,7 @@ from ...design import Design
 from ...design.design_map import DesignMap
 from ...design.evaluation import Baseline
 from ..palette import BLUE, GREY, INK
-from .motions import axis_label, quiet, titled
+from .figure_layout import axis_label, quiet, titled
 
 
 def cost_against_degree(

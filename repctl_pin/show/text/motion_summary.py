@@ -19,8 +19,9 @@ import numpy as np
 
 from ...model.bodies import bodies_of
 from ...model.length import arm_length
-from ...motion.body_displacement import end_displacements, farthest_link, leaves_range
+from ...motion.body_displacement import end_displacements, farthest_link
 from ...motion.joint_motion import JointMotion, checked_words, cycle_of
+from ...motion.limit_prediction import leaves_range
 from ...motion.motion import Motion
 from ...paths.winding import winding
 from ...studies.study_result import Row

@@ -21,7 +21,7 @@ from matplotlib.transforms import BboxBase
 from PIL import Image
 
 from ....show.palette import INK, VERMILLION
-from ....show.plots.motions import titled
+from ....show.plots.figure_layout import titled
 from ..cell_design_result import CellDesign, Slice
 from ..geometry.cell import Cell
 

@@ -34,7 +34,7 @@ from ....base.errors import InputError
 from ....base.fit_options import FitOptions, fit_options
 from ....base.progress import Report, reporter
 from ....base.threads import one_blas_thread
-from ....model.arm_links import base_placements
+from ....model.base_motion import base_placements
 from ....model.bodies import bodies_of
 from ....model.chain_formulas import require_rotation
 from ....model.several_frames import one_frame

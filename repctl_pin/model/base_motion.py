@@ -1,0 +1,48 @@
+"""Motion of the base, relative to which frames are placed: a workpiece on its own joints, say.
+
+``Mechanism`` is the movable joints of a robot and their limits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..base.arguments import Array
+from .arm_links import driven_joints, joint_of
+from .mechanism import Mechanism
+from .model import frame_placements
+from .task import Task
+
+
+def base_placements(robot: Mechanism, Q: Array) -> Array:
+    """Compute the base's placements in the root frame: rigid transforms (T, 4, 4), m.
+
+    The n columns of Q (T, n) are here the joints of the whole robot. The base moves if it is, for
+    example, a workpiece on a turntable. Pictures show the root at rest, so points on the base are
+    drawn with these placements.
+    """
+    if robot.base is None:
+        return np.tile(np.eye(4), (len(Q), 1, 1))
+    return frame_placements(robot.model, [robot.base_id], robot.coupling.joints(Q))[:, 0]
+
+
+def base_moves(task: Task) -> bool:
+    """Test whether a task's joints move the base, relative to which its frames are placed."""
+    base = task.robot.base
+    if base is None:
+        return False
+    driven = np.flatnonzero(driven_joints(task)) + 1
+    return bool(
+        set(driven.tolist()) & set(task.robot.model.supports[joint_of(task, base)].tolist())
+    )
+
+
+def on_base(placements: Array, points: Array) -> Array:
+    """Transform points (T, ..., 3), m, from the base frame to the root frame.
+
+    ``placements`` (T, 4, 4) are those of the base in the root frame.
+    """
+    R, p = placements[:, :3, :3], placements[:, :3, 3]
+    flat = points.reshape(len(points), -1, 3)
+    moved = np.einsum("tij,tkj->tki", R, flat) + p[:, None]
+    return np.asarray(moved.reshape(points.shape))

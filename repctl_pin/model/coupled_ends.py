@@ -1,0 +1,31 @@
+"""Other end effectors that the joints of a task move, too.
+
+On a robot with two arms on one waist, the task of one arm also moves the other arm; a study reports
+that displacement.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .arm_links import arm_links, driven_joints, joint_of
+from .end_effectors import arm_ends, is_sensor, task_links
+from .task import Task
+
+
+def other_ends(task: Task) -> tuple[str, ...]:
+    """List the end effectors of other branches that the task's joints move: one link per end.
+
+    Sensors are left out.
+    """
+    model = task.robot.model
+    own = arm_links(task)
+    driven = set((np.flatnonzero(driven_joints(task)) + 1).tolist())
+    ends = [task_links(body)[0] for body in arm_ends(task.robot.description)]
+    return tuple(
+        end
+        for end in ends
+        if end not in own
+        and not is_sensor(end)
+        and driven & set(model.supports[joint_of(task, end)].tolist())
+    )
