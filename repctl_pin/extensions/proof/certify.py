@@ -35,9 +35,9 @@ from ...potentials.basis import Potentials
 from ...regions import Region, Tube, WorkspaceBox
 from ...regions.region import A_REGION
 from .boxes import cover, enclosing, limit_margin
+from .branch_and_bound import bound_leaf_margin
 from .closing_radius import closing_radius
 from .leaf_margin_bounds import leaf_margin_of
-from .leaf_margin_search import bound_leaf_margin
 
 if TYPE_CHECKING:
     from ..cells.cell_design_result import CellDesign
@@ -396,7 +396,7 @@ def _of_cell(
     ``seconds`` is the processor time.
     """
     from .cell_bounds import CellProof
-    from .cell_search import bound_cell
+    from .cell_branch_and_bound import bound_cell
 
     found = design.evaluation
     leaf = 0.9 * _least_leaf_margin(design) if goal is None else goal
