@@ -49,11 +49,7 @@ _UNDER = {
     "nearest repeatable": "the repeatable one",
     "One function, q = F(x)": "the function",
 }
-_WHOSE = {
-    "J⁺": "usual",
-    "nearest repeatable": "repeatable",
-    "One function, q = F(x)": "repeatable",
-}
+_WHOSE = {"J⁺": "usual", "nearest repeatable": "repeatable", "One function, q = F(x)": "repeatable"}
 """Controller whose colour the numbers have, by its label."""
 
 _WHY_LOWER = "This is possible because the two arms pass through different joint positions."

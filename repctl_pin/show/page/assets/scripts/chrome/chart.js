@@ -180,7 +180,7 @@ export class Chart {
     }
     this.number({ draw, height, em, count, pitch, at }, group);
     if (open) legend += " · hollow: still to come";
-    const words = room > 0.8 * em ? formatLength(top) + (inLine ? "" : legend) : "";
+    const words = room > 0.8 * em ? formatLength(top) + legend : "";
     const y = Math.max(level(top) + (inLine ? 0.3 : -0.3) * em, 0.75 * em);
     const after = inLine && words ? draw.measureText(words).width + 8 : 0;
     draw.strokeStyle = tone("--edge");

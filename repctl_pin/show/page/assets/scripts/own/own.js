@@ -8,7 +8,7 @@ import { Law, stepped } from "../arm/law.js";
 import { dots, Trail } from "../arm/traces.js";
 import { openNotes } from "../chrome/controls.js";
 import { download } from "../chrome/save.js";
-import { byId, element, setText, tone } from "../dom.js";
+import { byId, element, setAttribute, setText, tone } from "../dom.js";
 import { formatLength } from "../numbers.js";
 import { selfMotion } from "./elbow.js";
 import {
@@ -1051,6 +1051,7 @@ export class Own {
     document.body.classList.remove("own", "unfolded");
     for (const id of ["own", "lines"]) byId(id).hidden = true;
     for (const [node, children] of this.texts) node.replaceChildren(...children);
+    byId("title").removeAttribute("title");
     if (words) this.write(words, null, null);
     else this.fold();
     this.player.study();
@@ -1173,7 +1174,9 @@ export class Own {
   }
 
   entitle(words) {
-    setText(byId("title"), `${this.scene.title.split(":")[0]}: ${words}`);
+    const title = `${this.scene.title.split(":")[0]}: ${words}`;
+    setText(byId("title"), title);
+    setAttribute(byId("title"), "title", title);
   }
 
   // Show as many lines of a loop's notes as there is room for under its sentence, and a button for
