@@ -1017,6 +1017,61 @@ def test_a_loop_is_drawn_with_either_hand(
 
 
 @pytest.mark.slow
+def test_each_hand_keeps_its_loop(driver: Any, two_hands: Path, tmp_path: Path) -> None:
+    """The loop of one hand silently replaced that of the other. Both are followed at once, by the
+    page as by rp.follow; title, link and CSV have both."""
+    schemes(driver, width=1280, height=760)
+    open_page(driver, two_hands)
+    driver.execute_script(_LEAD.replace("1);\nconst", "0);\nconst").replace("homes[1]", "homes[0]"))
+    wait_until_computed(driver)
+    first = driver.execute_script("return repctl.own.points")
+    hint, lines = driver.execute_script(
+        _LEAD.replace("own.release();", "own.processQueue();")
+        + "return [document.getElementById('notes').textContent,"
+        "own.arms.map((arm) => arm.paths.children.length)]"
+    )
+    assert "The left hand keeps its loop." in hint and min(lines) > 0  # which is still drawn
+    driver.execute_script("repctl.own.release()")
+    assert said(driver).startswith("After one cycle of your loops both hands are back. ")
+    title = driver.find_element("id", "title").text
+    assert "your loops of the left hand, " in title and "; of the right hand, " in title
+    paths = [np.array(path) for path in driver.execute_script("return repctl.own.paths()")]
+    assert len(paths[0]) == len(paths[1])  # in step, each with the corners of its own
+    for points, path in zip((first, driver.execute_script("return repctl.own.points")), paths,
+                            strict=True):  # fmt: skip
+        assert all(np.linalg.norm(path - p, axis=1).min() < 1e-9 for p in np.array(points))
+        sizes = [np.linalg.norm(np.diff(x, axis=0), axis=1).sum() for x in (points, path)]
+        assert sizes[0] == pytest.approx(sizes[1])
+    task = rp.Robot.load("baxter").task(["left_gripper", "right_gripper"])
+    start = np.array(driver.execute_script("return Array.from(repctl.own.chain.start)"))
+    ends = np.array(driver.execute_script(ENDS))
+    assert np.abs(ends[1] - ends[1][0]).max() < 1e-6  # the repeatable control comes back
+    listed = [rp.waypoints(points, x.rotation)
+              for points, x in zip(paths, task.placements(start), strict=True)]  # fmt: skip
+    both = rp.several_paths(task, start, listed)
+    motion = rp.follow(rp.Pseudoinverse(task), both, start, cycles=10, steps=200)
+    assert np.abs(motion.q[:: motion.steps] - ends[0]).max() < 1e-4  # with 60 steps on the page
+    file = tmp_path / "loop.csv"
+    file.write_text(driver.execute_script("return repctl.own.csv()"), "utf-8")
+    told = rp.Problem(task, start=start, path=str(file)).path.paths
+    for path, drawn in zip(told, paths, strict=True):
+        assert path.length == pytest.approx(np.linalg.norm(np.diff(drawn, axis=0), axis=1).sum())
+    address = driver.execute_async_script(
+        "const done = arguments[0]; setTimeout(() => done(location.href), 600)"
+    )
+    driver.get("about:blank")
+    with asleep(driver):
+        driver.get(address)
+        wait_until_drawn(driver, "a shared loop of each hand")
+    assert np.abs(np.array(driver.execute_script(ENDS)) - ends).max() < 1e-3
+    assert driver.find_element("id", "title").text == title
+    # a mirrored loop takes both hands
+    driver.execute_script("document.getElementById('mirror').click()")
+    assert said(driver).startswith("After one cycle of your loop both hands are back. ")
+    assert errors(driver) == []
+
+
+@pytest.mark.slow
 def test_the_best_loop_is_kept(driver: Any, page: Path) -> None:
     """Small loops and ways there and back do not count; the smallest drift does."""
     schemes(driver, width=900, height=700)

@@ -49,6 +49,9 @@ _UNDER = {
     "nearest repeatable": "the repeatable one",
     "One function, q = F(x)": "the function",
 }
+_WHOSE = {"J⁺": "usual", "nearest repeatable": "repeatable", "One function, q = F(x)": "repeatable"}
+"""Controller whose colour the numbers have, by its label."""
+
 _WHY_LOWER = "This is possible because the two arms pass through different joint positions."
 """Why a motion can need less joint speed over a cycle than J⁺, the slowest at each instant."""
 
@@ -106,14 +109,20 @@ def names_of(label: str) -> dict[str, str]:
 
     ``title`` is the title of its pane, ``law`` the technical name in brackets that follows the
     title, ``about`` a sentence on what the controller does, and ``under`` its name in a sentence.
-    ``law`` and ``about`` can be empty.
+    ``law`` and ``about`` can be empty. ``whose`` is the controller of :attr:`.Span.whose`.
     """
     return {
         "title": _TITLES.get(label, label),
         "law": " (pseudoinverse)" if label == "J⁺" else "",
         "about": _ABOUT.get(label, ""),
         "under": under(label),
+        "whose": _whose(label),
     }
+
+
+def _whose(label: str) -> str:
+    """Return the controller whose colour the numbers of a label have; else ``ink``."""
+    return _WHOSE.get(label, "ink")
 
 
 def stopped_words(label: str, failure: str) -> str:
@@ -186,7 +195,7 @@ def headline_of(
         every = f"every part of the {'arm' if hands == 1 else 'arms'}"
         also = f"After {times} {every} is back: " if lost else f"So is {every}: "
         worst = max(summaries, key=lambda one: one.off)
-        said += [Span(also), Span("0", "good", _exact(worst)), Span(" from its start.")]
+        said += [Span(also), Span("0", "good", _exact(worst), "ink"), Span(" from its start.")]
     else:
         said += _drifted(summaries, times, again=bool(lost))
     return Headline((*said, *_ends(summaries)), notes, _ABOUT_DRIFT)
@@ -322,7 +331,8 @@ def _ends(summaries: Sequence[MotionSummary]) -> list[Span]:
         words = f", the {name}" if k else name
         said.append(Span(f"{words if plain else f'{words} {end}'} {'' if k else 'is '}{most}"))
         off = max(one.ends[end] for one in summaries)
-        said.append(Span(_whole(metres(off)), "bad", f"{end}: {off:.3g} m"))
+        whose = _whose(moved[0].label) if len(moved) == 1 else "ink"
+        said.append(Span(_whole(metres(off)), "bad", f"{end}: {off:.3g} m", whose))
         if not k:
             said.append(Span(" from its start"))
     return [*said, Span(".")]
@@ -347,7 +357,7 @@ def _lost(summaries: Sequence[MotionSummary], times: str) -> list[Span]:
             continue
         said += [
             Span(f"Under {under(one.label)} the hand {what}"),
-            Span(_whole(off), "bad"),
+            Span(_whole(off), "bad", whose=_whose(one.label)),
             Span(f"{of}. "),
         ]
     return said
@@ -359,7 +369,7 @@ def off_of(one: MotionSummary) -> Span:
     The tone is ``good`` for 0, and ``bad`` from 1 cm up.
     """
     tone = "good" if one.back else "bad" if one.off >= SMALL else ""
-    return Span(displacement(one.off), tone, _exact(one))
+    return Span(displacement(one.off), tone, _exact(one), _whose(one.label))
 
 
 def _exact(one: MotionSummary) -> str:
@@ -380,10 +390,10 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
     for k, one in enumerate(summaries):
-        value, tone, exact = off_of(one)
+        off = off_of(one)
         word = "" if one.back and k else unit
         word += "" if one.back or one.part == worst else f" ({one.part})"
-        said.append(Span(f"{_whole(value)}{word}", tone, exact))
+        said.append(off._replace(text=f"{_whole(off.text)}{word}"))
     return said
 
 
@@ -394,7 +404,7 @@ def _turned(one: MotionSummary) -> Span:
     """
     angle = one.joint_displacement[0]
     value = "0" if angle < _UNTURNED else _whole(radians(angle))
-    return Span(value, "bad" if angle >= TURNED else "good")
+    return Span(value, "bad" if angle >= TURNED else "good", whose=_whose(one.label))
 
 
 def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:

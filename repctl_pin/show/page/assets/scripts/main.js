@@ -39,6 +39,12 @@ function releaseWheel(viewer) {
   );
 }
 
+const vectors = (points) => points.map((p) => new MeshCat.THREE.Vector3(...p));
+
+// Whether a place on a body is another than this one.
+const isElsewhere = (one, other) =>
+  one !== other && !(one && other && one.k === other.k && one.point.equals(other.point));
+
 // Let time pass, a picture at a time; a machine that is late loses pictures, not time.
 function run(clock, viewer, live, resize) {
   let before = performance.now();
@@ -127,7 +133,13 @@ async function main() {
   const callouts = scene.live ? null : new Callouts(panes, scene);
   const address = readAddress();
   let tell = () => {};
-  let traces = scene.live ? [] : finished(drawnTraces());
+  let traces = [];
+  let traced = null; // the place that is pointed at, of which they are
+  function* trace() {
+    traced = arms[0].spot;
+    traces = yield* drawnTraces();
+  }
+  if (!scene.live) finished(trace());
   let drawing = false;
   let lines = []; // what a visitor's loop adds to what is seen: its points, and where it stops
   let own = null;
@@ -171,9 +183,12 @@ async function main() {
       viewer.set_dirty();
       return;
     }
-    for (const { arm, which, chain, trace, ball } of traces) {
-      trace.show(cycle, part);
-      ball.node.position.copy(arm.drawn(which, chain, arm.now.frame, arm.now.f));
+    // the trace is of the part that the numbers are of
+    if (isElsewhere(traced, arms[0].spot)) finished(trace());
+    for (const one of traces) {
+      const { arm, which, chain } = one;
+      one.trace.show(cycle, part);
+      one.ball.node.position.copy(arm.drawn(which, chain, arm.now.frame, arm.now.f));
     }
     const times = chart.show(done, cycle, part);
     callouts.say(atEnd, times, [cycle, Number(part >= 1)]);
@@ -217,7 +232,7 @@ async function main() {
       for (const one of [...arms, chart]) one.gain = on ? GAIN : 1;
       byId("enlarge").setAttribute("aria-pressed", String(on));
       document.body.classList.toggle("enlarged", on);
-      traces = finished(drawnTraces());
+      finished(trace());
       show();
     },
   };
@@ -251,7 +266,7 @@ async function main() {
       yield;
       line(paths_, strokes);
       lines = strokes ? [...paths_.flat(), ...strokes.slice(0, 1).map(([stop]) => stop)] : [];
-      traces = yield* drawnTraces();
+      yield* trace();
       rule(clock);
       offerEnlarge();
       panes.inRows();
@@ -269,8 +284,8 @@ async function main() {
     plain() {
       if (byId("enlarge").getAttribute("aria-pressed") === "true") view.enlarge(false);
     },
-    clear() {
-      line([]);
+    clear(left) {
+      line(left.map(vectors));
       for (const arm of arms) arm.traces = cleared(arm.group, arm.traces);
     },
     play(result) {
@@ -280,9 +295,7 @@ async function main() {
         result.perCycle,
         result.seconds,
         result.runs.map((one) => [one]),
-        ...[result.paths, result.strokes].map((lines) =>
-          lines.map((points) => points.map((p) => new MeshCat.THREE.Vector3(...p))),
-        ),
+        ...[result.paths, result.strokes].map((lines) => lines.map(vectors)),
       );
     },
     study() {

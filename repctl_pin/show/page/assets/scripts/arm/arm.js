@@ -273,8 +273,15 @@ export class ArmView {
     return out.fromArray(this.motion, this.markStart + 3 * this.now.frame);
   }
 
-  // Where a chain's tip or elbow is at frame i, a part f on the way to the next.
+  // Where a chain's tip or elbow, or the place that is pointed at, is at frame i, a part f on the
+  // way to the next.
   point(which, chain, i, f = 0, out = new MeshCat.THREE.Vector3()) {
+    if (which === "spot") {
+      const body = new MeshCat.THREE.Object3D();
+      const start = this.bodyStart + 7 * this.rows.indexOf(this.moving[this.spot.k]);
+      setPose(body, this.motion, start, this.stride, between(i, f, this.perCycle));
+      return out.copy(this.spot.point).applyQuaternion(body.quaternion).add(body.position);
+    }
     return out.set(
       ...blended(
         this.motion,
@@ -472,12 +479,12 @@ export class ArmView {
     return this.run.most;
   }
 
-  // Grey, and the drift's colour as far as a body is off, which is full at `most`, m; or else the
+  // Grey, and the arm's own colour as far as a body is off, which is full at `most`, m; or else the
   // robot's own colours.
   showDrift(on, most) {
     const T = MeshCat.THREE;
     const grey = new T.Color(tone("--body"));
-    const full = new T.Color(tone("--drift"));
+    const full = new T.Color(this.data.color);
     this.tint.color.set(tone("--ghost"));
     this.edge.uniforms.color.value.set(tone("--ghost"));
     this.rim.uniforms.color.value.set(tone("--ink"));

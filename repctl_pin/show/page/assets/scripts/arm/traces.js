@@ -178,8 +178,8 @@ function dashes(line, long) {
   return pieces;
 }
 
-// The ways of each arm's tips and elbows, in place of earlier ones; as far from its ghost as the
-// arm is drawn. Pauses after each.
+// The ways of each arm's tips and of the place that is pointed at, in place of earlier ones; as far
+// from its ghost as the arm is drawn. Pauses after each.
 export function* drawTraces(arms, scene, extent) {
   const F = scene.perCycle;
   const thick = THICK * extent;
@@ -192,20 +192,18 @@ export function* drawTraces(arms, scene, extent) {
     const pieces = (which, chain) =>
       scene.cycles.map((n, c) => Array.from({ length: F }, (v, i) => point(which, chain, c, i)));
     arm.traces = cleared(arm.group, arm.traces);
-    for (let chain = 0; chain < arm.chains && !scene.live; chain++)
-      for (const [which, width, ball, tint] of [
-        ["tip", 1.35, 3.4, () => full],
-        ["elbow", 1, 2.8, shade],
-      ]) {
-        lines.push({
-          arm,
-          which,
-          chain,
-          trace: new Trace(arm.traces, pieces(which, chain), width * thick, tint, ends),
-          ball: new Marker(arm.traces, ball * thick, arm.data.color),
-        });
-        yield;
-      }
+    const tips = Array.from({ length: arm.chains }, (_, k) => ["tip", k, 1.35, 3.4, () => full]);
+    const spot = arm.spot ? [["spot", 0, 1, 2.8, shade]] : [];
+    for (const [which, chain, width, ball, tint] of scene.live ? [] : [...tips, ...spot]) {
+      lines.push({
+        arm,
+        which,
+        chain,
+        trace: new Trace(arm.traces, pieces(which, chain), width * thick, tint, ends),
+        ball: new Marker(arm.traces, ball * thick, arm.data.color),
+      });
+      yield;
+    }
   }
   return lines;
 }

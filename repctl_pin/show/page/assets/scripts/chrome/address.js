@@ -1,7 +1,8 @@
 // The page's address keeps where time stands and where the camera is: #t=4.5&view=1,2,3,0,0,0,1; a
 // visitor's own loop: #loop=x,y,z;x,y,z;… of the frame's origin, m, base axes, the strokes that the
 // hand could not follow with missed=x,y,z;…|x,y,z;…, of the second hand with hand=2, mirrored by
-// the others with mirror=1; and the place of the elbow's slider: elbow=12, along level=2.
+// the others with mirror=1, or beside those of the others with others=x,y,z;…|x,y,z;… by frame; and
+// the place of the elbow's slider: elbow=12, along level=2.
 
 const asked = new URLSearchParams(location.hash.slice(1));
 
@@ -37,6 +38,10 @@ function ownOf(points) {
       .map(lineOf)
       .filter((stroke) => stroke.length > 1),
     hand: Math.max(whole("hand") - 1, 0),
+    others: (asked.get("others") || "").split("|").map((text) => {
+      const line = lineOf(text);
+      return line.length > 2 ? line : null;
+    }),
     mirrored: asked.has("mirror"),
     elbow: whole("elbow"),
     level: asked.has("level") ? Math.max(whole("level") - 1, 0) : undefined,

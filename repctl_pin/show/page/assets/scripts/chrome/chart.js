@@ -143,7 +143,9 @@ export class Chart {
   drawBars(sheet, cycle, part) {
     const { draw, width, height, em, count, pitch, foot, at } = sheet;
     const { arms } = this;
-    const room = foot - 0.5 * em;
+    // words stand over the line of the axis, where no bar is; in a low chart, in the line
+    const inLine = foot < 3 * em;
+    const room = foot - (inLine ? 0.5 : 1.15) * em;
     const group = Math.min(0.66 * pitch, 4.5 * em);
     const wide = group / arms.length;
     const offs = arms.flatMap(({ data }) => data.off.flat());
@@ -177,11 +179,9 @@ export class Chart {
       });
     }
     this.number({ draw, height, em, count, pitch, at }, group);
-    // under the line of the axis, or in it; the line then begins after the words
     if (open) legend += " · hollow: still to come";
     const words = room > 0.8 * em ? formatLength(top) + legend : "";
-    const inLine = room < 2 * em;
-    const y = Math.max(level(top) + (inLine ? 0.3 : 0.95) * em, 0.75 * em);
+    const y = Math.max(level(top) + (inLine ? 0.3 : -0.3) * em, 0.75 * em);
     const after = inLine && words ? draw.measureText(words).width + 8 : 0;
     draw.strokeStyle = tone("--edge");
     line(draw, INSET + after, level(top), width - INSET, level(top), [3, 4]);

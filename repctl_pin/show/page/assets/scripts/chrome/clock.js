@@ -48,6 +48,7 @@ export class Clock {
   play(on) {
     if (on === this.playing) return;
     if (!on) this.hold();
+    else if (this.time >= this.cycles) this.time = 0;
     if (this.done) Object.assign(this, { done: null, stepping: false });
     this.playing = on;
     this.changed();

@@ -87,7 +87,10 @@ export function connect(clock, view) {
     const { last, whole } = clock;
     const inside = part > 0 && part < 1;
     const within = whole ? `cycle ${done + 1} of ${last}` : "on the way";
-    const after = whole ? `after ${done} of ${last}` : "as far as it goes";
+    // while only these are shown, they are called so
+    const stepped = clock.playing && clock.stepping;
+    const ends = stepped ? `end of cycle ${done}` : `after ${done} of ${last}`;
+    const after = whole ? ends : "as far as it goes";
     const words = inside ? within : done ? after : "start";
     document.body.classList.toggle("playing", clock.playing);
     setAttribute(byId("play"), "aria-label", clock.playing ? "Pause" : "Play");
@@ -97,7 +100,11 @@ export function connect(clock, view) {
     setAttribute(
       byId("scrub"),
       "aria-valuetext",
-      inside ? `${words}, ${Math.round(100 * part)} %` : done && whole ? `${words} cycles` : words,
+      inside
+        ? `${words}, ${Math.round(100 * part)} %`
+        : done && whole && !stepped
+          ? `${words} cycles`
+          : words,
     );
   };
 }
@@ -114,7 +121,7 @@ function insideWindow(menu) {
   if (!menu.open) return;
   const { style } = menu.lastElementChild;
   style.right = "0";
-  style.maxHeight = `${menu.getBoundingClientRect().top - 16}px`;
+  style.maxHeight = `${menu.lastElementChild.offsetParent.getBoundingClientRect().top - 16}px`;
   style.right = `${Math.min(menu.lastElementChild.getBoundingClientRect().left - 8, 0)}px`;
 }
 

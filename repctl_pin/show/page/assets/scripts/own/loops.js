@@ -1,6 +1,7 @@
 // Shapes of loops, from the hand on, and what is kept of one that was drawn.
 
 const POINTS = 40; // of a loop, as it is kept
+const IN_AXES = 0.998; // cosine of the angle to an axis within which a plane is named by the others
 
 export const gap = (p, q) => Math.hypot(...p.map((v, i) => v - q[i]));
 
@@ -92,6 +93,45 @@ export function enclosing(points) {
     left -= sizes[i];
   });
   return outline.length > 4 ? (outline.length - 1) * step : 0;
+}
+
+// The same paths with corners at the same shares of their lengths, so that they are followed
+// together; null for a frame that holds still.
+export function inStep(paths) {
+  const shares = paths.map((path) => path && sharesOf(path));
+  const all = [...new Set(shares.flatMap((own) => own || []))].sort((a, b) => a - b);
+  const corners = all.filter((share, i) => !i || share - all[i - 1] > 1e-9);
+  return paths.map((path, f) => path && corners.map((share) => pointOn(path, shares[f], share)));
+}
+
+// At which share of its length each point of a path is.
+function sharesOf(path) {
+  const length = lengthOf(path);
+  return path.map((_, i) => lengthOf(path.slice(0, i + 1)) / length);
+}
+
+function pointOn(path, shares, share) {
+  const i = Math.max(shares.findIndex((v) => v >= share) - 1, 0);
+  const part = Math.min((share - shares[i]) / (shares[i + 1] - shares[i]), 1);
+  return path[i].map((v, c) => v + part * (path[i + 1][c] - v));
+}
+
+// The normal of the plane of a loop, from its widest triangle at its start.
+export function normalOf([home, ...points]) {
+  const T = MeshCat.THREE;
+  const off = points.map((p) => new T.Vector3(...p.map((v, i) => v - home[i])));
+  const far = off.reduce((a, b) => (b.length() > a.length() ? b : a));
+  const across = off.map((p) => new T.Vector3().crossVectors(far, p));
+  return across.reduce((a, b) => (b.length() > a.length() ? b : a)).normalize();
+}
+
+// A plane with this normal, in words.
+export function planeWords(normal) {
+  const across = normal.toArray().map(Math.abs);
+  const i = across.findIndex((v) => v > IN_AXES);
+  if (i >= 0) return `in ${["yz (upright)", "xz (upright)", "xy (horizontal)"][i]}`;
+  const tilt = Math.round((180 / Math.PI) * Math.acos(Math.min(across[2], 1)));
+  return tilt > 87 ? "upright" : `${tilt}° from horizontal`;
 }
 
 // How often a loop goes round the axis of the first joint.

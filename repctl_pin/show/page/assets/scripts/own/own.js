@@ -8,7 +8,7 @@ import { Law, stepped } from "../arm/law.js";
 import { dots, Trail } from "../arm/traces.js";
 import { openNotes } from "../chrome/controls.js";
 import { download } from "../chrome/save.js";
-import { byId, element, tone } from "../dom.js";
+import { byId, element, setAttribute, setText, tone } from "../dom.js";
 import { formatLength } from "../numbers.js";
 import { selfMotion } from "./elbow.js";
 import {
@@ -16,13 +16,16 @@ import {
   enclosing,
   FORMS,
   gap,
+  inStep,
   kept,
   lengthOf,
   nearestPiece,
+  normalOf,
+  planeWords,
   thinned,
   windings,
 } from "./loops.js";
-import { bodiesOff, computed, drawnAt } from "./run.js";
+import { bodiesOff, computed, drawnAt, spotAt } from "./run.js";
 import {
   answer,
   coverWords,
@@ -53,7 +56,7 @@ const SLICE = 25; // ms of computing between two pictures, once the hand is let 
 const LEAST_STROKE = 0.01; // of the arm, from which a stroke counts
 const JUMP = 0.5; // rad or m in one step, from which an arm does not follow
 const OUT_OF_REACH = "that is out of reach";
-const LEAF_ENDS = "an algorithmic singularity is near";
+const LEAF_ENDS = "the arm comes near where the control fails";
 
 export class Own {
   // `player`: {play(result), study(), plain(), clear(), show()}, which shows a result of
@@ -77,6 +80,7 @@ export class Own {
     );
     // the loop: points of the hand that is led, and what the other hands do meanwhile
     Object.assign(this, { state: "study", points: null, lead: null, mirrored: false });
+    this.others = []; // the loops that hands led before keep, by frame, while none mirrors another
     this.missed = []; // strokes that the hand could not follow, each from where it stopped
     this.work = null; // what is computed in slices
     this.led = 0;
@@ -193,7 +197,7 @@ export class Own {
     const menu = byId("level");
     const { r } = repeatable;
     const reached = Array.from({ length: r }, (_, k) => {
-      const words = `level ${k + 1} of ${r}`;
+      const words = `motion ${k + 1} of ${r}`;
       const option = element("option", { value: k }, words);
       menu.append(option);
       if (k >= TRIED) return 0;
@@ -394,10 +398,19 @@ export class Own {
   // The paths of all frames, null for one that holds still.
   paths() {
     if (!this.points) return this.studied.map((path) => path || null);
+    if (!this.mirrored) return inStep(this.chain.homes.map((_, f) => this.loopOf(f)));
     const along = this.points.map((p) => this.hands(p));
-    return this.chain.homes.map((_, f) =>
-      f === this.led || this.mirrored ? along.map((hands) => hands[f]) : null,
-    );
+    return this.chain.homes.map((_, f) => along.map((hands) => hands[f]));
+  }
+
+  // The loop of hand f, null for one that holds still.
+  loopOf(f) {
+    return (f === this.led ? this.points : !this.mirrored && this.others[f]) || null;
+  }
+
+  // The hands that keep a loop of their own beside the one that is led.
+  keeping() {
+    return this.chain.frames.filter((_, f) => f !== this.led && this.loopOf(f));
   }
 
   // The same paths as they are drawn.
@@ -412,7 +425,11 @@ export class Own {
     const home = chain.homes[f];
     const { rows } = chain.frames[f];
     const missing = [0, 1, 2].filter((row) => !rows.includes(row));
+    // the hand that was led keeps its loop, if it could follow it
+    if (f !== this.led && !this.mirrored && !this.missed.length)
+      this.others[this.led] = this.points;
     this.led = f;
+    this.points = null;
     chain.led = f;
     this.stand(this.elbowAt);
     const seen = this.seen(k, home);
@@ -430,6 +447,7 @@ export class Own {
       hand: home.slice(),
       hands: chain.homes,
       trail: [home.slice()],
+      length: 0,
       seen: 0, // points of it that were looked at
       qs: this.laws.map((law) => law.start.slice()),
       worst: this.laws.map(() => ({})),
@@ -438,7 +456,16 @@ export class Own {
       missing: null, // the last of them, until the hand has come up
     });
     this.leaveMarks(plane);
-    this.write(DRAW, this.hint(), "your loop");
+    if (chain.frames.length > 1) {
+      // the elbow of this hand is the part in words
+      const rides = chain.links.find(
+        (link) => link && link[1] && link[0] === chain.frames[f].elbow,
+      );
+      this.drawArms();
+      if (rides) [, this.scene.part] = rides;
+      pointAt(this.arms, this.isOf(this.scene.part));
+    }
+    this.write(DRAW, this.hint());
     this.draw();
   }
 
@@ -457,7 +484,8 @@ export class Own {
       if (lead.slides) arm.reference = null;
       arm.notice.textContent = "";
     }
-    this.player.clear();
+    const kept = lead.slides ? [] : this.chain.homes.map((_, f) => this.loopOf(f));
+    this.player.clear(this.lines(kept));
     Object.assign(this.scene, { failure: null, idle: false });
     byId("lines").hidden = true;
     this.state = "leading";
@@ -476,12 +504,10 @@ export class Own {
       // a loop stays on a workpiece that moves
       const piece = arm.carrier ? arm.paths : arm.traces;
       piece.add(line);
-      const normal = plane.normal.clone().transformDirection(this.home);
+      const normal = this.turned(plane.normal);
       if (chain.proved) piece.add(disc(this.onPiece(chain.homes[this.led]), normal, chain.proved));
-      const trails = chain.frames.map(() => [
-        new Trail(piece, color),
-        new Trail(arm.traces, color),
-      ]);
+      const tips = chain.frames.map(() => new Trail(piece, color));
+      const trails = [new Trail(arm.traces, color), ...tips];
       const edge = this.scene.cover && new EdgeLine(piece, this.scene.cover);
       return { line, trails, edge };
     });
@@ -534,8 +560,7 @@ export class Own {
     else {
       if (!this.lead) this.grab(k, null, null, f);
       if (direction) this.nudge(direction);
-      else
-        this.write([["Draw a loop by the arrow keys; Enter lets go."]], this.hint(), "your loop");
+      else this.write([["Draw a loop by the arrow keys; Enter lets go."]], this.hint());
     }
   }
 
@@ -589,6 +614,7 @@ export class Own {
       const next = lead.hand.map((v, i) => v + share * (goal[i] - v));
       lead.refusal = this.step(lead, next);
       if (!lead.refusal) {
+        lead.length += gap(next, lead.hand);
         lead.hand = next;
         lead.hands = this.hands(next);
         lead.trail.push(next);
@@ -613,14 +639,10 @@ export class Own {
 
   extendTrails() {
     const { chain, lead } = this;
-    const T = MeshCat.THREE;
-    this.laws.forEach((_, k) => {
-      chain.place(lead.qs[k], chain.all);
-      chain.frames.forEach(({ elbow }, f) => {
-        const [tip, behind] = lead.shown[k].trails[f];
-        tip.add(this.onPiece(lead.hands[f]));
-        behind.add(new T.Vector3(...chain.places[elbow].p));
-      });
+    this.arms.forEach((arm, k) => {
+      const [behind, ...tips] = lead.shown[k].trails;
+      tips.forEach((tip, f) => tip.add(this.onPiece(lead.hands[f])));
+      if (arm.spot) behind.add(new MeshCat.THREE.Vector3(...spotAt(chain, arm, lead.qs[k])));
     });
   }
 
@@ -742,8 +764,10 @@ export class Own {
       Object.assign(lead, { warning, beyond });
       const further = lead.refusal ? " Go another way, or let go." : " Draw on, or let go.";
       const sentence = warning ? [[warning, lead.refusal ? "bad" : "near"], [further]] : DRAW;
-      this.write(sentence, this.hint(beyond), "your loop");
+      this.write(sentence, this.hint(beyond));
     }
+    const far = lead.length ? `, ${formatLength(lead.length)} so far` : "";
+    this.entitle(`your loop${far}, ${planeWords(this.turned(lead.plane.normal))}`);
     this.player.show();
   }
 
@@ -818,11 +842,10 @@ export class Own {
     const paths = this.paths();
     const failed = yield* this.failed(points, missed);
     const [failure] = [...failed.values(), null];
-    const lead = paths.find(Boolean);
     const shape = {
-      encloses: enclosing(lead) > 0,
-      turns: points ? windings(this.chain.axis, lead) : 0,
-      whose: failure ? "the solid line" : points ? "your loop" : "the path",
+      encloses: paths.some((path) => path && enclosing(path) > 0),
+      turns: points ? windings(this.chain.axis, points) : 0,
+      whose: failure ? "the solid line" : points ? this.yours() : "the path",
     };
     // a way there and back in place of a loop is seen once
     const idle = Boolean(failure) && !shape.encloses;
@@ -833,19 +856,18 @@ export class Own {
     yield* this.player.play({ ...result, paths: this.lines(paths), strokes });
     yield;
     Object.assign(this.scene, { failure: failure && failure.reasons, idle });
-    Object.assign(this, { result, length: result.length, failure, shape, state: "own" });
+    const length = points ? lengthOf(points) : result.length;
+    Object.assign(this, { result, length, failure, shape, state: "own" });
     this.clock.whole = !idle && result.runs.some(({ data }) => data.lost >= 1);
     document.body.classList.add("own");
     byId("own").hidden = false;
     byId("again").hidden = idle || result.cycles < 2;
     byId("lines").hidden = !failure;
     byId("loop-csv").hidden = !points || Boolean(this.scene.cover);
-    const files = this.chain.frames.map((_, f) => (f === this.led ? "loop.csv" : "hold"));
-    byId("loop-csv").title = `The loop's points, for repctl study --path ${files.join(",")}`;
     yield;
     this.report(Math.min(cycle, result.cycles));
     // of a way there and back, its far end
-    this.clock.seek(idle ? failure.after / result.length : this.shown);
+    this.clock.seek(idle ? failure.after / length : this.shown);
   }
 
   // Where on a loop the hand cannot follow each of these strokes, without those that it can: an
@@ -891,9 +913,7 @@ export class Own {
     notes.push(...this.loopNotes());
     const far = this.elbowOff();
     const moved = far > 1e-4 ? `, ${this.part} moved by ${formatLength(far)}` : "";
-    const title = points
-      ? `${shape.whose}, ${formatLength(this.length)} long${moved}`
-      : `the study’s path${moved}`;
+    const title = points ? `${shape.whose}${this.sizeWords()}${moved}` : `the study’s path${moved}`;
     if (failure) {
       notes.unshift([sentence.map(([text]) => text).join("")]);
       // its ball is not drawn: the one that is seen is where the loop stops
@@ -912,6 +932,28 @@ export class Own {
     this.player.show();
   }
 
+  // What a visitor calls what the hands follow.
+  yours() {
+    return this.keeping().length ? "your loops" : "your loop";
+  }
+
+  // The plane and the length of a loop that was drawn, or of each.
+  sizeWords() {
+    const each = this.chain.frames.flatMap(({ hand }, f) => {
+      const loop = this.loopOf(f);
+      if (!loop) return [];
+      const whose = this.keeping().length ? ` of the ${hand}` : "";
+      const plane = planeWords(this.turned(normalOf(loop)));
+      return [`${whose}, ${formatLength(lengthOf(loop))} long, ${plane}`];
+    });
+    return each.join(";");
+  }
+
+  // A direction of the task as the scene has it.
+  turned(direction) {
+    return direction.clone().transformDirection(this.home);
+  }
+
   // Whether points are beyond the proved radius around the start of the study.
   beyond(points) {
     const { proved, homes } = this.chain;
@@ -921,10 +963,12 @@ export class Own {
   // What is said under the sentence while the hand is led.
   hint(beyond = false) {
     const { proved } = this.chain;
-    if (!proved || this.elbowAt) return [HOW];
+    const kept = this.keeping().map(({ hand }) => [` The ${hand} keeps its loop.`]);
+    if (!proved || this.elbowAt) return [HOW, ...kept];
     const far = formatLength(proved);
     return [
       HOW,
+      ...kept,
       beyond
         ? [` You are more than ${far} from the start: there, closing is not proved.`, "near"]
         : [` Within the pale disc, ${far} around the start, the repeatable arm closes: proved.`],
@@ -938,7 +982,7 @@ export class Own {
     const { proved, size } = this.chain;
     const far = formatLength(proved || 0);
     const words = [];
-    if (proved && points && !this.elbowAt)
+    if (proved && points && !this.elbowAt && !this.keeping().length)
       words.push(
         this.beyond(points)
           ? [
@@ -972,7 +1016,7 @@ export class Own {
   // where they enclose something, and on which all controls keep the limits.
   keepBest() {
     const { chain, points, best, missed, result } = this;
-    if (this.state !== "own" || !points || missed.length) return;
+    if (this.state !== "own" || !points || missed.length || this.keeping().length) return;
     const off = this.usualOff();
     const withinLimits = result.runs.every(({ data }) => !data.broken);
     if (off === null || !withinLimits || enclosing(points) < LEAST_LENGTH * chain.size) return;
@@ -1001,12 +1045,13 @@ export class Own {
     this.before = null;
     this.endGesture();
     this.stand(0, this.first);
-    Object.assign(this, { state: "study", points: null, missed: [] });
+    Object.assign(this, { state: "study", points: null, others: [], missed: [] });
     Object.assign(this.scene, { failure: null, idle: false });
     this.clock.whole = true;
     document.body.classList.remove("own", "unfolded");
     for (const id of ["own", "lines"]) byId(id).hidden = true;
     for (const [node, children] of this.texts) node.replaceChildren(...children);
+    byId("title").removeAttribute("title");
     if (words) this.write(words, null, null);
     else this.fold();
     this.player.study();
@@ -1050,10 +1095,11 @@ export class Own {
   }
 
   // The loop that an address asks for, after all its cycles; it may begin where the hand is not.
-  open({ points, missed = [], hand = 0, mirrored = false, elbow = 0, level }) {
+  open({ points, missed = [], hand = 0, others = [], mirrored = false, elbow = 0, level }) {
     const { chain } = this;
     this.endGesture();
     this.led = Math.min(hand, chain.frames.length - 1);
+    this.others = chain.homes.map((home, f) => others[f] && closed(others[f], home));
     this.mirrored = mirrored && chain.frames.length > 1;
     chain.led = this.led;
     byId("mirror").checked = this.mirrored;
@@ -1084,11 +1130,13 @@ export class Own {
     const { points, missed, led, mirrored, elbowAt, level } = this;
     if (this.state !== "own") return [];
     const number = (v) => Number(v.toFixed(4));
+    const others = this.chain.homes.map((_, f) => (f === led ? null : this.loopOf(f)) || []);
     const written = (line) => line.map((p) => p.map(number).join(",")).join(";");
     return [
       points && `loop=${written(points)}`,
       points && missed.length && `missed=${missed.map(written).join("|")}`,
       points && led && `hand=${led + 1}`,
+      points && this.keeping().length && `others=${others.map(written).join("|")}`,
       points && mirrored && "mirror=1",
       elbowAt && `elbow=${elbowAt}`,
       level !== this.unnamed(elbowAt) && `level=${level + 1}`,
@@ -1107,7 +1155,7 @@ export class Own {
       .map((path, f) => ({ path, name: frames.length > 1 ? `${frames[f].frame}.` : "" }))
       .filter(({ path }) => path);
     const head = moving.flatMap(({ name }) => ["x", "y", "z"].map((axis) => name + axis));
-    const rows = this.points.map((_, i) =>
+    const rows = moving[0].path.map((_, i) =>
       moving.flatMap(({ path }) => Array.from(path[i], (v) => Number(v.toFixed(9)))),
     );
     return `${[head, ...rows].map((row) => row.join(",")).join("\n")}\n`;
@@ -1121,8 +1169,14 @@ export class Own {
     byId("verdict").replaceChildren(...sentence.map(part));
     const note = ([text, kind]) => element("span", { class: kind || "" }, text);
     if (notes) byId("notes").replaceChildren(...notes.map(note));
-    if (title) byId("title").textContent = `${this.scene.title.split(":")[0]}: ${title}`;
+    if (title) this.entitle(title);
     this.fold();
+  }
+
+  entitle(words) {
+    const title = `${this.scene.title.split(":")[0]}: ${words}`;
+    setText(byId("title"), title);
+    setAttribute(byId("title"), "title", title);
   }
 
   // Show as many lines of a loop's notes as there is room for under its sentence, and a button for
@@ -1194,6 +1248,9 @@ export class Own {
       node.replaceChildren(...children);
       if (height) node.style.minHeight = `${height}px`;
     }
+    const [[title]] = this.texts;
+    body.style.setProperty("--title", `${title.offsetWidth}px`);
+    title.style.minHeight = `${title.offsetHeight}px`;
     this.notesHeight = byId("notes").style.minHeight;
     this.head = header.getBoundingClientRect().height;
     body.style.setProperty("--head", `${this.head}px`);
@@ -1266,7 +1323,7 @@ const LEAD_WORDS = {
   ],
 };
 const LET_GO =
-  "Let go, and both arms follow the path from here, the repeatable one on the leaf chosen.";
+  "Let go: both arms follow the path from here, and the repeatable one comes back here.";
 // The placement of a base as a matrix of the scene; of none, the unit matrix.
 function placementOf(base) {
   const M = new MeshCat.THREE.Matrix4();

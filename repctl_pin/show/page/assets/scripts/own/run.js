@@ -289,6 +289,15 @@ export function bodiesOff(chain, arm, q, part) {
   });
 }
 
+// Where the place that is pointed at on an arm is, at q.
+export function spotAt(chain, arm, q) {
+  const { k, point: place } = arm.spot;
+  const { joint, point, turn } = ridesOf(chain, arm)[arm.rows.indexOf(arm.moving[k])];
+  const { x, y, z } = place.clone().applyQuaternion(turn);
+  chain.place(q, chain.all);
+  return pointsOn(chain.places[joint], [x + point[0], y + point[1], z + point[2]]);
+}
+
 // The corners of each body of an arm: its part, the joint that it rides on, and where they are, in
 // that joint and at the start of the study.
 function cornersAtStart(chain, arm) {

@@ -16,7 +16,8 @@ const NOT_KNOWN = [
 ];
 const HANDS = { 1: "the hand is", 2: "both hands are" };
 
-// {sentence, notes, part} after a number of cycles, in pieces [words, tone]. `whose`: "your loop"
+// {sentence, notes, part} after a number of cycles, in pieces [words, tone]; a number has for its
+// tone the control whose colour it shows. `whose`: "your loop"
 // or "the path"; whether it encloses anything, and how often it turns around the first joint.
 export function answer(chain, arms, { runs }, cycles, shape) {
   // an arm that has come close to a singularity is named first, the others are compared
@@ -140,7 +141,7 @@ function comparison(context, { encloses, turns, whose }) {
     return {
       sentence: [
         [`${capitalized(aloneUnder(arms[0]))} brings every part back: `],
-        ["0", "good"],
+        ["0", arms[0].data.whose],
         [`${FROM} after ${times}.`],
         ...othersOf(chain, arms, runs, k),
       ],
@@ -151,25 +152,25 @@ function comparison(context, { encloses, turns, whose }) {
     const { off, part } = worst[i];
     const zero = off < BACK;
     const also = zero || part === most.part ? "" : ` (${part})`;
-    return [`${unbroken(formatLength(off))}${zero && i ? "" : unit}${also}`, toneOf(off)];
+    return [`${unbroken(formatLength(off))}${zero && i ? "" : unit}${also}`, arms[i].data.whose];
   };
   if (back && !encloses)
     sentence.push(
       ["A way there and back encloses nothing: "],
-      ["0", "good"],
+      ["0", "ink"],
       [` from the start${runs.length === 2 ? " under both controls" : ""}.`],
     );
   else if (back)
     sentence.push(
       [`So is every part of the ${armWord(chain)}: `],
-      ["0", "good"],
+      ["0", "ink"],
       [" from its start."],
     );
   else if (most.off >= SMALL) {
     const offs = listed((i) => value(i, FROM));
     sentence.push([`${capitalized(partWords(most.part))} is not: `], ...offs, ["."]);
   } else if (Math.max(...joints) >= TURNED) {
-    const angles = listed((i) => angleWords(joints[i]));
+    const angles = listed((i) => [angleWords(joints[i]), arms[i].data.whose]);
     sentence.push([`The joint ${mostTurned(chain, runs, k)} is not: `], ...angles, ["."]);
   } else {
     const offs = listed((i) => value(i, ""));
@@ -195,10 +196,8 @@ function partWords(part) {
   return part.startsWith("arm ") ? part : `${part} of the arm`;
 }
 
-function angleWords(angle) {
-  const words = angle < 1e-5 ? "0" : `${formatNumber(Number(angle.toPrecision(2)))}\u00a0rad`;
-  return [words, angle >= TURNED ? "bad" : "good"];
-}
+const angleWords = (angle) =>
+  angle < 1e-5 ? "0" : `${formatNumber(Number(angle.toPrecision(2)))}\u00a0rad`;
 
 // The joint that has turned most under any control.
 function mostTurned({ names }, runs, k) {
@@ -229,14 +228,13 @@ function othersOf({ ends }, arms, runs, k) {
     [one ? ` Under ${moved[0].data.under} ` : " "],
     ...away.flatMap((end, i) => [
       [named(end, i)],
-      [unbroken(formatLength(end.off)), "bad"],
+      [unbroken(formatLength(end.off)), moved.length === 1 ? moved[0].data.whose : "ink"],
       [i ? "" : FROM],
     ]),
     ["."],
   ];
 }
 
-const toneOf = (off) => (off < BACK ? "good" : off >= SMALL ? "bad" : "");
 const capitalized = (words) => words[0].toUpperCase() + words.slice(1);
 
 // The most displaced part of an arm, and its displacement.
