@@ -9,8 +9,9 @@ one joint of a task can drive coupled joints. A box Q ± half contains the joint
 
 Let ``e`` and ``w`` be the elbow and the wrist relative to the shoulder, ``ρ = |w|`` and
 ``a = w × e``. Let three forces act on the arm: α at the elbow, β at the wrist, and −α − β at the
-shoulder. The gradient of the arm angle equals the joint torques and forces that they cause. Each
-entry is the moment about a revolute joint's axis, or the force along a prismatic joint's axis.
+shoulder. The gradient of the arm angle equals the joint torques and forces that these three forces
+cause. Each entry is the moment about a revolute joint's axis, or the force along a prismatic
+joint's axis.
 
 .. math::
 
@@ -145,7 +146,8 @@ class ArmAngleChain:
 
     @property
     def carries(self) -> NDArray[np.bool_]:
-        """Mask (P, 3): True where a joint moves the shoulder (column 0), elbow (1) or wrist (2)."""
+        """Mask (P, 3): True where the joint (row) moves shoulder, elbow or wrist (columns 0 to 2).
+        """
         found = np.zeros((len(self.p), 3), bool)
         for frame, joint in enumerate(self.joint):
             while joint >= 0:
@@ -168,9 +170,9 @@ class ArmAngleChain:
     def models(self, Q: Array, half: Array) -> tuple[Array, Array]:
         """Compute Taylor models of degree 3 of the gradient, on boxes Q ± half, (K, k) each.
 
-        The k joints are :attr:`moving`, and the variables are ``(q − Q) / half``. Return the
-        coefficients (K, k, M) of the M monomials, for each of the k entries of the gradient, and
-        bounds (K, k) on the errors of the polynomials.
+        The k joints are :attr:`moving`, and the variables are ``(q − Q) / half``. Return
+        coefficients (K, k, M) and error bounds (K, k). Each box and each of the k entries of the
+        gradient has one polynomial, with M coefficients and one error bound.
         """
         native, on, (K, k) = required_library("a proof"), self.moving, Q.shape
         space = space_of(k)
@@ -197,10 +199,10 @@ def _carried(
 ) -> tuple[int, Array]:
     """Find the last joint, from the base, that moves a frame's origin.
 
-    Return the joint's index in the Pinocchio model, 0 if no joint moves the origin, and the
-    position (3,) of the origin in the joint's frame, m. A revolute joint whose axis passes through
-    the origin does not move it. ``screw(joint)`` gives the twist (6,) of the joint with that index
-    at unit speed, in the joint's own axes, linear part first.
+    Return two values: the joint's index in the Pinocchio model, or 0 if no joint moves the origin;
+    and the position (3,) of the origin in the joint's frame, m. A revolute joint whose axis passes
+    through the frame's origin does not move this origin. ``screw(joint)`` gives the twist (6,) of
+    the joint with that index at unit speed, in the joint's own axes, linear part first.
     """
     joint, place = int(frame.parentJoint), np.array(frame.placement.translation)
     while joint > 0 and not np.cross(screw(joint)[3:], place).any():
@@ -222,13 +224,13 @@ class _GradientBounds:
     Attributes
     ----------
     V, dV : (K, n) and (K, n, n) arrays
-        V at the centres of the boxes, and its derivatives ∂V/∂q there, rows ∂V_i/∂q.
+        V at the centres of the boxes, and the derivatives there: ``dV[:, i, j]`` is ∂V_i/∂q_j.
     rest : (K, n) array
         Bounds on the difference of V from its first-order expansion, rounding included; inf where
         no bound was found.
     size : (K,) array
-        Bounds on the largest entry of ``|V| + |∂V/∂q| half`` on each box; rounding errors are
-        relative to it.
+        Bound, for each box, on the largest entry of ``|V| + |∂V/∂q| half``. Rounding errors are
+        stated relative to this bound.
     """
 
     V: Array
@@ -242,8 +244,9 @@ def _bounds(chain: ArmAngleChain, P: Array, r: Array, half: Array) -> _GradientB
 
     ``P`` (K, k, M) are the coefficients of polynomials of degree 3 in ``(q − Q) / half``, one for
     each of the k joints that move the angle, and ``r`` (K, k) their error bounds; ``half`` (K, n)
-    are the half-widths of the boxes. The M monomials are the constant, the k linear ones, then
-    those of higher degree; bounds on the latter are added to ``rest``, the error of the expansion.
+    are the half-widths of the boxes. The M monomials are the constant, the k linear monomials, then
+    the monomials of degree 2 and 3. The expansion omits the terms of degree 2 and 3; bounds on
+    these terms are added to its error ``rest``.
     """
     on, (K, n) = chain.moving, half.shape
     V, dV, rest = np.zeros((K, n)), np.zeros((K, n, n)), np.zeros((K, n))

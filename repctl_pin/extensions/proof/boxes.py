@@ -23,10 +23,10 @@ _STRETCH = 0.25
 def cover(region: Region) -> tuple[Array, Array]:
     """Cover a region Ω of joint space by boxes: return their lower and upper corners, (K, n) each.
 
-    A tube, the set of configurations near a sampled motion, is covered by one box per section of
-    its samples, a few samples near each other. Where these boxes overlap, the later box is reduced.
-    A workspace box, which is the part of a box of joints whose poses lie in a box of poses, is
-    covered by the whole box of joints.
+    A tube is the set of configurations near a sampled motion. Its samples are divided into
+    sections, a few successive samples each, and one box covers each section. Where two of these
+    boxes overlap, the later box is reduced. A workspace box is the part of a box of joints whose
+    poses lie in a box of poses. The whole box of joints covers it.
 
     Raises
     ------
@@ -63,10 +63,10 @@ def _stretches(tube: Tube) -> tuple[Array, Array]:
 def sections(Q: Array, clearance: Array) -> list[slice]:
     """Divide a path through K configurations Q (K, n) into sections, each short enough for one box.
 
-    ``clearance`` (K, n) is how far each joint can move from Q within Ω, rad or m. On a section, no
-    joint moves by more than a quarter of its smallest clearance there, unless the section has two
-    configurations only. The sections are slices of at least two rows of Q; the last row of a
-    section is the first row of the next.
+    ``clearance`` (K, n) is how far each joint can move from each configuration within Ω, rad or m.
+    On a section, no joint moves by more than a quarter of its smallest clearance on that section. A
+    section of only two configurations may exceed this. The sections are slices of at least two rows
+    of Q; the last row of a section is the first row of the next.
     """
     first, parts = 0, []
     for i in range(2, len(Q)):
@@ -95,7 +95,7 @@ def halved(
     """Halve boxes, each along the joint with the index ``split`` (K,).
 
     Both halves have exactly the same coordinate where they meet, so that no gap is left between
-    them. Boxes with a negative ``split``, which were not evaluated yet, are not halved; they come
+    them. A box with a negative ``split`` was not evaluated yet, and is not halved. Such boxes come
     first in the result.
 
     Returns
@@ -103,7 +103,7 @@ def halved(
     low, high : (L, n) arrays
         Corners of the L boxes that result.
     parents : (L,) array
-        Index of the given box that contains each of them.
+        Index, among the K given boxes, of the box that contains each of the L boxes.
     """
     whole, rows = np.flatnonzero(split < 0), np.flatnonzero(split >= 0)
     parents = np.concatenate([whole, rows, rows])
@@ -119,8 +119,9 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
     """Reduce boxes so that they overlap less but still cover the same union; return new corners.
 
     Arguments and results are lower and upper corners, (K, n) each; the number K of boxes may
-    change. Each box is replaced by its parts outside the preceding box, each part a box. A part
-    that overlaps an earlier box is reduced, too, if the rest of the part is a single box.
+    change. The part of each box outside the preceding box is divided into smaller boxes, which
+    replace the box. If such a smaller box overlaps another earlier box, it is also cut there,
+    unless two or more boxes would be left of it.
     """
     boxes = list(zip(low, high, strict=True))
     pieces = boxes[:1]

@@ -103,16 +103,17 @@ class _Search:
         self.gave_up = False
 
     def volume(self) -> float:
-        """Compute the total volume of the undecided boxes: the product of their n widths, summed.
+        """Compute the total volume of the undecided boxes.
 
-        Widths are in rad or m.
+        The volume of a box is the product of its n widths, in rad or m.
         """
         return float(np.prod(self.high - self.low, axis=1).sum())
 
     def advance(self) -> None:
         """Halve one batch of undecided boxes, and bound the leaf margin on the halves.
 
-        With a goal, the newest boxes are halved; without a goal, those with the smallest bounds.
+        With a goal, the newest boxes are halved; without a goal, the boxes with the smallest
+        bounds.
         """
         take = self._next()
         low, high, _ = halved(self.low[take], self.high[take], self.split[take])
@@ -138,9 +139,10 @@ class _Search:
             self._stop(Q, half, int(np.argmax(small)), "a box too small to halve is undecided")
 
     def _next(self) -> NDArray[np.intp]:
-        """Choose the undecided boxes to halve next, one batch at most: return their indices.
+        """Choose the undecided boxes to halve next, at most one batch; return their indices.
 
-        With a goal, they are the newest; without a goal, those with the smallest bounds.
+        With a goal, the newest boxes are chosen; without a goal, the boxes with the smallest
+        bounds.
         """
         count = len(self.low)
         if count <= _BATCH:
@@ -154,7 +156,8 @@ class _Search:
 
         ``found`` are the bounds on the boxes Q ± half, (K, n) each. With a goal, the result is the
         goal. Without a goal, it is 95 % of ``upper``, which no proved bound can exceed. Update
-        ``upper``, and stop the search if it is below the goal or, without a goal, 0.
+        ``upper``. Stop the search if ``upper`` is below the goal or, without a goal, if ``upper``
+        is 0.
         """
         least = int(np.argmin(found.center))
         if found.center[least] < self.upper:
@@ -171,10 +174,10 @@ class _Search:
     def _still_short(self, enough: float, stays: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Test which undecided boxes stay undecided, now that a bound of ``enough`` decides a box.
 
-        Without a goal, ``enough`` falls when a smaller leaf margin is found, so that earlier boxes
-        become decided. ``stays`` is a mask of the undecided boxes, False for those that were just
-        halved. Return a mask of the same boxes: False for those that become decided, True for all
-        others, also those just halved. Record the smallest bounds of those that become decided.
+        ``stays`` is a mask of the undecided boxes: False for boxes that were just halved. Return a
+        mask of the same boxes: False for boxes that become decided, True for all others, also for
+        those just halved. Record the smallest bounds of the boxes that become decided. This can
+        happen only without a goal: ``enough`` then falls when a smaller leaf margin is found.
         """
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():
@@ -200,7 +203,8 @@ class _Search:
     def _stop(self, Q: Array, half: Array, at: int, why: str) -> None:
         """Stop the search for the reason ``why`` at the box in row ``at`` of Q ± half, (K, n) each.
 
-        If an arm angle is not defined at the centre of the box, that is the reason instead.
+        If an arm angle is not defined at the centre of the box, the recorded reason is this
+        instead.
         """
         if self.problem.undefined(Q[at, None], 0 * half[at, None])[0]:
             why = "the arm angle is not defined there"
@@ -217,7 +221,8 @@ class _Search:
         """Return the proof with the smallest bounds over all boxes, decided or not.
 
         If the search stopped early, the proof has the reason. Its box ``worst`` ± ``half`` is the
-        box that misses the goal or cannot be halved, if any, else the box with the smallest bound.
+        box that misses the goal or cannot be halved; if there is no such box, the box with the
+        smallest bound.
         """
         bound, sigma = self.decided, self.settled_sigma
         worst = self.at_least_bound

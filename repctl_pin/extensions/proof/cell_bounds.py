@@ -99,7 +99,7 @@ class CellBounds:
         Index of the coordinate u along which to halve each box if its bounds are too weak.
     level : (K,) array of int
         Index among :attr:`CellProof.distances` of the distance d* from c within which F was proved
-        to be the only solution; −1 where F was not.
+        to be the only solution; −1 where no d* was proved.
     Q, reach : (K, n) arrays
         Centres and half-widths, rad or m, of boxes of joints. On each box of poses, F(u) lies in
         the box of joints; NaN where F was not proved to exist.
@@ -117,8 +117,8 @@ class CellBounds:
 class CellProof:
     """Bounds for the function F of one cell on boxes of poses, computed in C.
 
-    The search over the cell requests bounds on ever smaller boxes, until F is proved to exist with
-    its margins on all of them. F is proved to be the only solution within d* of c, a continuous
+    The search over the cell requests bounds on ever smaller boxes, until F is proved to exist, with
+    its margins, on all boxes. F is proved to be the only solution within d* of c, a continuous
     function on the cell near F: q_ref, corrected by :class:`_Correction`.
 
     Parameters
@@ -130,9 +130,9 @@ class CellProof:
     ----------
     distances : (L, n) array
         The L distances d* from c, rad or m, the largest first; each is above the next one in every
-        joint. On each box, F is proved to be the only solution within one of them. At a pose that
-        two boxes share, both have the same F: it lies within the smaller d*, so within the larger
-        one, too.
+        joint. On each box of poses, F is proved to be the only solution within one of these
+        distances. At a pose that two boxes share, both boxes have the same F: F lies within the
+        smaller d* of the two, so also within the larger d*.
 
     Raises
     ------
@@ -207,9 +207,9 @@ class CellProof:
     def _tightness(self, chain: Chain, Uc: Array, half: Array, start: Array) -> float:
         """Sum the lower bounds of the leaf margin on boxes Uc ± half, (K, k) each, for a chain.
 
-        ``chain`` is the arm with a middle link; later calls of the object use it, too. ``start``
-        (K, n, 1 + k) is the estimate of F − q_ref, see :meth:`bounds_from`. The caller chooses the
-        middle link with the largest sum, because its proof needs the fewest boxes.
+        ``chain`` is the arm with a middle link; later calls of the object use this chain, too.
+        ``start`` (K, n, 1 + k) is the estimate of F − q_ref, see :meth:`bounds_from`. The caller
+        chooses the middle link with the largest sum, because its proof needs the fewest boxes.
         """
         self.see_from(chain)
         return float(self.bounds_from(Uc, half, start).leaf_margin.sum())
@@ -329,8 +329,9 @@ class CellProof:
 def _tips(chain: Chain, farthest: Array) -> Array:
     """Bound the distances of the chain's P joint origins from the end-effector frame: (P,), m.
 
-    A bound is the sum of the lengths of the links in between, with the strokes of prismatic
-    joints. ``farthest`` (n,) bounds the absolute joint positions |q|, rad or m.
+    A bound is the sum of the lengths of the links between joint and frame, plus the strokes of the
+    prismatic joints between them. ``farthest`` (n,) bounds the absolute joint positions |q|, rad or
+    m.
     """
     slides = np.abs(chain.S[:, : chain.n]) @ farthest + np.abs(chain.o)
     lengths = np.linalg.norm(chain.p, axis=1) + np.where(chain.revolute, 0.0, slides)
@@ -340,9 +341,9 @@ def _tips(chain: Chain, farthest: Array) -> Array:
 def farthest(cell: Cell, away: Callable[[Array], Array]) -> Array:
     """Find the largest distance ``|F − c|`` in a cell, per joint: (n,), rad or m.
 
-    ``away`` evaluates it at K poses in the coordinates of the cell, (K, k) → (K, n). The result is
-    sampled, not proved; the distances d* to be tried are made from it. Random poses and corners are
-    evaluated, then poses around the worst.
+    ``away`` evaluates ``|F − c|`` at K poses in the coordinates of the cell, (K, k) → (K, n).
+    Random poses and corners are evaluated, then poses around those with the largest distances. The
+    result is sampled, not proved; the distances d* to be tried are made from it.
     """
     rng = np.random.default_rng(1)
     Y = np.concatenate([cell.sample(2048, 1), cell.corners()])
@@ -362,9 +363,9 @@ def farthest(cell: Cell, away: Callable[[Array], Array]) -> Array:
 class _Correction:
     """Correction ``Δ(u) = c(u) − q_ref(u)`` of a chart: F − q_ref at the nodes of a grid.
 
-    Between the nodes, Δ is linear along each coordinate, so c is continuous. F can differ from the
-    polynomial q_ref by 0.2 rad where J is nearly singular, and there two solutions are near each
-    other: F is then the only one within a small distance of c, but not of q_ref.
+    Between the nodes, Δ is linear along each coordinate, so c is continuous. Where J is nearly
+    singular, F can differ from the polynomial q_ref by 0.2 rad, and a second solution can be near
+    F. F is then the only solution near c, but not the only solution near q_ref.
 
     Attributes
     ----------
@@ -416,9 +417,9 @@ class _Correction:
         """Bound ``|q_0 − c| = |η − Δ|`` on boxes Uc ± half, (K, k) each: (K, n).
 
         q_0 = q_ref + η is the estimate of F from which a proof starts. ``start`` (K, n, 1 + k) is
-        η: the value of F − q_ref at the centre, and k slopes times ``half``. Where a box is cut by
-        the lines of the grid, η − Δ is linear along each coordinate on each part: it is largest at
-        a corner.
+        η: the value of F − q_ref at the centre, and k slopes times ``half``. The lines of the grid
+        cut each box into parts. On each part, η − Δ is linear along each coordinate, so its largest
+        absolute value is at a corner of the part.
         """
         if not self.values.any():
             return np.asarray(np.abs(start).sum(axis=2) * (1 + 1e-12))
@@ -448,10 +449,10 @@ def _nested(found: Array) -> Array:
 def limits_of(cell: Cell) -> tuple[Array, Array]:
     """Return the joint limits (lower, upper) that F of a cell must keep, (n,) each, rad or m.
 
-    If a single joint moves the frame along a coordinate of a sector, F leaves that coordinate out.
-    The limits of such a joint are narrowed by the half-width of the coordinate, so that the joint
-    can still move along it. They are −inf and inf if the coordinate has the range ``"all"``, which
-    ends at the joint's limits.
+    If a single joint moves the frame along a coordinate of a sector, F may leave that coordinate
+    out. The limits of this joint are then narrowed by the half-width of the coordinate, so that the
+    joint can still move the frame along the coordinate. If the coordinate has the range ``"all"``,
+    which ends at the joint's limits, the result has −inf and inf for this joint.
     """
     lower, upper = cell.task.lower, cell.task.upper
     lower, upper = lower.copy(), upper.copy()
@@ -518,7 +519,7 @@ class _Polynomials:
     def used(self) -> Array:
         """Number of monomials that each of the M derivatives ``∂^α p`` can contain: (M,).
 
-        These are the first of the chart's T monomials.
+        If the number is t, the derivative contains only the first t of the chart's T monomials.
         """
         monomials = self.chart.monomials
         orders = Monomials(monomials.k, ORDER).exponents.sum(axis=1)
@@ -535,7 +536,7 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     coordinate, and e is the radial direction at the cell's centre.
 
     Velocities are given along each of the m task coordinates: first the k coordinates u, then the l
-    coordinates that symmetries remove from u, then those of width 0.
+    coordinates that symmetries remove from u, then the coordinates of width 0.
 
     Returns
     -------
@@ -551,8 +552,7 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
         Displacement, m, and rotation, rad, per metre or radian of each task coordinate, in the
         axes before the rotation R_a.
     around, twirl : (m,) arrays
-        ``around`` is 1 for the coordinate φ, ``twirl`` is 1 for the coordinate ψ; both are 0 for
-        others.
+        ``around`` is 1 for the coordinate φ, else 0; ``twirl`` is 1 for the coordinate ψ, else 0.
     outward, profile : (3,) and (2, g + 1) arrays
         The direction e, and the coefficients of the polynomials b and s, of degree g.
     widths : (k,) array
@@ -581,8 +581,9 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
 def _bent_coordinates(cell: Cell) -> dict[str, int]:
     """Return the degree of a sector's profile, and the indices of the radius and the height in u.
 
-    They have the keys "bent", "radial" and "upright", which are members of the C struct CELL. The
-    profile is how the range of radius depends on the height; if it does not, all three are 0.
+    The keys of the three numbers are "bent", "radial" and "upright", which are members of the C
+    struct CELL. The profile describes how the range of radius depends on the height. Without such a
+    dependence, all three numbers are 0.
     """
     if not (isinstance(cell, Sector) and cell.profile.degree):
         return {"bent": 0, "radial": 0, "upright": 0}

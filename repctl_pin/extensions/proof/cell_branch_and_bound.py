@@ -2,7 +2,7 @@
 
 The cell is a box of poses with k coordinates u from −1 to 1. F gives one configuration for each
 pose. Boxes of poses are halved until their bounds suffice. c is a continuous function of u near F,
-and d* a distance from c within which F is the only solution; they are tried in the order of
+and d* a distance from c within which F is the only solution. Several d* are tried, in the order of
 :attr:`.CellProof.distances`, the largest first. The values of F are a leaf of r potentials; the
 leaf margin, from 0 to 1, is the distance from an algorithmic singularity, at which the controller
 that stays on this leaf fails. The limit margin is the distance from the joint limits, rad or m.
@@ -96,9 +96,9 @@ class _CellSearch:
     def _counts(self) -> Array:
         """Choose the number of initial boxes along each of the k coordinates of the cell: (k,).
 
-        The joints move about equally far along each edge of a box. The counts grow until half of a
-        random sample of boxes is proved without halving. If that takes more than 400,000 boxes, all
-        counts are 1.
+        The counts are chosen such that the joints move about equally far along each edge of a box.
+        The counts grow until half of a random sample of boxes is proved without halving. If this
+        requires more than 400,000 boxes, all counts are 1.
         """
         k, chart = self.problem.cell.k, self.problem.chart
         S = np.random.default_rng(0).uniform(-1, 1, (_TRIALS, k))
@@ -153,9 +153,10 @@ class _CellSearch:
     def _stop_if_hopeless(self, low: Array, high: Array) -> None:
         """Stop the search if a box of poses cannot be proved by halving it.
 
-        The corners of the boxes are low and high, (K, k) each. At the centre of such a box, F does
-        not exist, misses a margin, or differs from c by more than d*, the distance within which F
-        is proved to be the only solution. Or the box is already too small.
+        ``low`` and ``high`` (K, k) are the corners of K boxes. A box cannot be proved if, at its
+        centre, F does not exist, misses a margin, or differs from c by more than d*, the distance
+        within which F is proved to be the only solution. A box that is already too small also stops
+        the search.
         """
         problem, chart = self.problem, self.problem.chart
         points = chart.solve((low + high) / 2)
@@ -182,9 +183,9 @@ class _CellSearch:
                 return
 
     def stop(self, which: int, low: Array, high: Array, reason: str) -> None:
-        """Stop the search for a reason at the box with the index ``which``; record both.
+        """Stop the search at the box with the index ``which``; record the box and the reason.
 
-        The corners of the boxes are low and high, (K, k) each, in the cell's coordinates.
+        ``low`` and ``high`` (K, k) are the corners of K boxes, in the cell's coordinates.
         """
         self.reason = reason
         self.at = (low[which] + high[which]) / 2, (high[which] - low[which]) / 2
@@ -203,7 +204,7 @@ class _CellSearch:
 def grid(counts: Array) -> tuple[Array, Array]:
     """Divide [−1, 1]^k into equal boxes; ``counts`` (k,) has their number per coordinate.
 
-    Return their lower and upper corners, (K, k) each.
+    Return the lower and upper corners of the K boxes, (K, k) each.
     """
     edges = [np.linspace(-1, 1, int(count) + 1) for count in counts]
     low = np.meshgrid(*[e[:-1] for e in edges], indexing="ij")

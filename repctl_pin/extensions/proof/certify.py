@@ -197,10 +197,10 @@ class _Closing(NamedTuple):
 def _asked_closing(closes: Any, ratio: float, leaf: float) -> _Closing | None:
     """Convert ``closes``, ``ratio`` and ``leaf`` of :func:`prove` to a request; None for no radius.
 
-    ``leaf`` is how far each level may be from its level at the start, in units of its potential; 0
-    stands for the start's own leaf. ``closes`` is True, False (no radius), a closed path, metres,
-    or (metres, radians); other values raise an InputError. ``ratio`` is in rad per m; a pair
-    (metres, radians) replaces it.
+    ``leaf`` is the largest change of each level from its value at the start, in the unit of its
+    potential; 0 stands for the start's own leaf. ``closes`` is True, False (no radius), a closed
+    path, metres, or (metres, radians); other values raise an InputError. ``ratio`` is in rad per m;
+    if ``closes`` is a pair (metres, radians), the ratio of this pair replaces ``ratio``.
     """
     ratio = positive(ratio, "ratio", "rad per m", zero=True)
     if isinstance(closes, ClosedPath):
@@ -231,8 +231,9 @@ def _of_region(
     """Prove the margins and the closing radius of a design over a region of joint space.
 
     ``goal`` is the leaf margin to prove; None for the largest bound. ``least`` is the limit margin
-    to prove, rad or m; None for none. ``seconds`` is the processor time for the margins, and again
-    for the radius. If a goal is missed, the proof has the box and the reason.
+    to prove, rad or m; None for none. ``seconds`` is the processor time for the margins; the radius
+    may take the same time again. If a goal is missed, the returned proof has the box at which the
+    goal was missed, and the reason.
     """
     task = design.task
     low, high = cover(region)
@@ -307,8 +308,9 @@ def _opposite_signs(
     """Find two configurations (n,) of Ω where det J_V has opposite signs; None if none are found.
 
     J_V, the task Jacobian stacked on the potentials' gradients, is continuous, and Ω is connected,
-    so J_V is singular between the two. The search starts from random samples of Ω and from ``near``
-    (n,). The two configurations are then brought close together.
+    so J_V is singular between the two. The search starts from random samples of Ω and from the
+    configuration ``near`` (n,). The two configurations that it finds are then brought close
+    together.
     """
     rng, half = np.random.default_rng(0), region.bounds.half_width
     Q = np.concatenate([region.center[None], near[None], region.random(_SAMPLES, 0)])
@@ -338,9 +340,10 @@ def _close_pair(
 ) -> tuple[Array, Array] | None:
     """Bring two configurations a and b (n,), at which ``value`` has opposite signs, close together.
 
-    ``value`` is det J_V up to a factor. The line from a to b is bisected until the distance is 3 %
-    of the half-widths of ``region`` in each joint, the signs become uncertain, or the line leaves
-    ``region``. Return None if a sign at a or b is uncertain.
+    ``value`` is det J_V up to a factor. The line from a to b is bisected until the two
+    configurations differ by at most 3 % of the half-width of ``region`` in each joint, a sign
+    becomes uncertain, or the line leaves ``region``. Return the two configurations, or None if the
+    sign at a or at b is uncertain.
     """
     half = region.bounds.half_width
     if min(abs(value(a)), abs(value(b))) < _CERTAIN:
@@ -368,8 +371,9 @@ def _determinants(task: Task, field: Potentials, Q: Array) -> Array:
 def _without(design: Design, region: Region, share: float, report: reporting.Report) -> str:
     """Write which share of Ω's width is proved to have no singularity; empty if none is.
 
-    The text ends a sentence. ``share`` is the factor that scales Ω such that a known singularity is
-    on its boundary; 0.95, 0.8, 0.6 and 0.4 of this factor are tried.
+    The text ends a sentence. ``share`` is the factor by which Ω is scaled such that a known
+    singularity is on its boundary. Ω is scaled by 0.95, 0.8, 0.6 and 0.4 times this factor, one
+    after the other, until a proof succeeds.
     """
     task, field = design.task, design.inverse.potentials
     for part in (0.95, 0.8, 0.6, 0.4):
@@ -421,8 +425,8 @@ def _of_cell(
 def _least_leaf_margin(design: CellDesign) -> float:
     """Return the smallest leaf margin found in a cell.
 
-    It is part of the design's evaluation, except in older files. Then the result is the smallest
-    margin at 4096 sampled poses and the corners of the cell.
+    The margin is part of the design's evaluation. Designs from older files lack this figure; for
+    these, the result is the smallest margin at 4096 sampled poses and the corners of the cell.
     """
     from ..cells.evaluate.margins import leaf_margins
 

@@ -58,8 +58,8 @@ class Chain:
         False for prismatic joints.
     level : (P,) array of bool
         True for virtual joints at the tool whose axes are kept parallel to axes of the middle link.
-        They are three joints that span all rotations or, for a pose task, one joint that only marks
-        the frame; its row of S is 0.
+        If the task leaves all rotations free, these are three joints. For a pose task, there is one
+        such joint, which only marks the frame: its row of S is 0.
     S, o : (P, N) and (P,) arrays
         Map ``θ = S q + o`` from q to the positions of the P joints. The last N − n entries of q
         belong to the virtual joints.
@@ -91,8 +91,8 @@ class Chain:
     def reach(self) -> Array:
         """Bounds (P,), m, on the distance of each joint's origin from the origin of the screws.
 
-        A bound is the sum of the lengths of the links in between; strokes of prismatic joints are
-        not included.
+        A bound is the sum of the lengths of the links between both points; strokes of prismatic
+        joints are not included.
         """
         lengths = np.linalg.norm(self.p, axis=1)
         reach, k = np.zeros(len(lengths)), self.middle
@@ -178,8 +178,8 @@ def frames_of(task: Task) -> tuple[Task, ...]:
 def chains_of(task: Task) -> tuple[Chain, ...]:
     """Create one chain per frame of a task, virtual joints included, with a common vector q.
 
-    q holds the task's joints, then the virtual joints of every frame; the matrix S of each chain
-    has a column for each. So J_V can be assembled row by row.
+    q holds the task's joints, then the virtual joints of every frame. The matrix S of each chain
+    has one column per entry of q. So J_V can be assembled row by row.
     """
     chains = [chain_of(part) for part in frames_of(task)]
     before = np.cumsum([0, *(chain.N - chain.n for chain in chains)])
@@ -195,8 +195,8 @@ def chains_of(task: Task) -> tuple[Chain, ...]:
 def tool_reach(chain: Chain) -> float:
     """Bound the distance of the end-effector frame from the origin of the screws, m.
 
-    The bound is the sum of the lengths of the links in between; strokes of prismatic joints are not
-    included.
+    The bound is the sum of the lengths of the links between both points; strokes of prismatic
+    joints are not included.
     """
     return float(np.linalg.norm(chain.shift) if chain.middle == len(chain.p) else chain.reach[-1])
 
@@ -205,9 +205,10 @@ def frame_change(kind: str, distance: Array) -> Array:
     """Bound the factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``: the norm of a change of frame for twists.
 
     Y is a right inverse of the Jacobian whose twists are those of the middle link; the twists of J
-    are those of the task's frame. ``distance``, an array of any shape, m, bounds how far the two
-    origins are apart; the result has its shape. ``kind`` is the kind of the task, such as "pose".
-    For a task of positions β = 1, because its twists have no rotation.
+    are those of the task's frame. ``distance``, m, an array of any shape, bounds the distance
+    between the points to which the two kinds of twists refer; the result has the same shape.
+    ``kind`` is the kind of the task, such as "pose". For a task of positions β = 1, because its
+    twists have no rotation.
     """
     t = np.asarray(distance, float)
     turns = kind in ("pose", "axis")

@@ -130,8 +130,8 @@ def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
     """Choose poses of a path through Q (K, n), from which to measure distances to the path.
 
     Neighbouring poses are about half of ``radius``, m, or of ``angle``, rad, apart, if Q has enough
-    rows. Return the positions (P, 3 F), m, and the rotations (P, 3 F, 3) of P poses, with the F
-    frames of the task side by side.
+    rows. Return the positions (P, 3 F), m, and the rotations (P, 3 F, 3) of P poses. The second
+    axis has three entries for each of the F frames of the task, one frame after the other.
     """
     poses = [task.placements(q) for q in Q]
     p = np.array([[x.translation for x in pose] for pose in poses])
@@ -152,7 +152,7 @@ def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[
     """Return whether the radius found is the largest provable one, and why none larger was proved.
 
     ``goal`` is the requested radius, m, or None for the largest one. The first result is False only
-    if the search ended before all of Ω was decided; the second is never empty.
+    if the search ended before all of Ω was decided; the second, the reason, is never empty.
     """
     if goal is not None and found.radius >= goal:
         return True, "no larger radius was requested"
@@ -165,7 +165,8 @@ def _end(task: Task, places: Places, found: Reach, goal: float | None) -> tuple[
 def _edge(task: Task, places: Places, found: Reach) -> str:
     """Write what limits a closing radius: a joint that may leave Ω, or a possible singularity.
 
-    ``found`` has the index of that joint, and the index of the place at which its line begins.
+    ``found`` has the index of the limiting joint, and the index of the place at which the limiting
+    line begins.
     """
     if not found.regular:
         return "farther away, J_V is not proved to be regular"
@@ -210,9 +211,10 @@ def _clearance(region: Region, Q: Array) -> Array:
 def _places(Q: Array, clearance: Array, half: Array) -> Places:
     """Divide a motion through Q (K, n) into places: boxes of configurations in which lines begin.
 
-    From each row of Q to the next, the motion differs from the row by at most ``half`` (K, n); so
-    the boxes also contain the motion between the rows. ``clearance`` (K, n) is how far each joint
-    can move from Q within Ω, rad or m. The clearance of a place is the smallest in it.
+    ``half`` (K, n) bounds how far the motion departs from each row of Q until the next row; so the
+    boxes also contain the motion between the rows. ``clearance`` (K, n) is how far each joint can
+    move from each row of Q within Ω, rad or m. The clearance of a place is the smallest clearance
+    of its rows.
     """
     parts = sections(Q, clearance)
     low = np.array([Q[part].min(axis=0) for part in parts])

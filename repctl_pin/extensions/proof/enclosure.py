@@ -136,8 +136,8 @@ def enclosed(
 def _bent(Q: Array) -> Array:
     """Estimate how far a closed path through Q (K, n) is from the lines between its rows: (K, n).
 
-    The estimate is ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``. It suffices for a corner anywhere between
-    two rows, and is four times the sag of a parabola.
+    The estimate is ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``. This is enough even if the path has a
+    corner between two rows; for a parabola, it is four times the actual distance.
     """
     steps = np.diff(Q, axis=0, append=Q[1:2])
     return np.asarray(np.abs(steps - np.roll(steps, 1, axis=0)) / 2)
@@ -211,7 +211,7 @@ class _Samples(NamedTuple):
         return cls(Q, arcs * (1 + ROUND), *off)
 
     def part(self, at: NDArray[np.intp]) -> _Samples:
-        """Return only the samples with the indices ``at``."""
+        """Return the samples with the indices ``at``."""
         return _Samples._make(values[at] for values in self)
 
 
@@ -224,8 +224,8 @@ def errors_of(
 ) -> tuple[Array, Array]:
     """Bound the errors of pose (K,) and levels (K, r) at samples Q (K, n), rounding included.
 
-    ``places`` are the K exact poses, and ``c`` are the exact levels, (r,) or (K, r). The error of
-    the pose is the norm of the task error, m and rad.
+    ``places`` are the K exact poses. ``c`` are the exact levels: (K, r), or (r,) if all samples
+    have the same levels. The error of the pose is the norm of the task error, m and rad.
     """
     task = inverse.task
     reach = max(
@@ -267,11 +267,11 @@ def _proved_arcs(
     half, h, bent = found
 
     def shift(off: Array, level_off: Array) -> Array:
-        """Bound the distance of the lift from K samples that lie beside it: half-widths (K, n).
+        """Bound the distance of the lift from K samples that are not exactly on it: (K, n).
 
-        The lift is where pose and levels are exact; the samples have errors. ``off`` (K,) bounds
-        the norm of the task error, m and rad, over all m coordinates, ``level_off`` (K, r) that of
-        each level.
+        The configurations of the lift have exact poses and levels; the samples have errors. ``off``
+        (K,) bounds the norm of each sample's task error, m and rad; ``level_off`` (K, r) bounds the
+        error of each level.
         """
         moved = bounds.moved(np.repeat(off[:, None, None], 2, 2), level_off)
         share = np.max(moved / h, axis=1) / (1 - np.max(bent / h, axis=1))
@@ -387,7 +387,7 @@ def _pose_changes(chain: JointChain, Q: Array, h: Array) -> tuple[Array, Array]:
     joint j, and by η_j for each prismatic joint j. The linear part of a prismatic joint's column
     changes by η_j for each revolute joint j. The angular part of a column changes by at most α, the
     sum of η_j over the revolute joints. Rotations are measured by the rotation vector from the
-    sample, which adds α again.
+    sample, so α is added once more to the angular part.
     """
     S = np.abs(chain.S)
     turns: NDArray[np.bool_] = chain.revolute

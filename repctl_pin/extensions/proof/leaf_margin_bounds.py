@@ -48,7 +48,7 @@ class LeafMarginBounds:
     leaf_margin : (K,) array
         Lower bound of the leaf margin on the whole box; 0 where J_V was not proved to be regular.
     center : (K,) array
-        Upper bound of the leaf margin at the box's centre. It limits the lower bound on the box.
+        Upper bound of the leaf margin at the box's centre. No lower bound on the box can exceed it.
     sigma_min : (K,) array
         Lower bound of σ_min(J) on the whole box; 0 where none was found.
     split : (K,) array of int
@@ -118,7 +118,8 @@ class LeafMarginProblem:
         """Bound ``|A J_V − I|`` on boxes of joints Q ± half, (K, n) each: (K, N, N).
 
         A is an approximate inverse of J_V at the centre. If the spectral radius of the bound is
-        below 1, J_V is regular on the whole box. The bound is inf where no such inverse was found.
+        below 1, J_V is regular on the whole box. The bound is inf where no approximate inverse was
+        found.
         """
         D = np.full((len(Q), self.N, self.N), np.inf)
         self.run("deviations", Q, half, D)
@@ -158,10 +159,10 @@ class LeafMarginProblem:
     def arm_angles(self, Q: Array, half: Array) -> Array | None:
         """Expand the gradients of arm angles to first order on boxes Q ± half, (K, n) each.
 
-        The result (K, r, n² + 2 n + 1) is an argument of C functions; None if no potential contains
-        an arm angle. There are r potentials. For each, the last axis holds the gradient of its arm
-        angles (n) at the centre, n² derivatives of this gradient row by row, n bounds on the
-        remainder, and a bound on the rounding error.
+        The result (K, r, n² + 2 n + 1) is an argument of C functions; it is None if no potential
+        contains an arm angle. For each box and each of the r potentials, the last axis holds: n
+        entries of the gradient of the arm angles at the centre, n² derivatives of this gradient,
+        row by row, n bounds on the remainder, and one bound on the rounding error.
         """
         if not self.features.arms:
             return None
@@ -206,8 +207,9 @@ def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem
         """Estimate how tight the bounds are with the chain ``links`` for frame number f.
 
         A is the inverse of J_V at the centre of ``box``, the box of :func:`leaf_margin_of`. The
-        result is the spectral radius of the bound on ``|A J_V − I|`` on a box with the same centre
-        and an eighth of its half-widths: lower is better, and inf means that there is no bound.
+        result is the spectral radius of the bound on ``|A J_V − I|`` on a smaller box, with the
+        same centre as ``box`` and an eighth of its half-widths. Lower is better; inf means that
+        there is no bound.
         """
         one = _prepared(task, (*chains[:f], links, *chains[f + 1 :]), features, box)
         D = one.deviations(box.center[None], box.half_width[None] / 8)[0]

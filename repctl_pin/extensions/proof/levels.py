@@ -56,8 +56,8 @@ def level_boxes(
     become smaller until each is proved, and its box is inside Ω: ``clearance(Q)`` bounds how far
     each joint may move within Ω from Q (K, n), rad or m. In the result, each row of Q is the
     configuration in the middle of one cell, and ``half`` bounds the distance of F(x₀, c) from it.
-    Neighbouring rows are neighbouring cells. If some cell cannot be proved, the result has a reason
-    and only the start in Q.
+    Successive rows are neighbouring cells. If some cell cannot be proved, the result has a reason,
+    and its Q has the start as its only row.
     """
     r = inverse.task.r
     why = f"levels within {most:g} of the start's"
@@ -94,8 +94,8 @@ def _solved(
 
     ``count`` cells along each level divide the range ± ``most`` around the start's level, in units
     of the potential. An error is raised if a middle has no solution. Return the indices (K, r) of
-    the cells, counted from the start's cell (0, …, 0), and the configurations (K, n), ordered so
-    that neighbouring rows are neighbouring cells.
+    the cells, counted from the start's cell (0, …, 0), and the configurations (K, n) in their
+    middles. Successive rows are neighbouring cells.
     """
     task, c, x = inverse.task, inverse.leaf(start), inverse.task.placements(start)
     width, side = 2 * most / count, count // 2
@@ -115,8 +115,8 @@ def _far(cell: tuple[int, ...]) -> int:
 def _inward(cell: tuple[int, ...]) -> tuple[int, ...]:
     """Return the neighbour of a cell that is one step nearer to the start's cell (0, …, 0).
 
-    The step is along the level whose index is the largest in absolute value. The start's cell has
-    no such neighbour, and is returned itself.
+    The step is along the level whose index is the largest in absolute value. For the start's cell,
+    which has no such neighbour, the result is the start's cell.
     """
     k = int(np.argmax(np.abs(cell)))
     return (*cell[:k], cell[k] - int(np.sign(cell[k])), *cell[k + 1 :])
@@ -125,7 +125,7 @@ def _inward(cell: tuple[int, ...]) -> tuple[int, ...]:
 def _in_turn(side: int, r: int) -> list[tuple[int, ...]]:
     """List all cells of r levels, with indices from −side to side, as tuples of r indices.
 
-    Each is a neighbour of the one before: one index differs, by 1.
+    Successive cells are neighbours: one of their indices differs, by 1.
     """
     if r == 0:
         return [()]
@@ -145,11 +145,12 @@ def _proved(
     Q: Array,
     half_width: float,
 ) -> tuple[Array, Array] | None:
-    """Bound, for the levels c of each cell, how far F(x₀, c) is from its row of Q: (K, n).
+    """Bound, for all levels c of each cell, how far F(x₀, c) is from the cell's row of Q: (K, n).
 
     Return also the half-widths (K, n) of boxes around Q in which Φ is injective. Return None if a
-    cell is not proved. ``half_width`` is that of a cell, ``cells`` (K, r) are the cells' indices,
-    counted from the start's cell, and Q (K, n) the configurations in their middles.
+    cell is not proved. ``half_width`` is the half-width of every cell. ``cells`` (K, r) are the
+    indices of the cells, counted from the start's cell, and Q (K, n) the configurations in the
+    middles of the cells.
     """
     task, bounds = inverse.task, LiftBoxes(inverse, problem, Q)
     c = inverse.leaf(start) + 2 * half_width * cells

@@ -105,7 +105,8 @@ class Reach:
     complete : bool
         False if the search ended before all boxes were decided.
     regular : bool
-        False if J_V is not proved to be regular in all boxes S_k around that place.
+        False if J_V is not proved to be regular in all boxes S_k around the place with the index
+        ``place``.
     """
 
     radius: float
@@ -188,8 +189,9 @@ class _Search:
     def _layers(self) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
         """Divide S_1, and each S_k without S_(k−1), into L boxes that branch and bound can halve.
 
-        Return the lower and upper corners of the boxes, (L, n) each, relative to the centre of
-        their place; the indices (L,) of their places; and their numbers k − 1 (L,).
+        Return the lower and upper corners of the L boxes, (L, n) each, relative to the centre of
+        the place; the index (L,) of the place of each box; and the number k − 1 (L,) of the S_k
+        that contains it.
         """
         K, M, n = self.widths.shape
         half = self.widths + self.places.extent[:, None] * (1 + 1e-12)
@@ -250,8 +252,8 @@ class _Search:
     ) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
         """Halve the undecided boxes with the indices ``take``, each along one joint.
 
-        Return the lower and upper corners of the L halves, (L, n) each, the indices (L,) of their
-        places, and their numbers k − 1 (L,).
+        Return the lower and upper corners of the L halves, (L, n) each, the index (L,) of the place
+        of each half, and the number k − 1 (L,) of the S_k that contains it.
         """
         low, high, parents = halved(self.low[take], self.high[take], self.split[take])
         order = take[parents]
@@ -309,9 +311,9 @@ def _largest_slack(
     """Choose the shares by which the rates to prove may exceed sampled rates, for a goal.
 
     ``goal`` is the length of the lines, m. A share of 0.1 means rates 10 % above the sampled ones.
-    With larger shares the proof needs fewer boxes, but the sets S_k are wider, and rates in them
-    are larger. Return the shares for the first and the last S_k around a place: the defaults, or
-    larger ones if the goal allows them.
+    With larger shares the proof needs fewer boxes, but the boxes S_k are wider, and the rates in
+    them are larger. Return the shares for the first and the last S_k around a place: the defaults,
+    or larger ones if the goal allows them.
     """
     best = _sampled(task, field, places, ratio, None, (0.0, 0.0))[2]
     slack = 0.95 * best / goal - 1
@@ -337,7 +339,8 @@ def _sampled(
     ``slacks[0]`` to ``slacks[1]``. ``goal`` is a length, m, or None for the largest length.
 
     Return the half-widths, the rates, and the length of the lines, m, which is the same for all
-    places. A SingularityError is raised if J_V is singular at the start, or without clearance.
+    places. A SingularityError is raised if J_V is singular at the start, or if a place has no
+    clearance.
     """
     K, n = places.center.shape
     signs = np.sign(np.random.default_rng(0).uniform(-1, 1, (max(8, _SAMPLES // K), n)))
@@ -377,7 +380,7 @@ def _sampled(
 
 
 def _rates_at_start(rates: Array) -> Array:
-    """Replace zero rates (K, n), those of joints that do not move, by 1e-9 of the largest rate.
+    """Replace zero rates (K, n), which joints that do not move have, by 1e-9 of the largest rate.
 
     A SingularityError is raised if a rate is above 1e8 or NaN, because J_V is singular there.
     """
@@ -391,12 +394,13 @@ def rate_bounds(
 ) -> tuple[Array, Array, NDArray[np.int32]]:
     """Bound the rates of the joints, rad or m per metre of a line, on boxes Q ± half, (K, n) each.
 
-    The rate of a joint is ``‖g_v‖ + ratio ‖g_ω‖``, summed over the frames. g is the joint's row of
-    the repeatable inverse G_r, in its linear columns (v) and its angular columns (ω). ``ratio`` is
+    The rate of a joint is ``‖g_v‖ + ratio ‖g_ω‖``, summed over the frames. g_v and g_ω are the
+    joint's row of the repeatable inverse G_r in the linear and in the angular columns. ``ratio`` is
     the rotation per metre of the line, rad per m, one number or one per frame.
 
     Return the bounds (K, n), the rates at the centres (K, n), and the index (K,) of the joint along
-    which to halve each box. It is chosen so that the bounds fall below ``most`` (K, n) soon.
+    which to halve each box. This joint is chosen so that few halvings bring the bounds below
+    ``most`` (K, n).
     """
     bound, value = np.zeros((2, *Q.shape))
     split = np.zeros(len(Q), np.int32)
@@ -410,7 +414,8 @@ def rate_bounds(
 def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
     """Evaluate the rate of each joint, rad or m per metre of a line, at Q (K, s, n): (K, s, n).
 
-    There are s configurations per place. They are inf where the repeatable inverse does not exist.
+    There are s configurations per place. The rates are inf where the repeatable inverse does not
+    exist.
     """
     points = Q.reshape(-1, Q.shape[2])
     J, V = task.jacobians(points), field.gradients(points)
@@ -426,7 +431,7 @@ def _rates(task: Task, field: Potentials, Q: Array, ratio: float) -> Array:
 
 
 def inverses(matrices: Array) -> Array:
-    """Invert K matrices (K, N, N), such as J_V; NaN where one is singular, without an error."""
+    """Invert K matrices (K, N, N), such as J_V; the inverse of a singular matrix is NaN."""
     try:
         return np.asarray(np.linalg.inv(matrices), float)
     except np.linalg.LinAlgError:

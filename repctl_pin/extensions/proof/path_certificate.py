@@ -4,7 +4,7 @@ A leaf is the set {q : h(q) = c} of the potentials h, and c its level. J_V is th
 stacked on the potentials' gradients; where it is regular, pose and level determine the
 configuration locally. The straight lines from the start pose to the poses of the path form a
 surface, a cone. If J_V is regular along all these lines, each pose of the cone has one
-configuration on the leaf. Shrinking the path within the cone to the start then shows that it
+configuration on the leaf. Shrinking the path within the cone to the start then shows that the path
 closes. n is the number of joints.
 
 ``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle.
@@ -92,12 +92,12 @@ def path_certificate(
     """Check whether a closed path can be shrunk to its start, and so closes.
 
     A ray is the straight line ``x₀ + λ (x(s) − x₀)``, 0 ≤ λ ≤ 1, from the start pose x₀ to a pose
-    x(s) of the path, with a rotation about one axis. The arm follows it on the leaf of q0, on which
-    the potentials are constant. Let J_V be the task Jacobian stacked on the gradients of the
+    x(s) of the path, with a rotation about one axis. The arm follows each ray on the leaf of q0, on
+    which the potentials are constant. Let J_V be the task Jacobian stacked on the gradients of the
     potentials. If J_V is regular on all rays, and each ray ends on the motion along x(s), that
-    motion closes: the paths ``x₀ + λ (x(s) − x₀)`` with λ → 0 shrink it to a point. Rays are
-    checked at some 120 poses, all corners included, so this is no proof. Paths around the base, or
-    around a singularity, cannot be shrunk.
+    motion closes: with λ → 0, the paths ``x₀ + λ (x(s) − x₀)`` shrink to a point. Rays are checked
+    at some 120 poses, all corners included, so this is no proof. Paths around the base, or around a
+    singularity, cannot be shrunk.
 
     Parameters
     ----------

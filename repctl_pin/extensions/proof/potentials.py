@@ -74,8 +74,8 @@ class Features:
     E : (r, n) array
         Bounds on the rounding errors of V and of its first-order expansion over Ω.
     size : (r,) array
-        Bounds, per potential, on the largest entry of V plus ∂V times the half-widths of Ω, in
-        absolute values. Rounding errors are relative to them.
+        Bound, per potential, on the largest entry of ``|V| + |∂V| w`` with w the half-widths of Ω.
+        Rounding errors are stated relative to this bound.
     arms : tuple of ArmAngleChain
         Arm angles among the potentials. They are not features, but have Taylor models of their own.
     """
@@ -203,7 +203,10 @@ class _Builder:
         return len(self.found) - 1
 
     def _room(self, r: int) -> Array:
-        """Return T (r, n, n, n), see :class:`Features`, to be added to; create it if needed."""
+        """Return the array T (r, n, n, n) of :class:`Features`, to which terms are added.
+
+        The first call creates it with zeros.
+        """
         if self.T is None:
             self.T = np.zeros((r, self.n, self.n, self.n))
         return self.T
@@ -245,7 +248,7 @@ class _Builder:
     def _variables(self, field: PolynomialMap) -> list[int]:
         """Add the variables u of polynomials as arguments, which are linear functions of q.
 
-        Return the index of each among the arguments.
+        Return the index of each variable among the arguments.
         """
         rows = np.zeros((len(field.joints), self.n))
         rows[np.arange(len(field.joints)), field.joints] = 1 / field.scale
@@ -267,11 +270,11 @@ class _Builder:
         ``ijl`` are three indices of the arm's joints, in ascending order. ``c`` (r,) are the
         coefficients in the r potentials, and ``three`` are the exponents of the polynomial's
         variables ``u = (q − center) / scale``. ``joints`` and ``scale`` have the joint and the
-        scale of each variable, and ``most`` bounds each |u_i| in Ω. ``monomial(exponents)`` is the
-        index of a feature.
+        scale of each variable, and ``most`` bounds each |u_i| in Ω. ``monomial(exponents)`` returns
+        the index of the feature with the given exponents.
 
-        The derivatives of the term are bounded in T4. Because T4 is symmetric, only those with
-        respect to the last of the three joints and to later joints are added.
+        Bounds on the derivatives of the term are added to T4. Because T4 is symmetric, only
+        derivatives with respect to the last of the three joints and to later joints are added.
         """
         feature = monomial(three)
         self.C3[ijl][feature] = self.C3[ijl].get(feature, 0.0) + c
@@ -286,9 +289,9 @@ class _Builder:
     ) -> int:
         """Add the monomial with exponents ``beta`` as a feature, and return its index.
 
-        It is the product of a monomial of lower degree and one of the variables.
-        ``monomial(exponents)`` is the index of the feature of lower degree, and ``z`` are the
-        indices of the variables among the arguments.
+        The feature is the product of a monomial of lower degree and one of the variables.
+        ``monomial(exponents)`` returns the index of the feature with the given exponents, and ``z``
+        are the indices of the variables among the arguments.
         """
         used = [i for i, power in enumerate(beta) if power]
         if not used:
@@ -378,8 +381,9 @@ class _Builder:
     def _third_and_fourth(self) -> tuple[NDArray[np.int32], Array, Array]:
         """Create the arrays ``third``, ``C3`` and ``T4`` of :class:`Features`, for its attributes.
 
-        ``third`` (F_3,) are the numbers of the features of C_3, ``C3`` (r, n, n, n, F_3) their
-        coefficients, and ``T4`` (r, n, n, n, n) the bounds; it is (r, 0, 0, 0, 0) if F_3 is 0.
+        ``third`` (F_3,) are the numbers of the features of C_3, ``C3`` (r, n, n, n, F_3) are their
+        coefficients, and ``T4`` (r, n, n, n, n) are the bounds. If F_3 is 0, ``T4`` is (r, 0, 0, 0,
+        0).
         """
         assert self.T is not None, "a field has at least one term"
         r, n = len(self.T), self.n

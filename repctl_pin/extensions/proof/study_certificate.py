@@ -32,9 +32,9 @@ def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -
     """Add a certificate to a design; return it unchanged if the proof of its leaf margin fails.
 
     If Ω, the region of joint space of the design, is a tube, the certificate has a closing radius:
-    the distance from the path within which closed paths end in their start configuration.
-    ``spent`` is the processor time of the study so far, s. The proof of the leaf margin may take
-    5 % of it, or 0.3 s if that is longer. ``say`` displays the name of this step.
+    the distance from the path within which closed paths end in their start configuration. ``spent``
+    is the processor time of the study so far, s. The proof of the leaf margin may take 5 % of
+    ``spent``, or 0.3 s if that is longer. ``say`` displays the name of this step.
     """
     say("proving its leaf margin and closing radius")
     seconds = max(_LEAST_PROVING, _PROVING * spent)
@@ -51,9 +51,9 @@ def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -
 def unproved_note(design: Design) -> list[str]:
     """Write a note that a study's time did not suffice for a certificate, and how to get one.
 
-    The list has this one note. It is empty if the design has a certificate, if nothing can be
-    proved about it (such as about user-defined potentials), or without the native library, the
-    compiled C code of this package.
+    The list has this one note. The list is empty if the design has a certificate, if its potentials
+    are of a kind about which nothing can be proved, or if there is no native library, the compiled
+    C code of this package.
     """
     if design.proof is not None or library() is None:
         return []
