@@ -146,8 +146,7 @@ class ArmAngleChain:
 
     @property
     def carries(self) -> NDArray[np.bool_]:
-        """Mask (P, 3): True where the joint (row) moves shoulder, elbow or wrist (columns 0 to 2).
-        """
+        """Mask (P, 3): True where the joint (row) moves shoulder, elbow or wrist (column)."""
         found = np.zeros((len(self.p), 3), bool)
         for frame, joint in enumerate(self.joint):
             while joint >= 0:

@@ -194,7 +194,7 @@ class Chart:
         goals: _Goals | None = None,
         iterations: int = _ITERATIONS,
     ) -> Points:
-        """Find the configuration with ``f(q) = x(u)`` and label s at poses u, by Newton's method.
+        """Find configurations with ``f(q) = x(u)`` and given labels s, by Newton's method.
 
         The label s is the position along the self-motion at the pose x(u), measured from q_ref(u).
 
@@ -286,10 +286,10 @@ class Chart:
     ) -> tuple[Array, Array, Array, Array, Array]:
         """Solve ``f(q) = goal``, ``n_refᵀ (q − q_ref) = s`` from Q (K, n) by Newton's method, in C.
 
-        ``arm`` is the C struct of the task's joint chain, ``goal`` positions and rotations,
-        ``chart`` q_ref, n_ref and s. Return the solutions Q (K, n), rotations R (K, 3, 3) and
-        Jacobians J (K, m, n) there, and the largest entries (K,) of the task error and of the last
-        step.
+        ``arm`` is the C struct of the task's joint chain. ``goal`` are positions (K, 3), m, and
+        rotations (K, 3, 3); ``chart`` are q_ref (K, n), n_ref (K, n, r) and s (K, r). Return the
+        solutions Q (K, n), the rotations R (K, 3, 3) and the Jacobians J (K, m, n) at Q, and the
+        largest entry (K,) of the task error and that of the last step (K,).
         """
         K, task = len(Q), self.cell.task
         Q = np.array(Q, float, order="C")
@@ -408,7 +408,7 @@ class Points(NamedTuple):
     residual : (K,) array
         Largest entry of the task error, m or rad.
     found : (K,) array of bool
-        True if Newton's method converged to a solution.
+        True where Newton's method converged to a solution.
     """
 
     U: Array
@@ -421,9 +421,9 @@ class Points(NamedTuple):
     found: NDArray[np.bool_]
 
     def replaced(self, at: NDArray[np.intp], other: Points) -> Points:
-        """Return a copy in which the points with the indices ``at`` (L,) are the L of ``other``.
+        """Return a copy with the L points of ``other`` at the indices ``at`` (L,).
 
-        A search over many poses uses it to adopt the points at which the search succeeded.
+        A search over many poses thus adopts the points at which it succeeded.
         """
         arrays = [values.copy() for values in self]
         for values, new in zip(arrays, other, strict=True):
@@ -434,7 +434,7 @@ class Points(NamedTuple):
 class CellPotentials:
     r"""The r potentials of a chart, ``h = n_refᵀ (q − q_ref)``; their leaf {h(q) = c} is s = c.
 
-    A controller that holds h constant follows the function with s = c. q_ref and n_ref are
+    A controller that holds h constant at c follows the function with s = c. q_ref and n_ref are
     evaluated at the pose of q, so h is a function of q, and :class:`RepeatableInverse` accepts it
     like polynomials of q. Outside the cell, q_ref and n_ref extrapolate and are not meaningful.
 
@@ -509,11 +509,12 @@ def native_chart(chart: Chart) -> Any:
 def _weights(chart: Chart) -> tuple[int, int, Array]:
     """Arrange the coefficients of q_ref and n_ref in the order in which chart.c reads them.
 
-    Return ``terms``, the number of monomials; ``both``, the number of first monomials that contain
-    all that n_ref uses; and the coefficients in one row. The two numbers are rounded up to
-    multiples of 4, because C adds four monomials at a time. For each of the first ``both``
-    monomials, the row has n coefficients of q_ref, then r n of n_refᵀ; for each further one, n of
-    q_ref. Each group is padded with a zero to an even length.
+    Return two numbers of monomials and the coefficients in one row. The first number, ``terms``,
+    counts all monomials. n_ref uses only the first ``both`` monomials; ``both`` is the second
+    number. Both numbers are rounded up to multiples of 4, because C adds four monomials at a time.
+    For each of the first ``both`` monomials, the row has n coefficients of q_ref, then r n
+    coefficients of n_refᵀ. For each further monomial, the row has n coefficients of q_ref. Each
+    group of n or r n coefficients is padded with a zero to an even length.
     """
     C = np.moveaxis(chart.coefficients, 2, 1)  # (N, 1 + r, n)
     C = np.pad(C, ((0, -len(C) % _FOURS), (0, 0), (0, 0)))
@@ -530,7 +531,7 @@ def _elimination_order(chart: Chart) -> tuple[list[int], list[int]]:
     """Order rows and columns of J_V by complete pivoting in the middle of the cell.
 
     J_V (n, n) is the task Jacobian stacked on n_refᵀ; each Newton step solves a linear system with
-    it. Return n indices of rows, then n indices of columns, in the order of the pivots. The C code
+    J_V. Return n indices of rows, then n indices of columns, in the order of the pivots. The C code
     eliminates in this order, without exchanges.
     """
     q, V = chart.coefficients[0, :, 0], chart.coefficients[0, :, 1:]

@@ -1,8 +1,8 @@
 """Monomials of k variables u: values, derivatives, least-squares fit of polynomials.
 
 The polynomials are functions on a cell, a box of poses with coordinates u from −1 to 1. Letters: K
-points, which are the rows of U (K, k); N monomials; C (N, …) are coefficients, one row per
-monomial, and one polynomial per entry of a row.
+points, which are the rows of U (K, k); N monomials. C (N, …) are the coefficients of one or more
+polynomials. C has one row per monomial; the further axes number the polynomials.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Monomials:
         Exponents α of each monomial.
     parent, variable : (N,) arrays of int
         Recurrence for the values: monomial i is monomial ``parent[i]`` times ``u[variable[i]]``.
-        Both are 0, and not used, for the constant.
+        For the constant, both are 0 and not used.
     """
 
     def __init__(self, k: int, degree: int) -> None:
@@ -91,7 +91,8 @@ class Monomials:
     def differentiated(self, C: Array) -> tuple[Monomials, Array]:
         """Compute the coefficients of the derivatives of polynomials with coefficients C (N, …).
 
-        Return the monomials of the degree that is lower by one, and their coefficients (N', …, k).
+        Return the N' monomials of a degree lower by one, and the coefficients (N', …, k); the last
+        axis numbers the variables u_j.
         """
         lower = Monomials(self.k, max(self.degree - 1, 0))
         D = np.stack([self.derivative(C, j) for j in range(self.k)], axis=-1)

@@ -84,10 +84,10 @@ class Evaluation:
     """Figures of a function F over a cell, on held-out poses and on poses found by search.
 
     F gives one configuration for each pose of the cell; G_d is the desired inverse, such as J⁺. A
-    mean is taken over the held-out poses that F covers. A minimum or maximum "by search" includes
-    these, the corners, and the poses that a search for worse values visited. ∂F = ∂F/∂u, E = ∂x/∂u
-    and C = (EᵀE)^(−1/2), with u the coordinates of the cell. All figures but ``coverage`` are NaN
-    if F covers no held-out pose.
+    mean is taken over the held-out poses that F covers. A minimum or maximum "by search" is taken
+    over the held-out poses that F covers, the corners, and the poses that a search for worse values
+    visited. ∂F = ∂F/∂u, E = ∂x/∂u and C = (EᵀE)^(−1/2), with u the coordinates of the cell. All
+    figures but ``coverage`` are NaN if F covers no held-out pose.
 
     Attributes
     ----------
@@ -103,8 +103,9 @@ class Evaluation:
     limit_margin, limit_margin_worst : float
         Minimum distance of a joint from its limit, rad or m: over the held-out poses, and over
         these together with all poses that a search for smaller margins visited. Negative beyond the
-        limit, infinite without limits. A joint that turns a coordinate with the range ``"all"`` is
-        left out; the distance that a full turn leaves it is :attr:`Turn.left`.
+        limit, infinite without limits. A joint that moves the frame along a coordinate with the
+        range ``"all"`` is left out. If this range is a full turn, the distance of the joint from
+        its limits is :attr:`Turn.left`.
     attainable_margin, attainable_margin_worst : float
         Largest limit margin on any leaf, rad or m, at the pose of ``limit_margin`` and at that of
         ``limit_margin_worst``. Each equals the margin at its pose if no leaf with a larger margin
@@ -159,7 +160,7 @@ class Evaluation:
     def everywhere(self) -> bool:
         """True if the function has a configuration inside the limits at every evaluated pose.
 
-        Collisions do not count. If False, the function checks the limits at every call.
+        Collisions do not count. If this is False, the function checks the limits at every call.
         """
         stopped = any(stop.cause != "collision" for stop in self.failures)
         return self.coverage == 1.0 and self.limit_margin_worst >= 0 and not stopped
@@ -238,7 +239,7 @@ def sampled(
 
 
 def _sides(at: Points) -> Array:
-    """Evaluate the sign of det [J; n_refᵀ] at K points: (K,). It changes at a fold."""
+    """Evaluate the sign of det [J; n_refᵀ] at K points: (K,). The sign changes at a fold."""
     J_V = np.concatenate([at.J, np.swapaxes(at.n_ref, 1, 2)], axis=1)
     return np.asarray(np.sign(np.linalg.det(J_V)))
 
@@ -404,10 +405,11 @@ def _limit_figures(
     """Evaluate the smallest limit margin at held-out poses, and at the poses ``low``.
 
     The limit margin is the distance of the nearest joint from its limit, rad (m for prismatic
-    joints). ``low`` are the poses at which a search ended that looks for the smallest one. At the
-    poses of both minima, evaluate also the largest limit margin on any leaf, NaN if ``quick``. The
-    keys are attributes of :class:`Evaluation`: ``limit_margin`` and ``attainable_margin`` at the
-    held-out pose, ``limit_margin_worst`` and ``attainable_margin_worst`` at the worst pose found.
+    joints). ``low`` are the poses that a search for the smallest limit margin found. At the poses
+    of both minima, also evaluate the largest limit margin on any leaf; with ``quick``, it is NaN.
+    The keys are attributes of :class:`Evaluation`: ``limit_margin`` and ``attainable_margin`` at
+    the held-out pose, ``limit_margin_worst`` and ``attainable_margin_worst`` at the worst pose
+    found.
     """
     chart = candidate.chart
     worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))
@@ -429,7 +431,7 @@ def _searched(desired: Inverse, candidate: CandidateFunction, at: Sample, quick:
     """Search for the poses of a cell at which a function's margins or joint speeds are worst.
 
     The margins are the limit margin, σ_min(J) and the leaf margin. Searches start from the worst of
-    the sampled poses ``at``. Return the coordinates (L, k) of all poses that the descents visited.
+    the sampled poses ``at``. Return the coordinates (L, k) of all poses that the searches visited.
     With ``quick``, neither leaf margins nor joint speeds are searched.
     """
     chart, at = candidate.chart, rows_of(at, at.sheet)
@@ -455,7 +457,7 @@ def _lowest(values: Array, U: Array, count: int) -> Array:
 
 
 def _worst(values: Array, U: Array, count: int) -> Array:
-    """Select the rows of U (K, k) with the lowest values (K,), far apart, at most ``count``.
+    """Select at most ``count`` rows of U (K, k) with the lowest values (K,), not near each other.
 
     Selected rows differ from each other by more than 0.3 in some coordinate, so that searches from
     these rows do not all find the same pose.
@@ -467,9 +469,9 @@ def _worst(values: Array, U: Array, count: int) -> Array:
 def _failures(cell: Cell, at: Sample, low: Sample, near: Array) -> tuple[FailureReason, ...]:
     """Return the reasons why the function fails, at sampled poses and at poses found by search.
 
-    ``at`` are the sampled poses, ``low`` those found by search. ``near`` (L, n) are configurations
-    from which Newton's method tries to reach poses at which F has none. The ``share`` of each
-    reason is the fraction of the sampled poses that fail for it.
+    ``at`` are the sampled poses, ``low`` those found by search. F has no configuration at some
+    poses; ``near`` (L, n) are configurations from which Newton's method tries to reach these poses.
+    The ``share`` of each reason is the fraction of the sampled poses that fail for it.
     """
     both = joined([at, low])
     on, folds = rows_of(both, both.sheet), rows_of(both, both.ok & ~both.sheet)
@@ -487,11 +489,11 @@ def _bodies(
 ) -> tuple[float, tuple[str, str], FailureReason | None]:
     """Compute the minimum body distance over covered poses of the cell.
 
-    Return the distance, m, the two links, and the failure by collision. The failure is None if the
-    distance is at least ``required``, m. ``at`` has the ``count`` held-out poses, then the corners.
-    Body distances are slow to compute: only the first 1024 held-out poses (64 if ``quick``) and the
-    corners are evaluated. If nothing collides there, and not with ``quick``, the nearest pose of
-    each pair of bodies is searched for.
+    Return the distance, m, the two links at this distance, and the failure by collision, or None if
+    the distance is at least ``required``, m. ``at`` has the ``count`` held-out poses, then the
+    corners. Body distances are slow to compute: only the first 1024 held-out poses (64 if
+    ``quick``) and the corners are evaluated. If nothing collides at these poses, and ``quick`` is
+    False, a search follows for the poses at which each pair of bodies is nearest.
     """
     cell = candidate.chart.cell.whole
     bodies = bodies_of(cell.task)
@@ -513,10 +515,11 @@ def _all_round(
 ) -> tuple[Array, Array, CandidateFunction]:
     """Move covered poses by random amounts along the symmetric coordinates of a sector.
 
-    A single joint moves the frame along such a coordinate, so U (K, k) and the function do without
-    it; but body distances depend on it. Return the moved poses (K, k + l), in coordinates that
-    include the l symmetric ones, their configurations (K, n), and the candidate function of these
-    coordinates. In other cells, l = 0 and nothing changes.
+    A single joint moves the frame along such a coordinate, so U (K, k) and the function leave the
+    coordinate out; but body distances depend on it. Return the moved poses (K, k + l), in
+    coordinates that include the l symmetric ones, their configurations (K, n), and the candidate
+    function of these coordinates. Without symmetric coordinates, the arguments are returned
+    unchanged.
     """
     cell, chart = candidate.chart.cell, expanded(candidate.chart)
     U = cell._lifted(U)

@@ -59,8 +59,8 @@ class FailureReason:
 def _reason(cause: str, share: float, cell: Cell, u: Array, what: str) -> FailureReason:
     """Make the :class:`FailureReason` for coordinates u (k,) of the worst pose of a cell.
 
-    ``what`` is the sentence that tells where and how the function fails there. Coordinates that a
-    symmetry of the arm removes from u are added as 0.
+    ``what`` is the sentence that says where and how the function fails. Coordinates that a symmetry
+    of the arm removes from u are added as 0.
     """
     return FailureReason(cause, share, cell._lifted(u[None])[0], what)
 
@@ -86,8 +86,9 @@ def broken_limit(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason 
 def unreached(cell: Cell, U: Array, near: Array, share: float) -> list[FailureReason]:
     """Describe the failures at poses at which the function has no configuration.
 
-    If Newton's method reaches a pose from some configuration, a singularity lies between the middle
-    of the cell and the pose. Otherwise the pose is out of reach. Up to 24 poses are tested.
+    If Newton's method reaches such a pose from one of the configurations ``near``, a singularity
+    lies between the middle of the cell and the pose. Otherwise the pose is out of reach. Up to 24
+    poses are tested.
 
     Parameters
     ----------
@@ -136,9 +137,9 @@ def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None
 
     At a fold, the leaf turns back along the self-motion, and the leaf margin, the distance from an
     algorithmic singularity, is 0. Near a singularity of J every leaf folds, because the null space
-    takes all directions around it. So a singularity is searched for, from Q (K, n); if one is
-    found, the cause is ``singularity``, else ``fold``. ``share`` is the share of poses beyond a
-    fold. Return None if U is empty.
+    takes all directions around the singularity. So a singularity is searched for, from the
+    configurations Q (K, n) at the poses U. If a singularity is found, the cause is ``singularity``,
+    else ``fold``. ``share`` is the share of poses beyond a fold. Return None if U is empty.
     """
     if not len(U):
         return None
@@ -156,7 +157,7 @@ def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None
 def most_singular(cell: Cell, U: Array, Q: Array) -> tuple[Array, float]:
     """Search a cell for a singularity of J near poses U (K, k), from configurations Q (K, n).
 
-    The search moves one coordinate at a time, by ever smaller steps, such that the ratio σ_min /
+    The search changes one coordinate at a time, by ever smaller steps, such that the ratio σ_min /
     σ_max of J falls. Return the pose (k,) with the smallest ratio, and this ratio.
     """
     ratios = inverse_condition_number(placed(cell.task, Q)[2])

@@ -5,8 +5,8 @@ the leaf margin, the distance from an algorithmic singularity. The candidate q =
 configuration for each pose of the cell, with coordinates u (k,) from −1 to 1. It is written in a
 chart, polynomials in u that approximate a configuration and the null space of J: the label s is the
 position of F along the self-motion. Points are configurations with their kinematics at K poses. A
-coordinate of the cell is symmetric if a single joint moves the frame along it. There is no point at
-a pose where Newton's method finds no configuration of F (``found`` is False). The potentials of a
+pose has no point if Newton's method finds no configuration of F there (``found`` is False). A
+coordinate of the cell is symmetric if a single joint moves the frame along it. The potentials of a
 chart are equal to s, and its leaf is the set s = 0.
 
 Letters: n joints, r components of s, k coordinates u, K poses or configurations, P margins of one
@@ -103,13 +103,13 @@ class Quantity(ABC):
     def least(self, at: Points) -> Array:
         """Evaluate the quantity at K points of a function: (K,), infinite where ``found`` is False.
 
-        A kind of margin with P values per point gives the smallest of them.
+        If a kind of margin has P values per point, the result is the smallest of the P values.
         """
 
     def slope(self, candidate: CandidateFunction, at: Points) -> Array | None:
-        """Evaluate its gradient with respect to u at K points of a function: (K, k).
+        """Evaluate the quantity's gradient with respect to u at K points of a function: (K, k).
 
-        Without known derivatives, return None: the gradient is that of :func:`differences`.
+        Return None if the derivatives are not known; the caller then uses :func:`differences`.
         """
         return None
 
@@ -137,9 +137,10 @@ class Margin(Quantity):
     starts : int
         Maximum number of poses from which smaller margins are searched for.
     violators : int
-        Maximum number of poses with too small a margin that one round of the fit adds to those that
-        it penalises. ``watched``, ``starts`` and ``violators`` are smaller for body distances,
-        which take a hundred times as long to compute as limit margins.
+        The fit penalises margins at a set of poses. This is the maximum number of poses with too
+        small a margin that one round of the fit adds to this set. ``watched``, ``starts`` and
+        ``violators`` are smaller for body distances, which take a hundred times as long to compute
+        as limit margins.
     """
 
     name: str
@@ -153,7 +154,7 @@ class Margin(Quantity):
     def least(self, at: Points) -> Array:
         """Return the smallest of the P margins at each of K points: (K,).
 
-        It is infinite where there is no point.
+        The result is infinite where there is no point.
         """
         return np.where(at.found, self.measure(at.Q).min(axis=1, initial=np.inf), np.inf)
 
@@ -184,10 +185,11 @@ class Margin(Quantity):
     ) -> Array:
         """Find the largest margin that self-motion attains at the poses of K points ``at``: (K,).
 
-        The fit asks for no larger margin there. At each pose, the search varies each component of
-        the label s by up to 0.7 rad in steps of 0.06 rad, and refines the best label. With ``far``,
-        it varies them by up to 2.4 rad, which for r = 1 covers the self-motion inside the limits.
-        The search at a pose ends when its margin is at least ``enough``.
+        The fit asks for no larger margin at these poses. At each pose, the search changes one
+        component of the label s at a time, by up to 0.7 rad in steps of 0.06 rad, and refines the
+        best label. With ``far``, the changes are up to 2.4 rad, which for r = 1 covers the
+        self-motion inside the limits. The search at a pose ends when its margin is at least
+        ``enough``.
         """
         search = _LeafSearch(self, chart, at, enough)
         search.along(_FAR if far else _NEARBY)
@@ -227,8 +229,9 @@ class _LeafSearch:
     def along(self, count: int) -> None:
         """Try ``count`` labels in each of 2 r directions, 0.06 rad apart, from the present label.
 
-        Newton's method starts from the solution before. All directions are followed at once; if
-        equal margins are found, the first direction has precedence.
+        A direction increases or decreases one component of the label. Newton's method for a label
+        starts from the solution for the preceding label of the same direction. All directions are
+        followed at once; if equal margins are found, the first direction has precedence.
         """
         ways, here, K = self._ways, self._s.copy(), len(self._best)
         Q = np.tile(self._best, (len(ways), 1, 1))
@@ -247,7 +250,10 @@ class _LeafSearch:
             self._keep(np.arange(K), *found)
 
     def refine(self, length: float) -> None:
-        """Try labels at the distance ``length``, rad, from the best, in 2 r directions in turn."""
+        """Try labels at the distance ``length``, rad, from the best one, in 2 r directions in turn.
+
+        A direction increases or decreases one component of the label.
+        """
         for way in self._ways:
             on = np.flatnonzero(self.most < self._enough)
             if not len(on):
@@ -266,9 +272,9 @@ class _LeafSearch:
         return np.where(points.found, self._margin.least(points), -np.inf), points.Q
 
     def _keep(self, on: NDArray[np.intp], least: Array, label: Array, Q: Array) -> None:
-        """Keep margins (L,) at the poses ``on`` (L,), where they are larger than those so far.
+        """Record margins (L,) at the poses ``on`` (L,) where they exceed the largest found so far.
 
-        Their labels (L, r) and configurations Q (L, n) are kept, too.
+        The labels (L, r) and configurations Q (L, n) of these margins are recorded, too.
         """
         better = least > self.most[on]
         rows = on[better]
@@ -276,9 +282,10 @@ class _LeafSearch:
 
 
 def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
-    """Make the margin of joint limits: distance from a limit, at least ``required``, rad or m.
+    """Make the margin of joint limits: the distance of each joint from its nearer limit, rad or m.
 
-    ``limited`` is a task, or a cell, whose symmetric coordinates narrow the limits.
+    ``required`` is the required minimum. ``limited`` is a task, or a cell, whose symmetric
+    coordinates narrow the limits.
     """
     return Margin(
         "joint limits", limited.limit_margin, required, 0.4, watched=4096, starts=48, violators=96
@@ -286,10 +293,10 @@ def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
 
 
 def distances_of(task: Task, required: float = 0.0) -> Margin:
-    """Make the margin of collisions: distance of convex hulls of bodies, at least ``required``, m.
+    """Make the margin of collisions: the smallest distance between convex hulls of bodies, m.
 
-    Hulls are never farther apart than the bodies in them, and their distance is much faster to
-    compute.
+    ``required`` is the required minimum. The distance between two hulls is at most the distance
+    between the bodies in them, and much faster to compute.
     """
     distances = bodies_of(task).hull_distances
     return Margin(
@@ -304,7 +311,7 @@ def distances_of(task: Task, required: float = 0.0) -> Margin:
 
 
 def singular_values_of(task: Task, required: float = 0.0) -> Margin:
-    """Make the margin of singularities: σ_min of J, which shall be at least ``required``."""
+    """Make the margin of singularities: σ_min of J, with the required minimum ``required``."""
 
     def measure(Q: Array) -> Array:
         return singular_values(placed(task, Q)[2])[:, -1:]
@@ -327,7 +334,7 @@ def leaf_margins(chart: Chart, at: Points, N: Array | None = None) -> Array:
     The orthonormal columns of N span the null space of J, those of V̂ the gradients of the chart's
     potentials, and G is the inverse that holds these potentials constant. The reciprocal of the
     margin, minus 1, is the extra joint speed of G relative to J⁺ in the worst direction of ẋ. The
-    margin is 0 where there is no point, or J loses rank. N (K, n, r) is computed if not given.
+    margin is 0 where there is no point, or J loses rank. If N (K, n, r) is None, it is computed.
     """
     margin = np.zeros(len(at.U))
     rows = np.flatnonzero(at.found)
@@ -359,11 +366,13 @@ class LeafMargin(Quantity):
 def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[Array, float]:
     """Compute body distances (K,), m, at Q (K, n), and the fraction of rows in collision.
 
-    Only the smallest distance is exact, as from :meth:`Bodies.distances`; a row without a collision
-    has a lower bound, such as the distance of convex hulls. Where hulls overlap, the bodies
-    must be tested, which takes forty times as long. So two groups of these rows are tested: a
-    sample, from which the fraction is estimated, and the deepest, until no other row can be deeper.
-    The distance of the rest is set to 0. With ``quick``, only the 8 deepest are tested.
+    Only the smallest distance is exact, as from :meth:`Bodies.distances`. In a row without a
+    collision, the distance is a lower bound, such as the distance of convex hulls. In a row where
+    hulls overlap, the bodies themselves must be tested, which takes forty times as long. So only
+    two groups of these rows are tested. The first is a sample, from which the fraction is
+    estimated. The second are the rows with the deepest overlap, until no other row can have a
+    smaller distance. In the other rows with overlap, the distance is set to 0. With ``quick``, only
+    the 8 rows with the deepest overlap are tested.
     """
     hulls = _nearest_hulls(bodies, Q)
     overlap = np.flatnonzero(hulls < 0)
@@ -388,8 +397,8 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
 def _nearest_hulls(bodies: Bodies, Q: Array) -> Array:
     """Compute distances (K,), m, between the convex hulls of bodies at Q (K, n).
 
-    The smallest distance and all negative ones are exact. The others are lower bounds, above the
-    smallest distance, because these take a fraction of the time.
+    The smallest distance and all negative distances are exact. The others are lower bounds, which
+    are faster to compute, and exceed the smallest distance.
     """
     first = np.argsort(bodies._hull_bounds(Q))[:_TESTED]
     hulls = np.full(len(Q), np.inf)
@@ -405,10 +414,10 @@ def _nearest_hulls(bodies: Bodies, Q: Array) -> Array:
 def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) -> Array:
     """Search for the poses at which each pair of bodies is nearest: coordinates (L, k).
 
-    Each pair that can come nearer than ``distance``, m, has a search of its own with up to three
-    results, since a pair whose distance does not change, such as two links of a wrist, would hide
-    all others. Poses are tried at random (with ``seed``), closer and closer to the best ones. At
-    all returned poses, the function exists inside the joint limits.
+    Each pair that can come nearer than ``distance``, m, has a search of its own, with up to three
+    results. A common search would find only the nearest pair, such as two links of a wrist, whose
+    distance does not change. Poses are drawn at random (with ``seed``), ever closer to the best
+    poses so far. At all returned poses, the function exists inside the joint limits.
     """
     cell = candidate.chart.cell
     bodies, rng = bodies_of(cell.task), np.random.default_rng(seed)
@@ -444,8 +453,9 @@ def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) ->
 def with_edges(cell: Cell, count: int, seed: int, rng: np.random.Generator) -> Array:
     """Sample poses of a cell, many of them at its edges, where bodies are nearest: (K, k).
 
-    The first ``count`` are Sobol points drawn with ``seed``. A third of their coordinates, which
-    ``rng`` selects, is moved to the nearer end of the range. The other poses are the corners.
+    The first ``count`` are Sobol points drawn with ``seed``. About a third of the coordinates of
+    these points, selected by ``rng``, is moved to the nearer end, −1 or 1. The other poses are the
+    corners.
     """
     U = cell.sample(count, seed)
     U = np.where(rng.random(U.shape) < _EDGES, np.sign(U), U)
@@ -453,7 +463,7 @@ def with_edges(cell: Cell, count: int, seed: int, rng: np.random.Generator) -> A
 
 
 def _inside(candidate: CandidateFunction, U: Array) -> tuple[Points, NDArray[np.bool_]]:
-    """Return the points of a function at U (K, k), and where they are inside the limits: (K,)."""
+    """Return the points of a function at U (K, k), and a mask (K,) of those inside the limits."""
     at = candidate.at(U)
     margin = candidate.chart.cell.task.limit_margin(at.Q).min(axis=1)
     return at, np.asarray(at.found & (margin >= 0))
@@ -488,7 +498,7 @@ class CandidateFunction:
     def at(self, U: Array, Q: Array | None = None) -> Points:
         """Find the points of the function at poses U (K, k), by Newton's method.
 
-        It starts from the configurations Q (K, n), by default those of the chart.
+        The method starts from the configurations Q (K, n), by default those of the chart.
         """
         return self.chart.solve(U, self.terms.polynomials(U, self.a), Q)
 
@@ -504,9 +514,10 @@ def differences(
 ) -> Array:
     """Evaluate gradients (K, k) with respect to u by one-sided differences, along a function.
 
-    ``at`` are K points of the function, ``values`` (K,) those of a quantity there. ``least``
-    evaluates it at K k points: for each of ``at``, one step into the cell in each of k coordinates.
-    Entries of the gradient are 0 where the function does not exist.
+    ``at`` are K points of the function, and ``values`` (K,) are the values of a quantity at these
+    points. ``least`` evaluates the quantity at K k further points: from each point, one step into
+    the cell along each of the k coordinates. Entries of the gradient are 0 where the function does
+    not exist.
     """
     K, k = at.U.shape
     step = np.where(at.U > 0, -_STEP, _STEP)
@@ -521,8 +532,8 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
     """Search the cell for poses with smaller margins, by projected gradient descent.
 
     At the boundary of the cell, steps outward are suppressed. Return the coordinates (L, k) of the
-    poses that the descents visited: starts, steps that lowered the quantity, and poses at which the
-    function does not exist. The final poses are last.
+    poses that the descents visited: starting poses, poses at which the quantity was lower than
+    before, and poses at which the function does not exist. The final poses are last.
 
     Parameters
     ----------
@@ -585,7 +596,7 @@ def _slopes_of(
     """Evaluate the gradient of one quantity at each of K points, with respect to u: (K, k).
 
     ``which`` (K,) has for each point the index of its quantity in ``quantities``, and ``values``
-    (K,) are the quantities there. One call of Newton's method finds the points of all differences.
+    (K,) has the value of this quantity at the point.
     """
     slope, rest = np.empty_like(at.U), np.ones(len(which), bool)
     for i, quantity in enumerate(quantities):

@@ -56,7 +56,7 @@ def reached(
 ) -> tuple[Array, Array]:
     """Solve the inverse kinematics of K poses, by Newton's method with J⁺.
 
-    No error is raised where a pose is not reached.
+    No error is raised if a pose is not reached.
 
     Parameters
     ----------
@@ -101,8 +101,8 @@ def unlike_rows(rows: Array, distance: float, count: int, norm: float = np.inf) 
     """Select rows (K, ·) farther than ``distance`` from each other; return their indices.
 
     Distances have the unit of the rows. Rows are taken in order: a row is left out if it is too
-    near to one that was taken before. At most ``count`` are taken. ``norm`` is the order of the
-    norm of the difference of two rows.
+    near to a row that was taken before. At most ``count`` rows are taken. ``norm`` is the order of
+    the norm of the difference of two rows.
     """
     kept: list[int] = []
     left = np.arange(len(rows))
@@ -182,7 +182,7 @@ def rays(desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int 
 
 
 class Grown(NamedTuple):
-    """K middles around which a box of poses was grown, and how far it grows around each.
+    """K middles around which a box of poses was grown, and how far it grew around each.
 
     Where the arm reaches the whole box, the box grows to its full size.
 
@@ -210,10 +210,10 @@ class Grown(NamedTuple):
 
 
 def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Draw K = ``count`` random configurations; return positions (K, 3), m, and these (K, n).
+    """Draw K = ``count`` random configurations; return K positions (K, 3), m, and these K (K, n).
 
-    The positions are those of the frame, around which a box of poses is then grown. A coordinate
-    that the task does not command is that of the middle of ``box``.
+    The positions are those of the frame; a box of poses is then grown around each. If the task does
+    not command a coordinate of the position, that coordinate is taken from the middle of ``box``.
     """
     task = box.task
     Q = random_configurations(task, count, rng)
@@ -226,11 +226,11 @@ def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array
 def grown(box: Cell, p: Array, Q: Array) -> Grown:
     """Grow a box around positions p (K, 3), m, to find how much of it the arm reaches there.
 
-    ``box`` gives the full size and the orientation. Inverse kinematics of the positions starts at
-    Q (K, n). Positions that are not reached inside the joint limits are left out of the result.
-    J⁺ moves the arm from each middle straight to all corners, edge middles and face centres, by
-    steps ``Δq = J⁺ (x_next − f(q))``. The box stops growing when one of these points is not reached
-    or is singular, or a joint there leaves its limits.
+    ``box`` gives the full size and the orientation. Inverse kinematics of the positions starts at Q
+    (K, n). Positions that are not reached inside the joint limits are left out of the result. J⁺
+    moves the arm from each middle straight to all corners, edge middles and face centres, by steps
+    ``Δq = J⁺ (x_next − f(q))``. The box stops growing when one of these points is not reached or
+    singular, or when a joint leaves its limits at such a point.
     """
     task, n = box.task, box.task.n
     p, Q = _middles(box, p, Q)

@@ -95,7 +95,8 @@ class Turn:
     def left(self) -> float:
         """Smallest distance of the joint from its limits, rad, if the range is a full turn.
 
-        It is 0 for a smaller range, which the joint's limits end; infinite without limits.
+        The distance is 0 if the range is less than a full turn, because the range then ends at the
+        joint's limits. It is infinite if the joint has no limits.
         """
         full = self.reach >= 2 * np.pi
         return (self.joint_range - self.spread - self.reach) / 2 if full else 0.0
@@ -141,11 +142,11 @@ def _ends(chart: Chart, joint: int, *, quick: bool) -> tuple[float, float, float
     """Compute the smallest and the largest value of a joint, rad, over the covered poses of a cell.
 
     ``joint`` is the index of the joint that moves the frame along a symmetric coordinate. Return
-    (smallest, largest, fraction, widths): the fraction of sampled poses that are covered, and the
-    widths (3,), rad, of intervals around the mean of smallest and largest value that contain
-    99.9 %, 99 % and this fraction of the values. All results are NaN if no pose is covered.
-    With ``quick``, the values are those of the sampled poses; otherwise, poses with more extreme
-    ones are searched for.
+    (smallest, largest, fraction, widths). ``fraction`` is the fraction of the sampled poses that
+    are covered. ``widths`` (3,), rad, are the widths of three intervals, around the mean of the
+    smallest and the largest value, that contain 99.9 %, 99 % and ``fraction`` of the values. All
+    results are NaN if no pose is covered. With ``quick``, only sampled poses are used; otherwise,
+    poses with smaller and larger values are also searched for.
     """
     candidate, cell = CandidateFunction.zero(chart), chart.cell
     U = np.concatenate([cell.sample(_POSES, 11), cell.corners()])
@@ -184,9 +185,10 @@ def centred(chart: Chart, *, quick: bool = False) -> tuple[Chart, tuple[Turn, ..
     """Compute the range of a chart's function along each symmetric coordinate of its sector.
 
     A coordinate with the range ``"all"`` gets the computed range: the middle of the sector is moved
-    along it, and its half-width is set. Return the chart over the changed sector, and one range per
-    symmetric coordinate. A chart without removed coordinates is returned unchanged, with no ranges.
-    With ``quick``, ranges are those of sampled poses, without a search for poses that reduce them.
+    along the coordinate, and the half-width of the coordinate is set. Return the chart over the
+    changed sector, and one range per symmetric coordinate. A chart without removed coordinates is
+    returned unchanged, with no ranges. With ``quick``, ranges are those of sampled poses, without a
+    search for poses that reduce them.
     """
     sector = chart.cell
     if not sector.removed:
@@ -217,8 +219,9 @@ def centred(chart: Chart, *, quick: bool = False) -> tuple[Chart, tuple[Turn, ..
 def narrowed(chart: Chart, ranges: dict[int, tuple[float, float]]) -> Chart:
     """Return the chart of the same function over a part of its sector.
 
-    ``ranges`` has the ends (low, high), rad from the middle, of each symmetric coordinate that is
-    cut, by its number in the sector. Cut coordinates no longer have the range ``"all"``.
+    ``ranges`` has, for each symmetric coordinate to cut, the new ends (low, high) of its range, rad
+    from the middle; the key is the number of the coordinate in the sector. Cut coordinates no
+    longer have the range ``"all"``.
     """
     sector = chart.cell
     assert isinstance(sector, Sector), "no other cell has symmetries"
@@ -236,8 +239,9 @@ def narrowed(chart: Chart, ranges: dict[int, tuple[float, float]]) -> Chart:
 def expanded(chart: Chart) -> Chart:
     """Rewrite the chart of a sector in all its coordinates, the removed symmetric ones included.
 
-    Body distances depend on the removed coordinates, so they are evaluated with the new chart. Its
-    polynomial q_ref is linear in these. Charts without removed coordinates are returned unchanged.
+    Body distances depend on the removed coordinates, so they are evaluated with the new chart. In
+    the new chart, q_ref is linear in the removed coordinates. Charts without removed coordinates
+    are returned unchanged.
     """
     sector = chart.cell
     if not sector.removed:
@@ -258,11 +262,11 @@ def expanded(chart: Chart) -> Chart:
 
 
 def turn_at(chart: Chart, U: Array) -> Array | None:
-    """Compute the width (K,) of the range of the angle, rad, at the radius and height of rows of U.
+    """Compute the width of the range of the angle, rad, at K pairs of radius and height: (K,).
 
-    Within the range, the joint that turns the arm stays within its limits at every tilt. Rows of U
-    (K, k) are coordinates in the sector; their tilts and spin are ignored. The width is NaN where
-    no pose is covered. Return None if the symmetry of the angle is not used.
+    Within the range, the joint that turns the arm stays within its limits at every tilt. The pairs
+    are those in the rows of U (K, k), coordinates in the sector; tilts and spin in U are ignored.
+    The width is NaN where no pose is covered. Return None if the symmetry of the angle is not used.
     """
     sector = chart.cell
     if ANGLE not in sector._removed:
@@ -285,11 +289,11 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
 
 
 def reduced(cell: Cell, desired: Inverse) -> Cell:
-    """Remove from the coordinates of a cell those along which arm and G_d are symmetric.
+    """Remove from u the coordinates of a cell along which the arm and G_d are symmetric.
 
-    A design without them is faster. The desired inverse G_d is symmetric if its joint velocity per
-    unit of each task coordinate does not change with the joint that moves the frame along the
-    coordinate.
+    A design without these coordinates is faster. The desired inverse G_d is symmetric if its joint
+    velocity per unit of each task coordinate does not change with the joint that moves the frame
+    along the coordinate.
     """
     if not isinstance(cell, Sector):
         return cell

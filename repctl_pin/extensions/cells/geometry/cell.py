@@ -158,7 +158,8 @@ class Cell:
     ) -> Cell:
         """Make the smallest cell around poses or a closed path, and enlarge it by a margin.
 
-        Its sides are along the base axes. Its orientation is in the middle of those of the poses.
+        The sides of the cell are along the base axes. The orientation of the cell is in the middle
+        of the orientations of the poses.
 
         Parameters
         ----------
@@ -229,17 +230,18 @@ class Cell:
     def _movable(self) -> Sequence[int]:
         """Indices, 0 to m − 1, of the task coordinates whose middle can change in a part.
 
-        A part is what trimming leaves of the cell. Positions may be cut on one side only. A
-        rotation is cut on both sides alike, because its middle is the cell's orientation.
+        A part is what trimming leaves of the cell. These coordinates are the positions, which may
+        be cut on one side only. Rotations are cut on both sides alike, because their middle is the
+        cell's orientation.
         """
         return range(len(self.half_width))
 
     def _kept_middles(self, low: Array, high: Array) -> tuple[Array, Array]:
-        """Narrow a part of the cell until the ranges of coordinates that cannot move are symmetric.
+        """Narrow a part of the cell such that its middle differs only in movable coordinates.
 
-        ``low`` and ``high`` (k,) are the corners of the part; return the new ones. The ranges of
-        :attr:`_movable` coordinates stay. Any other range becomes the largest interval [−a, a]
-        inside it, so that its middle is that of the whole cell.
+        ``low`` and ``high`` (k,) are the corners of the part; return the new corners. The ranges of
+        the :attr:`_movable` coordinates are unchanged. The range of any other coordinate becomes
+        the largest interval [−a, a] inside it, so that its middle is the middle of the whole cell.
         """
         half = np.minimum(-low, high)
         fixed = ~np.isin(self.moved, self._movable)
@@ -248,9 +250,9 @@ class Cell:
     def _middles_and_widths(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Compute the offset (m,) of the middle, and the half-widths (m,), of a part, m and rad.
 
-        The part is between the corners low and high (k,); the offset is from the middle of the
-        cell. It is 0 for coordinates that are not :attr:`_movable`, such as tilts: their range is
-        narrowed until it is symmetric.
+        The part is between the corners low and high (k,), and the offset is relative to the middle
+        of the cell. For coordinates that are not :attr:`_movable`, such as tilts, the range of the
+        part is first narrowed until it is symmetric, so the offset is 0.
         """
         low, high = self._kept_middles(low, high)
         middles, widths = np.zeros(len(self.widths)), self.widths.copy()
@@ -381,9 +383,9 @@ class Cell:
     # -------------------------------------------------------------------------------------------
 
     def _native_region(self) -> Any:
-        """Create the C struct :data:`REGION` of Ω, the set of configurations with poses in it.
+        """Create the C struct :data:`REGION` of Ω, the configurations whose poses lie in the cell.
 
-        With it, C tests whether a configuration is in the region of a design.
+        With this struct, C tests whether a configuration is in the region of a design.
         """
         ints, reals, scalars = self._tables()
         region, _ = filled_struct(REGION, {}, {}, {})
@@ -424,7 +426,8 @@ class Cell:
     def whole(self: C) -> C:
         """The same cell, with u including the coordinates that symmetries remove.
 
-        An example is the angle about the axis of a joint that turns the whole arm.
+        An example of a removed coordinate is the angle about the axis of a joint that turns the
+        whole arm.
         """
         return self._changed(removed=()) if self.removed else self
 
@@ -437,8 +440,8 @@ class Cell:
     def along(self) -> Array:
         """Derivative ∂F/∂y (n, l) of a function F, with y the l removed coordinates, rad.
 
-        A single joint j moves the frame along each, so its column is 1 or −1 in row j, and 0 in all
-        other rows.
+        A single joint j moves the frame along a removed coordinate. So the column of this
+        coordinate is 1 or −1 in row j, and 0 in all other rows.
         """
         along = np.zeros((self.task.n, len(self.removed)))
         for column, one in enumerate(self.removed):
@@ -448,8 +451,8 @@ class Cell:
     def _split(self, U: Array) -> tuple[Array, Array]:
         """Split coordinates U (K, k + l) of :attr:`whole` into those of this cell and the removed.
 
-        Return the former (K, k), and the joint motion (K, n), rad, which a function F adds to its
-        configurations for the latter.
+        Return the coordinates of this cell (K, k), and joint motions (K, n), rad. A function F adds
+        these motions to its configurations to reach the values of the removed coordinates.
         """
         kept = np.isin(self.whole.moved, self.moved)
         return U[:, kept], self.whole.spread(U)[:, self._removed] @ self.along.T
@@ -466,8 +469,9 @@ class Cell:
     def _away(self, Q: Array, q_ref: Array, p: Array, R: Array) -> Array:
         """Evaluate the difference Q − q_ref (K, n) from a chart's reference configurations (K, n).
 
-        The motion of joints along the removed coordinates is subtracted, and so are full turns of
-        these joints. p and R are the placements at Q.
+        p and R are the placements at Q. For each joint that alone moves the frame along a removed
+        coordinate, the motion along that coordinate and full turns are subtracted from the
+        difference.
         """
         away = Q - q_ref
         if self.removed:
@@ -482,8 +486,9 @@ class Cell:
 
         Distances are in rad or m. ``q`` (…, n) are configurations in the middle of the ranges of
         the removed coordinates. A joint that moves the frame along a removed coordinate turns
-        through the whole range of it; its distance is the smallest over this range. With the range
-        ``"all"``, which ends at that joint's limits, its distance is infinite.
+        through the whole range of this coordinate; the result is its smallest distance over this
+        range. If the range is ``"all"``, which ends at the limits of this joint, the result is
+        infinite.
         """
         margin = self.task.limit_margin(q)
         for one in self.removed:
@@ -494,10 +499,10 @@ class Cell:
 
     @property
     def excepted(self) -> tuple[str, ...]:
-        """Joints that are left out of limit margins, because they have a range ``"all"`` to turn.
+        """Joints that are left out of limit margins, because a range ``"all"`` ends at their limits.
 
-        Such a range of a sector's angle or spin extends to the limits of the joint, where the
-        margin is 0, or is a full turn, if that is less.
+        Such a range, of a sector's angle or spin, is the whole range of the joint, at most a full
+        turn. The margin of the joint would be 0 at the ends of the range.
         """
         lower, upper = self.task.lower, self.task.upper
         joints = [one.joint for one in self.removed if one.coordinate in self.free]
@@ -540,8 +545,7 @@ class Cell:
     def slopes(self, p: ArrayLike, R: ArrayLike) -> tuple[Array, Array]:
         """Evaluate u (K, k) and ∂u/∂x (K, k + l, m) at placements p (K, 3), m, and R (K, 3, 3).
 
-        The last l rows of ∂u/∂x belong to the removed coordinates, rad. They enter the gradient of
-        a potential that is a function of u.
+        The last l rows of ∂u/∂x belong to the removed coordinates, rad.
         """
         p, R = as_matrices(("p", p, "K 3"), ("R", R, "K 3 3"), exact=True, finite=False)
         Y, on = self._measured(p, R), self._active
@@ -554,8 +558,8 @@ class Cell:
         """Evaluate the matrices ``C = (EᵀE)^(−1/2)`` (K, k + l, k + l) at the coordinates U (K, k).
 
         E = ∂x/∂u is the task velocity per unit of each coordinate u, from −1 to 1 in the cell. For
-        a function q = F(u), ∂F/∂u C is the joint speed per unit of task speed, 1 m/s or 1 rad/s, so
-        that cells of different sizes can be compared.
+        a function q = F(u), ∂F/∂u C is the joint speed per unit of task speed, 1 m/s or 1 rad/s. So
+        cells of different sizes can be compared.
         """
         _, R = self.placements(U)
         return unit_speeds(self.twists(U, R))
@@ -582,8 +586,8 @@ class Cell:
     def sample(self, count: int, seed: int = 0) -> Array:
         """Draw coordinates U (count, k), uniform in the cell: scrambled Sobol points.
 
-        They are the nodes of a fit, or the held-out poses of an evaluation. The same ``seed`` gives
-        the same points.
+        The points are the nodes of a fit, or the held-out poses of an evaluation. The same ``seed``
+        gives the same points.
         """
         count, seed = as_int(count, "count", 1, MOST_NODES), as_int(seed, "seed")
         power = int(np.ceil(np.log2(max(count, 2))))
@@ -593,10 +597,10 @@ class Cell:
     def _dense_at_edges(self, count: int, seed: int) -> Array:
         """Sample 2 ``count`` poses of the cell, densely at its edges, and its corners: U (K, k).
 
-        If k = 2, each coordinate has the density of Chebyshev nodes, 1 / √(1 − u²), with which a
-        polynomial that is fitted to the poses is about as good at the edges as inside. For other k,
-        too few of these would lie inside. So half of the poses have a constant density, the others
-        the density 2 |u|.
+        If k = 2, each coordinate has the density of Chebyshev nodes, 1 / √(1 − u²). A polynomial
+        that is fitted to such poses is about as accurate at the edges as inside. For other k, this
+        density would leave too few poses inside. So half of the poses then have a constant density,
+        and the others the density 2 |u|.
         """
         if self.k == 2:
             U = np.concatenate([self.sample(2 * count, seed), self.corners()])
@@ -607,7 +611,7 @@ class Cell:
     def corners(self) -> Array:
         """Return the coordinates (K, k) of the corners of the cell, then of its face centres.
 
-        The evaluation adds them to sampled poses, which all lie inside.
+        The evaluation adds these poses to sampled poses, which all lie inside the cell.
         """
         faces = np.concatenate([np.eye(self.k), -np.eye(self.k)])
         return np.concatenate([np.array(list(product((-1.0, 1.0), repeat=self.k))), faces])
@@ -615,7 +619,8 @@ class Cell:
     def rim(self) -> Array:
         """Return the coordinates (K, k) of corners, face centres and, if k = 3, edge middles.
 
-        If k = 3 they are in the order of (u_1, u_2, u_3), else the corners come first.
+        If k = 3, the rows are sorted by u_1, then by u_2, then by u_3. For other k, the corners
+        come first, then the face centres.
         """
         if self.k != 3:
             return self.corners()
@@ -703,7 +708,7 @@ class Cell:
     def _bounds(self) -> Array:
         """Maximum |u_i| (k,) of accepted poses: 1, or π / half-width for a range ``"all"``.
 
-        The range ``"all"`` of a rotation ends only at the joint limits.
+        The range ``"all"`` of a rotation ends only at the joint limits, so any angle is accepted.
         """
         most = np.ones(len(self.widths))
         for i in self.free:
@@ -732,7 +737,7 @@ class Cell:
     def _values(self, Y: Array) -> Array:
         """Return the values (K, m) of the m task coordinates at offsets Y (K, m), m and rad.
 
-        They are offsets plus the values in the middle, :attr:`centre`.
+        A value is the offset plus the value in the middle of the cell, :attr:`centre`.
         """
         return np.asarray(self.centre + Y)
 
@@ -740,7 +745,7 @@ class Cell:
     def _offset(self) -> Array:
         """Offset (m,) of the middle from :attr:`placement`, m and rad.
 
-        It is 0, except in some sectors, in which the middle of the spin is moved.
+        The offset is 0, except in some sectors, in which the middle of the spin is moved.
         """
         return np.zeros(len(self.widths))
 

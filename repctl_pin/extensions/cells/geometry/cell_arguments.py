@@ -71,7 +71,7 @@ def sizes(value: ArrayLike, size: int, name: str, unit: str, each: str) -> Array
 
     Each must be 0, which holds the coordinate constant, or from 1e-6 to 1000, in ``unit``; else an
     InputError is raised. The ``name`` of the argument, ``unit`` ("m" or "rad") and ``each`` (such
-    as "one per axis") are for its message.
+    as "one per axis") are for the message of the error.
     """
     try:
         array = np.broadcast_to(np.asarray(value, float), (size,)).copy()
@@ -105,9 +105,9 @@ def of_positions(task: Task, value: ArrayLike, name: str) -> Array:
 def as_axis(task: Task, axis: ArrayLike | None) -> Array:
     """Convert the argument ``axis`` of a sector to a point, m, and a unit direction: (2, 3).
 
-    None is the axis of the joint that turns the whole arm, if it nearly coincides with the base's z
-    axis: the symmetry of the arm is then exact. Otherwise, None is the base's z axis. An InputError
-    is raised if the axis is not normal to the plane of a planar task.
+    None stands for the axis of the joint that turns the whole arm, if this axis nearly coincides
+    with the base's z axis: the symmetry of the arm is then exact. Otherwise, None stands for the
+    base's z axis. An InputError is raised if the axis is not normal to the plane of a planar task.
     """
     if axis is None and task.m > 2 and axis_symmetry(task, VERTICAL) is None:
         own = own_axis(task)

@@ -14,10 +14,10 @@ def cut_sides(
     """Find a large box of coordinates without bad poses; return its low and its high corner, (k,).
 
     U (K, k) are K poses in k coordinates from −1 to 1, and ``bad`` (K,) is True where a function
-    fails. One side at a time is moved inward: the side that loses the smallest volume per excluded
-    bad pose. It moves past the innermost of the poses that it excludes, by ``inside``. ``weights``
-    (k,) are factors of the loss along each coordinate, by default 1. Both corners are equal if no
-    box is left.
+    fails. The box begins as [−1, 1]^k, and its sides are moved inward, one after the other. Each
+    time, the move is chosen that loses the smallest volume per excluded bad pose. The side moves
+    past the innermost of the excluded bad poses, by ``inside``. ``weights`` (k,) are factors of the
+    loss along each coordinate, by default 1. If no box is left, both corners are equal.
     """
     k = U.shape[1]
     weights = np.ones(k) if weights is None else weights

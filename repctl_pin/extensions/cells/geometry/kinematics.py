@@ -65,7 +65,7 @@ def run(name: str, arm: Any, count: int, *given: Any) -> None:
 
 
 def rows_of(record: Record, which: NDArray[Any] | list[int] | slice) -> Record:
-    """Select the rows ``which`` of all arrays of a record: a record of the same kind."""
+    """Select the rows ``which`` of all arrays of a record; return a record of the same kind."""
     make: Any = type(record)
     selected: Record = make(*(each[which] for each in record))
     return selected
@@ -151,7 +151,8 @@ def bases(J: Array, near: Array | None = None) -> tuple[Array, Array, Array]:
 def inverses(J: Array) -> tuple[Array, Array]:
     """Evaluate J⁺ (K, n, m) and the singular values (K, m) of J (K, m, n), the largest first.
 
-    They are computed fast, from the eigenvectors of J Jᵀ; this is less exact near a singularity.
+    Both are computed from the eigenvectors of J Jᵀ, which is fast, but less exact near a
+    singularity.
     """
     squares, U = np.linalg.eigh(J @ np.swapaxes(J, 1, 2))
     s = np.sqrt(np.maximum(squares, 0.0))
@@ -190,8 +191,8 @@ def _orthonormal(X: Array) -> Array:
 def singular_values(J: Array) -> Array:
     """Evaluate the singular values (K, m) of J (K, m, n), the largest first.
 
-    They are the square roots of the eigenvalues of J Jᵀ or, near a singularity, those of a singular
-    value decomposition, which takes twice as long.
+    They are the square roots of the eigenvalues of J Jᵀ. Near a singularity, they come from a
+    singular value decomposition, which takes twice as long.
     """
     squares = np.linalg.eigvalsh(J @ np.swapaxes(J, 1, 2))[:, ::-1]
     s = np.sqrt(np.maximum(squares, 0.0))
@@ -204,7 +205,7 @@ def singular_values(J: Array) -> Array:
 def regular(J: Array, ratio: float) -> NDArray[np.bool_]:
     """Test which of K Jacobians J (K, m, n) have σ_min / σ_max above ``ratio``: (K,).
 
-    Most pass a faster test, because ``(σ_max / σ_min)² ≤ tr(J Jᵀ) tr((J Jᵀ)⁻¹)``.
+    Most Jacobians pass a faster test first, because ``(σ_max / σ_min)² ≤ tr(J Jᵀ) tr((J Jᵀ)⁻¹)``.
     """
     JJ = J @ np.swapaxes(J, 1, 2)
     inverse = solved(JJ, np.broadcast_to(np.eye(JJ.shape[1]), JJ.shape))

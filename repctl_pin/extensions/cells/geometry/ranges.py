@@ -3,8 +3,8 @@
 A cell is a box of poses. A sector is a cell in cylindrical coordinates around an axis: radius,
 angle and height, two tilts of the tool, and its spin about its own z axis. The range of angle or
 spin can be ``"all"``: as far as the limits of the joint that alone changes it. Heights are measured
-along the axis from the base. In the phrase, ends are rounded inward, so that all of it belongs to
-the cell.
+along the axis from the base. In the phrase, ends are rounded inward, so that the whole range that
+it states belongs to the cell.
 """
 
 from __future__ import annotations
@@ -97,8 +97,9 @@ def range_phrase(
 def gap_phrase(sector: Sector, reaches: Mapping[str, float] | None = None) -> str:
     """Write what a sector leaves out, ``0.30 m around the base at mid-height, 44° behind it``.
 
-    It is what is nearer to the axis, and the rest of a full turn; the text is empty if there is
-    neither. Ends are those of :func:`range_phrase`, with the same ``reaches``.
+    The sector leaves out the poses nearer to the axis than its smallest radius, and the rest of a
+    full turn beyond its angle. The text is empty if neither exists. The radius and the angle are
+    those of :func:`range_phrase`, with the same ``reaches``.
     """
     parts, upright = [], _is_upright(sector)
     low, high = sector.radii(sector.middle[1])
@@ -118,8 +119,8 @@ def gap_phrase(sector: Sector, reaches: Mapping[str, float] | None = None) -> st
 def tool_direction(sector: Sector) -> str | None:
     """Return ``down`` or ``up`` if the tool points there in all of a sector, or None.
 
-    It is None, too, where the way from the last joint to the frame, along which a tool points, is
-    not along the frame's z axis.
+    A tool points along the line from the last joint to the frame. If this line is not along the
+    frame's z axis, the result is None, too.
     """
     fixed = sector.task.kind.turns and not sector.widths[3:5].any() and _is_upright(sector)
     _, (origin, _) = last_axis(sector.task)
@@ -130,16 +131,16 @@ def tool_direction(sector: Sector) -> str | None:
 
 
 def _is_upright(sector: Sector) -> bool:
-    """Test whether the axis of a sector is the z axis of the base, as nearly as a joint's is."""
+    """Test whether the axis of a sector is nearly the z axis of the base: within 2e-3 rad and m."""
     return max(difference(sector.axis, VERTICAL)) <= NEAR
 
 
 def degrees_turned(sector: Sector, reaches: Mapping[str, float] | None = None) -> dict[str, int]:
     """Compute the full widths of the ranges of a sector's angle, tilts and spin, degrees, by name.
 
-    They are rounded down to whole degrees, and at most 360. ``reaches`` are full widths, rad, that
-    a design found, by the names ``angle`` and ``spin``; a wider range of the sector gets this
-    width. A coordinate that is constant is left out.
+    The widths are rounded down to whole degrees, and at most 360. ``reaches`` are full widths, rad,
+    that a design found, by the names ``angle`` and ``spin``; if the range of the sector is wider,
+    the width in ``reaches`` is used instead. A coordinate that is constant is left out.
     """
     found = dict(reaches or {})
     widths = {
@@ -176,7 +177,7 @@ def _radius_row(sector: Sector) -> str:
 
 
 def _radius_phrase(sector: Sector) -> str:
-    """Write ``radius 0.30 to 0.70 m``; if the range depends on the height, that at mid-height."""
+    """Write ``radius 0.30 to 0.70 m``: the range, or that at mid-height if the range varies."""
     at = " at mid-height" if sector.profile.degree else ""
     return f"radius {_inward(*sector.radii(sector.middle[1]))} m{at}"
 

@@ -189,8 +189,8 @@ class Sector(Cell):
     def _require_apart(self) -> None:
         """Raise an InputError if the sector reaches its axis, where the angle is not defined.
 
-        It is also raised if all half-widths but those of symmetric coordinates are 0, so that
-        nothing is left to design.
+        The error is also raised if only symmetric coordinates have a half-width above 0, because a
+        function over such a sector needs no design.
         """
         away, (radius, *_) = self.middle[0], self.widths
         if away < _NEAR:
@@ -244,7 +244,7 @@ class Sector(Cell):
 
     @cached_property
     def middle(self) -> tuple[float, float]:
-        """Radius and height of the middle, m: its distances from the axis, and along it from o."""
+        """Radius and height of the middle, m; heights are measured along the axis from o."""
         away = self.placement.translation - self.axis[0]
         z = float(away @ self.axis[1])
         return float(np.linalg.norm(away - z * self.axis[1])), z
@@ -340,7 +340,8 @@ class Sector(Cell):
     def _offset(self) -> Array:
         """Offset (m,) of the sector's middle from its placement, rad in the entry of the spin.
 
-        It is 0 except that the spin has the offset :attr:`spin_middle` if a design moved it.
+        The offset is 0, except that the spin has the offset :attr:`spin_middle` if a design moved
+        the middle of the spin.
         """
         offset = np.zeros(self.task.m)
         if self.spin_middle and self._active[SPIN]:
@@ -350,14 +351,14 @@ class Sector(Cell):
     def _profiled(self, eta: Array) -> tuple[Array, Array]:
         """Evaluate bend b, m, and stretch s at heights η (K,), m: two arrays (K,).
 
-        η is the height above the middle of the sector. The bend shifts the range of radius there,
-        and s scales it.
+        η is the height above the middle of the sector. At each height, the bend shifts the range of
+        radius, and the stretch scales it.
         """
         return self.profile.at(eta, self._half_height)
 
     @property
     def _half_height(self) -> float:
-        """Half-width of the height, m, plus the tolerance for rounding at the ends, or 0."""
+        """Half-width of the height, m, plus a tolerance for rounding; 0 without a height."""
         return float(self.widths[HEIGHT]) * (1 + EDGE) if self.task.m > 2 else 0.0
 
     def radii(self, z: ArrayLike) -> Array:
@@ -381,7 +382,10 @@ class Sector(Cell):
         return values
 
     def _widths_at(self, u: Array) -> Array:
-        """Return the half-widths (k,), m and rad, at u (k,): the radius' varies with the height."""
+        """Return the half-widths (k,), m and rad, at u (k,).
+
+        The half-width of the radius depends on the height in u.
+        """
         widths = super()._widths_at(u).copy()
         if RADIUS in self.moved:
             _, stretch = self._profiled(_all_six(self.spread(u[None]))[:, HEIGHT])
@@ -391,7 +395,7 @@ class Sector(Cell):
     def _middle_of(self, i: int) -> str:
         """Write `` at its height`` if u_i is a radius whose middle depends on the height.
 
-        Else the text is empty. Error messages append it to "from the middle".
+        Else the text is empty. Error messages append this text to "from the middle".
         """
         return " at its height" if self.profile.degree and self.moved[i] == RADIUS else ""
 
@@ -479,18 +483,19 @@ class Sector(Cell):
     def _movable(self) -> Sequence[int]:
         """Indices, 0 to m − 1, of the task coordinates whose middle can change in a part.
 
-        A part is what trimming leaves of the sector. Tilts are always cut on both sides alike; so
-        is the spin if the tool tilts.
+        A part is what trimming leaves of the sector. Tilts are always cut on both sides alike, so
+        their middle stays. If the tool tilts, the same holds for the spin.
         """
         return [RADIUS, ANGLE, HEIGHT] if self.tilted else [RADIUS, ANGLE, HEIGHT, SPIN]
 
     def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:
         """Return a sector whose middle is moved along symmetric coordinates.
 
-        A design thus centres a range between the limits of the joint. ``middles`` has the offsets
-        of the new middle, ``halves`` the new half-widths, rad, by number of the coordinate. An
-        offset of the spin turns the placement. If the tool tilts, it moves :attr:`spin_middle`, the
-        middle of the spin, instead: the axes of the tilts would turn with the placement.
+        With it, a design centres the range of an angle or spin between the limits of the joint.
+        ``middles`` has the offsets of the new middle, ``halves`` the new half-widths, rad, by
+        number of the coordinate. An offset of the spin turns the placement. If the tool tilts, an
+        offset of the spin changes :attr:`spin_middle`, the middle of the spin, instead, because the
+        axes of the tilts would turn with the placement.
         """
         y, widths = np.zeros(self.task.m), self.widths.copy()
         for i, middle in middles.items():

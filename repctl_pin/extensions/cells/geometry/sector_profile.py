@@ -48,7 +48,7 @@ class Profile(NamedTuple):
         """Evaluate b and s at heights η (K,): two arrays (K,).
 
         Above and below the sector, whose half-width of the height is ``half``, m, b and s are
-        constant. So they are continuous, and the stretch is positive everywhere.
+        constant. So b and s are continuous, and s is positive everywhere.
         """
         inside = np.clip(eta, -half, half)
         b, s = (_value(each, inside) for each in self)
@@ -64,7 +64,8 @@ class Profile(NamedTuple):
         """Return the profile relative to another middle, and a factor.
 
         The new middle is at the radial coordinate ``y``, m, and the height ``eta``, m, relative to
-        the old one. The factor is that by which the half-width of the radius in the middle changes.
+        the old one. The factor is the ratio of the half-width of the radius in the new middle to
+        that in the old middle.
         """
         if not self.degree:
             return self, 1.0

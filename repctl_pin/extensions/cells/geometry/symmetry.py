@@ -88,8 +88,8 @@ def own_axis(task: Task) -> Array | None:
 def last_axis(task: Task) -> tuple[str, Array]:
     """Return the name of the last joint, which must be revolute, and its axis (2, 3).
 
-    The axis is in the axes of the task's frame, and its point, m, relative to the frame's origin.
-    An error message compares it with the tool's z axis.
+    The direction of the axis is given in the axes of the task's frame, and its point, m, relative
+    to the frame's origin. An error message compares it with the tool's z axis.
     """
     q = np.array(task.reference)
     x = task.placement(q)
@@ -100,7 +100,7 @@ def last_axis(task: Task) -> tuple[str, Array]:
 def difference(one: Array, other: Array) -> tuple[float, float]:
     """Compute the angle between two axes (2, 3), rad, at most π/2, and their distance, m.
 
-    The distance is that of the point of the axis ``other`` from the axis ``one``.
+    The distance is the distance of the point in the first row of ``other`` from the axis ``one``.
     """
     (p, a), (o, b) = one, other
     tilt = np.arctan2(np.linalg.norm(np.cross(a, b)), abs(a @ b))
@@ -130,8 +130,8 @@ def _found(
     """Find the first of the ``joints`` that moves the frame as ``turned`` does, else None.
 
     ``joints`` are the indices to try. ``turned(x, angle)`` is the placement x with the coordinate
-    number ``coordinate`` increased by an angle, rad. It is compared with a joint step at a few
-    random configurations.
+    number ``coordinate`` increased by an angle, rad. The placement after a step of the joint is
+    compared with ``turned`` at a few random configurations.
     """
     rng = np.random.default_rng(0)
     Q = task.reference + rng.uniform(-1.0, 1.0, (_CONFIGURATIONS, task.n))
@@ -146,7 +146,7 @@ def _found(
 
 
 def _away(task: Task, x: pin.SE3, y: pin.SE3) -> float:
-    """Compute the largest difference between the entries of two placements that the task commands.
+    """Compute the largest difference of two placements in the entries that the task commands.
 
     Differences of positions are in m; those of rotations are between matrix entries.
     """
