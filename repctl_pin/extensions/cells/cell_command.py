@@ -8,8 +8,9 @@ below the printed table. Functions that take ``options`` read the parsed options
 ``report`` is a progress callback. n is the number of joints.
 
 ``Span`` is a piece of text with its tone, which is shown as colour. ``_Asked`` is the cell that the
-options describe, the configuration in its middle, and how both were chosen. ``WholeTable`` is the
-result of the search for the largest sector: its design, area and comparison with locked joints.
+options describe, the configuration in the cell's middle, and how both were chosen. ``WholeTable``
+is the result of the search for the largest sector: its design, area and comparison with locked
+joints.
 """
 
 from __future__ import annotations
@@ -134,7 +135,7 @@ def add_options(parser: Parser) -> None:
 
 
 def _add_size(parser: Parser) -> None:
-    """Add ``--size`` and the other options of a box whose place is searched for."""
+    """Add ``--size`` and the other options of a box whose place the command searches for."""
     add = parser.add_argument
     add(
         "--size",
@@ -279,7 +280,7 @@ _MEANING = (
 def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
     """Write the remedy for a cell ``asked`` for that no function covers, with command-line options.
 
-    The error itself names arguments of the Python function.
+    The remedy in ``error`` itself names arguments of the Python function.
     """
     if error.fits <= 0:
         remedy = "no smaller cell around this middle works either, so move it with --at, or choose "
@@ -295,7 +296,7 @@ def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
 class _Asked(NamedTuple):
     """The cell that the options describe, and the configuration in its middle.
 
-    Unless options place the cell, its middle is the pose of a start configuration.
+    Unless options place the cell, the middle of the cell is the pose of a start configuration.
 
     Attributes
     ----------
@@ -311,9 +312,11 @@ class _Asked(NamedTuple):
         Notes on a cell whose place was searched for: the place, the cause that prevents a larger
         cell, and the approach axis of the tool.
     design : CellDesign or None
-        Function over the largest sector, which was found with the sector; None for other cells.
+        Function over the largest sector, designed in the search for this sector; None for other
+        cells.
     reach : list of (P, 2) arrays
-        Closed lines around the radii and heights, m, that the arm reaches; empty for other cells.
+        Closed lines around what the arm reaches, rows (radius, height) in m; only for the largest
+        sector.
     """
 
     cell: rp.Cell
@@ -328,10 +331,10 @@ class _Asked(NamedTuple):
 def _asked(options: Options, report: Report) -> _Asked:
     """Make the cell that the options describe, with the configuration in its middle.
 
-    The cell is a sector, or a box around the path, around the start's pose, or at ``--at``. Without
-    ``--start``, it is the cell at the first default start at which it fits. With ``--size``, or
-    with an orientation such as ``--down`` alone, its place is searched for. ``report`` is the
-    progress callback. Options that cannot be used raise an InputError.
+    The cell is a sector, or a box around the path, around the pose at the start, or at ``--at``.
+    Without ``--start``, the start is the first default start at which the cell fits. With
+    ``--size``, or with an orientation such as ``--down`` alone, the place of the cell is searched
+    for. ``report`` is the progress callback. Options that cannot be used raise an InputError.
     """
     import numpy as np
     import pinocchio as pin
@@ -346,8 +349,8 @@ def _asked(options: Options, report: Report) -> _Asked:
     def cell_of(problem: rp.Problem) -> rp.Cell:
         """Make the cell of a problem: a box around its path if the options give a path.
 
-        Otherwise, the cell is the sector of ``--sector``, or the box, around the pose at the start,
-        moved to ``--at`` if this is given.
+        Otherwise, the cell is a sector with ``--sector``, else a box. Its middle is the pose at the
+        start, moved to the position ``--at`` if this option is given.
         """
         task = problem.task
         if around:
@@ -387,9 +390,10 @@ def _with_choices(
 def _placed(options: Options, at: Any, report: Report) -> _Asked:
     """Find the best place for the box of ``--size``; without ``--size``, the largest sector.
 
-    The arm covers the result within its limits and without collisions. Among boxes of equal size,
-    the one nearest to ``at`` (3,), m, is preferred if it is given. With ``--half-angle`` the box
-    also has rotations; then ``posture`` of the result is None, so that the design searches for it.
+    The arm covers the result within its limits and without collisions. If the position ``at`` (3,),
+    m, is not None, the box nearest to it is preferred among boxes of equal size. With
+    ``--half-angle`` the box also has rotations; ``posture`` of the result is then None, and the
+    design searches for a configuration.
     """
     import numpy as np
     import pinocchio as pin
@@ -441,9 +445,9 @@ def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.Cel
     """Choose the design over a whole table, and write the notes on its sector: (design, notes).
 
     With ``prove``, a design over a sector whose range of radius depends on the height is returned
-    with its certificate. If it cannot be proved, the design over the largest sector with the same
-    range of radius at all heights is returned, without a certificate. ``report`` is the progress
-    callback of the proof.
+    with its certificate. If this design cannot be proved, the design over the largest sector with
+    the same range of radius at all heights is returned instead, without a certificate. ``report``
+    is the progress callback of the proof.
     """
     notes = []
     if prove and table.by_height:
@@ -480,8 +484,9 @@ def _approach_note(place: rp.BestCell) -> list[str]:
 def _oriented_task(options: Options) -> rp.Task:
     """Make the requested task; without ``--task`` and ``--size``, one that fixes the approach axis.
 
-    The latter is a pose task for more than 6 joints, else an axis task, which commands the position
-    and the direction of the tool."""
+    A task that fixes the approach axis is a pose task if the arm has more than 6 joints, else an
+    axis task, which commands the position and the direction of the tool.
+    """
     if options.task is not None or options.size is not None:
         return options.asked_task()
     robot = options.load_robot()
@@ -617,9 +622,9 @@ def _pictures(
     """Write cell.html and, if there are slices, cell.png to a folder.
 
     A slice is a map of the function over two coordinates of the cell. The page also shows a motion
-    along a sample path, what the arm reaches, and ``command``, the command line. ``reach`` is
-    closed lines (P, 2) around radii and heights, m. Return the files, and notes if the period of
-    the motion was increased or the motion failed.
+    along a sample path, what the arm reaches, and ``command``, the command line. ``reach`` has
+    closed lines (P, 2) around what the arm reaches: radius and height, m. Return the files, and a
+    list of notes: that the period of the motion was increased, or that the motion failed.
     """
     from ...show.plots.figure_layout import png
     from .cell_design_result import slices

@@ -81,8 +81,8 @@ class CellDesign:
     evaluation : Evaluation
         All figures, on held-out poses; the main ones are attributes of the design as well.
     degrees : tuple of (degree, cost)
-        Degrees of the polynomial s(u) that were tried, with the cost that each attained on the fit
-        nodes; the last one is used.
+        Degrees of the polynomial s(u) that were tried, each with the cost that it attained on the
+        fit nodes; the last degree is used.
     samples, held_out : int
         Numbers of fit nodes, which are the poses of the fit, and of held-out poses.
     seed : int
@@ -141,9 +141,9 @@ class CellDesign:
 
     @property
     def subject(self) -> str:
-        """Fingerprint of all that a certificate depends on; a valid certificate has the same one.
+        """Fingerprint of all that a certificate depends on; a valid certificate has the same.
 
-        It covers the joint chain, its limits, the cell and the polynomials.
+        The fingerprint covers the joint chain, the joint limits, the cell and the polynomials.
         """
         chart = self.function.chart
         parts = chart.monomials.degree, chart.coefficients, *_cell_parts(chart.cell)
@@ -176,7 +176,7 @@ class CellDesign:
     def extra_speed_worst(self) -> float:
         """Extra joint speed, rms over all directions of ẋ, at the worst pose found by a search.
 
-        It is relative to the desired inverse.
+        The speed is relative to that of the desired inverse.
         """
         return self.evaluation.extra_speed_worst
 
@@ -184,8 +184,8 @@ class CellDesign:
     def extra_speed_direction(self) -> float:
         """Extra joint speed in the worst direction of ẋ, at the worst pose found by a search.
 
-        It is relative to the desired inverse. :attr:`extra_speed_worst`, in contrast, is an rms
-        value over all directions of ẋ.
+        The speed is relative to that of the desired inverse. :attr:`extra_speed_worst`, in
+        contrast, is an rms value over all directions of ẋ.
         """
         return self.evaluation.extra_speed_direction
 
@@ -193,7 +193,7 @@ class CellDesign:
     def limit_margin(self) -> float:
         """Minimum distance of a joint from its limit on the held-out poses, rad or m.
 
-        It is negative if a limit is violated, and infinite if no joint has limits.
+        The margin is negative if a limit is violated, and infinite if no joint has limits.
         """
         return self.evaluation.limit_margin
 
@@ -201,7 +201,7 @@ class CellDesign:
     def limit_margin_worst(self) -> float:
         """Limit margin at the worst pose found by a search over the cell, rad or m.
 
-        It is negative if a limit is violated, and infinite if no joint has limits.
+        The margin is negative if a limit is violated, and infinite if no joint has limits.
         """
         return self.evaluation.limit_margin_worst
 
@@ -302,7 +302,8 @@ class CellDesign:
     def _speed_words(self) -> str:
         """Write the extra joint speed, such as ``1.2 % on average, 3 % at the worst pose``.
 
-        Further lines give that in the worst single direction, and the proved bound, if known.
+        Two further lines give, if known, the extra joint speed in the worst direction, and its
+        proved bound.
         """
         j = self.evaluation
         every = [j.extra_speed, j.extra_speed_worst]
@@ -318,9 +319,10 @@ class CellDesign:
         return text + proved
 
     def _ranges(self) -> dict[str, str]:
-        """Return the ranges of the coordinates as text, by display name, one row for a box.
+        """Return the ranges of the coordinates as text, by display name.
 
-        The range of a symmetric coordinate is followed by the range that the function reaches.
+        A box has one row, a sector one row per coordinate. After the range of a symmetric
+        coordinate, the row also states the range that the function reaches.
         """
         rows = range_rows(self.cell)
         for turn in self.evaluation.turns:
@@ -361,11 +363,12 @@ class CellDesign:
 
 
 def function_of(chart: Chart, evaluation: Evaluation) -> InverseFunction:
-    """Make the function q = F(x) of a chart; it checks joint limits if the evaluation requires it.
+    """Make the function q = F(x) of a chart, with a check of joint limits if necessary.
 
-    Checks cost time at every call. On F itself, s = 0, limits are checked only if some evaluated
-    pose violates one, or if the range of a coordinate of the sector ends only at the joint limits.
-    At other positions s along the self-motion, limits are always checked.
+    A check costs time at every call. For s = 0, the function checks limits only in two cases: some
+    evaluated pose has no configuration inside the limits, or a coordinate of the sector has the
+    range ``"all"``, which ends only at the joint limits. For other positions s along the
+    self-motion, it always checks limits.
     """
     ends_at_limits = bool(chart.cell.free) or not evaluation.everywhere
     return InverseFunction(chart, keep_limits=ends_at_limits)
@@ -385,10 +388,10 @@ def _cell_parts(cell: Cell) -> tuple[Any, ...]:
 
 
 def _left_out(joints: Sequence[str], turns: Sequence[Turn]) -> str:
-    """Write which joints are left out of the limit margin, in lines that follow it.
+    """Write which joints the limit margin leaves out, as lines to append to the margin.
 
-    ``joints`` are their names, and ``turns`` the ranges of symmetric coordinates. A joint that
-    makes a full turn within its limits is written with its own margin.
+    ``joints`` are the names of these joints, and ``turns`` the ranges of symmetric coordinates. If
+    a joint makes a full turn within its limits, its line has its own margin.
     """
     full = {turn.joint: turn.left for turn in turns if turn.left}
     bounded = [name for name in joints if name not in full]
@@ -420,8 +423,9 @@ class Slice:
         G_d; NaN where the function has no value. Rows are values of the second coordinate, columns
         of the first.
     turn : (C, C) array or None
-        Full width, rad, of the range of a sector's angle in which the joint that turns the arm
-        stays within its limits at every tilt; None if the symmetry of the angle is not used.
+        Full width, rad, of the range of a sector's angle, at each radius and height. Within this
+        range, the joint that turns the arm stays within its limits at every tilt. None if the
+        symmetry of the angle is not used.
     """
 
     axes: tuple[int, int]
@@ -434,10 +438,10 @@ class Slice:
 def slices(design: CellDesign, count: int = 33) -> list[Slice]:
     """Evaluate the limit margin and the extra joint speed over pairs of a cell's coordinates.
 
-    The figures of a cell show these maps. The pairs, at most three, are of translational
-    coordinates, or of any coordinates if fewer than two are translational. The grid of each pair
-    has ``count`` points per coordinate; all other coordinates are 0. The list is empty if the cell
-    has a single coordinate.
+    The figures of a cell show these maps. There are at most three pairs. They consist of
+    translational coordinates, or of any coordinates if fewer than two are translational. Each map
+    has ``count`` grid points along both coordinates of the pair; all other coordinates are 0. The
+    list is empty if the cell has a single coordinate.
     """
     cell, chart = design.function.chart.cell, design.function.chart
     places = [i for i, unit in enumerate(cell.units) if unit == "m"]
@@ -512,8 +516,9 @@ def tour(cell: Cell) -> TaskPath:
     def twists(U: Array) -> Array:
         """Evaluate the frame's velocities (v, ω), per m or rad along each coordinate: (6, k).
 
-        They are those at the pose U (1, k), from −1 to 1, in base axes; the k columns are in the
-        order of u. A change of u_i by 1 is a half-width in m or rad.
+        The pose has the coordinates U (1, k). The velocities are in base axes, and column i is the
+        velocity per m or rad along the coordinate u_i. (A change of u_i by 1 is its half-width in m
+        or rad.)
         """
         return cell._frame_twists(cell.spread(U))[0][:, moved]
 
@@ -542,8 +547,8 @@ def tour(cell: Cell) -> TaskPath:
 def _waves(count: int) -> tuple[Array, Array, Array]:
     """Draw J waves: wave numbers 2πj (J,), and cosine and sine coefficients a and b (count, J).
 
-    j is from 1 to J. The sums ``Σ_j a_ij cos 2πjs + b_ij sin 2πjs`` are the ``count`` coordinates
-    of the sample path. The random numbers are always the same.
+    j is from 1 to J. The ``count`` coordinates of the sample path are the sums
+    ``Σ_j a_ij cos 2πjs + b_ij sin 2πjs``. The random numbers are always the same.
     """
     rng = np.random.default_rng(0)
     k = 2 * np.pi * np.arange(1, _WAVES + 1)

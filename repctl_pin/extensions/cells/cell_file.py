@@ -72,9 +72,9 @@ _MOST_DEGREE = 64
 class _FailureFile(Part):
     """Reason why a function fails at some poses of its cell.
 
-    ``cause`` is ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``, ``share`` the
-    fraction of the sampled poses that fail for it, ``u`` (k,) the worst pose, and ``what`` a
-    message on it.
+    ``cause`` is ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``; ``share`` is the
+    fraction of the sampled poses that fail for this cause; ``u`` (k,) is the worst pose; and
+    ``what`` is a message that describes the failure there.
     """
 
     cause: str
@@ -86,14 +86,14 @@ class _FailureFile(Part):
 class _TurnFile(Part):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
-    A range is given by its full width. ``joint_range`` is that of the joint (null without limits),
-    ``spread`` the difference of the joint's largest and smallest value over the covered poses, and
-    ``reach`` the range of the coordinate that is left at all of them. ``nearly`` and ``most`` are
-    those left at 99.9 % and 99 % of the covered poses. ``price`` is the extra joint speed that the
-    requested range costs, and ``unasked`` the ``reach`` without that request. ``covered`` is the
-    fraction of poses that the function covers without regard to the joint's limits, and
-    ``as_covered`` the range at this fraction. ``bodies`` are the links that collide beyond the
-    range. Null stands for an unknown number.
+    All ranges are full widths. Null stands for an unknown number. ``joint_range`` is the range of
+    the joint (null without limits). ``spread`` is the difference between the joint's largest and
+    smallest value over the covered poses. ``reach``, ``nearly`` and ``most`` are the ranges of the
+    coordinate that are left at all, at 99.9 % and at 99 % of the covered poses. ``price`` is the
+    extra joint speed that the requested range costs. ``unasked`` is the ``reach`` of a function
+    that was designed without that request. ``covered`` is the fraction of poses that the function
+    covers without regard to the joint's limits; ``as_covered`` is the range that is left at this
+    fraction of the covered poses. ``bodies`` are the links that collide beyond the range.
     """
 
     coordinate: str
@@ -115,13 +115,12 @@ class _SectorFile(Part):
 
     Their half-widths are in :attr:`_CellFile.widths`, in this order, rad or m. ``axis`` has two
     rows: a point of the axis, m, and its direction. ``free`` has the numbers of the coordinates
-    whose range ends only at the joint limits. ``symmetric`` has those of the coordinates that the
-    polynomials leave out. ``spin_middle`` is the middle of the spin, rad; only a sector with tilts
-    and with the spin in ``free`` has it. ``profile`` has two rows of coefficients of powers of the
-    height above the middle, m: those of the bend, which shifts the range of radius, and of the
-    stretch, which scales it, see
-    :class:`repctl_pin.extensions.cells.geometry.sector_profile.Profile`; only a sector whose range
-    of radius depends on the height has it.
+    whose range ends only at the joint limits. ``symmetric`` has the numbers of the coordinates that
+    the polynomials leave out. ``spin_middle`` is the middle of the spin, rad; it is present only if
+    the sector has tilts and the spin is in ``free``. ``profile`` is present only if the range of
+    radius depends on the height. It has two rows: the coefficients of the bend, which shifts the
+    range, and of the stretch, which scales the range, in powers of the height above the middle, m;
+    see :class:`repctl_pin.extensions.cells.geometry.sector_profile.Profile`.
     """
 
     axis: Rows
@@ -176,12 +175,13 @@ class _CellFile(Sealed):
     """File content: an inverse kinematic function over a cell of poses.
 
     ``placement`` (4, 4) is the pose in the middle of the cell, ``widths`` (m,) are the half-widths
-    of its coordinates. ``coefficients`` (N, n, 1 + r) are those of the polynomials q_ref and n_ref
-    of u, for N monomials of the given ``degree``. ``bodies`` is the fingerprint of the collision
-    bodies; older files lack it, as do files without a known body distance. ``desired`` is the
-    inverse to which ∂F/∂x is near, ``posture`` (n,) the configuration in the middle, ``degrees``
-    the degrees that were tried with their costs, and ``sector`` the coordinates of a sector. The
-    other keys are numbers of the fit and what was requested, as in :class:`CellDesign`.
+    of the cell's coordinates. ``coefficients`` (N, n, 1 + r) are the coefficients of the
+    polynomials q_ref and n_ref in the N monomials of u up to the ``degree``. ``bodies`` is the
+    fingerprint of the collision bodies; older files lack it, as do files without a known body
+    distance. ``desired`` is the inverse to which ∂F/∂x is near, and ``posture`` (n,) the
+    configuration in the middle. ``degrees`` are the degrees that were tried, with their costs;
+    ``sector`` are the coordinates of a sector. The other keys are numbers of the fit and what was
+    requested, as in :class:`CellDesign`.
     """
 
     desired: Desired
@@ -240,7 +240,7 @@ def cell_file(design: CellDesign) -> _CellFile:
 def _bodies_file(design: CellDesign) -> _BodiesFile | msgspec.UnsetType:
     """Compute the fingerprints of the bodies of a design; UNSET if its body distance is not known.
 
-    UNSET is left out of the file.
+    With UNSET, the file has no fingerprints.
     """
     if np.isnan(design.body_distance):
         return msgspec.UNSET
@@ -252,8 +252,8 @@ def _bodies_file(design: CellDesign) -> _BodiesFile | msgspec.UnsetType:
 def _known_distance(content: _CellFile, task: Task) -> float:
     """Return the body distance of a file, m; NaN with a warning if the bodies have changed.
 
-    The distance is infinite if there are no bodies. Files without a fingerprint of the bodies give
-    the distance that they have, or NaN if they have none.
+    The distance is infinite if there are no bodies. If a file has no fingerprint of the bodies, the
+    result is the file's distance, or NaN if the file has no distance.
     """
     distance, bodies = content.figures.body_distance, content.bodies
     if isinstance(bodies, msgspec.UnsetType):
@@ -297,9 +297,10 @@ def _shapes_fingerprint(task: Task) -> str:
 
 
 def _bodies_at(task: Task, Q: ArrayLike) -> Array:
-    """Compute one number per configuration of Q (K, n): (K,). It changes if any body is displaced.
+    """Compute, per configuration of Q (K, n), a number that changes if any body is displaced: (K,).
 
-    It is a weighted sum of all entries of the placements of the links and surroundings with bodies.
+    The number is a weighted sum of all entries of the placements of the links and surroundings with
+    bodies.
     """
     robot = task.robot
     model, drive = task.bodies_model()
@@ -325,9 +326,9 @@ def _solid(
 ) -> tuple[object, ...]:
     """List the data of a collision shape that a fingerprint hashes.
 
-    They are link, xyz, rpy, kind, size, scale, and the hash of the mesh file: ``missing`` if the
-    file is not found, None if the shape is no mesh. ``description`` is the URDF that has the shape
-    ``solid``; ``package_dirs`` are folders in which packages are looked up.
+    The data are link, xyz, rpy, kind, size, scale, and the hash of the mesh file. The hash is
+    ``missing`` if the file is not found, and None if the shape is no mesh. ``description`` is the
+    URDF that has the shape ``solid``; ``package_dirs`` are folders in which packages are looked up.
     """
     mesh = None
     if solid.filename:
@@ -477,10 +478,10 @@ def cell_of(content: _CellFile, task: Task) -> CellDesign:
 
 
 def _unchecked(content: _CellFile, task: Task) -> list[str]:
-    """Refuse a robot that has changed since the file was written; name what is not checked.
+    """Refuse a robot that has changed since the file was written; return what cannot be checked.
 
-    If a joint limit or a mass differs, an InputError is raised. Older files lack some of these
-    data, or the collision bodies; the names of the missing data are returned.
+    If a joint limit or a mass differs, an InputError is raised. Older files lack limits, masses or
+    collision bodies; the names of the missing data are returned.
     """
     known = content.bodies is not msgspec.UNSET
     return [

@@ -75,8 +75,8 @@ class InverseFunction:
     chart
         The chart, with q_ref and n_ref.
     keep_limits : bool
-        Check the joint limits also for c = 0; not needed if F violates no limit in the cell there.
-        For other levels, limits are always checked.
+        Check the joint limits also for c = 0; not needed if F with c = 0 violates no limit in the
+        cell. For other levels, limits are always checked.
 
     Raises
     ------
@@ -194,9 +194,9 @@ class InverseFunction:
     ) -> Array:
         """Evaluate F (K, n) in NumPy at K targets, placements or coordinates of the cell.
 
-        It is used without the native library, and to find out why a target has no configuration.
-        With ``missing`` "nan", the row of such a target is NaN; with "raise", an InputError is
-        raised. ``leaf`` is the level, (r,) or (K, r); None is 0.
+        This method is used without the native library, and to find out why a target has no
+        configuration. With ``missing`` "nan", the row of such a target is NaN; with "raise", an
+        InputError is raised. ``leaf`` is the level, (r,) or (K, r); None is 0.
         """
         cell = self.cell
         U, off = self._coordinates(targets)
@@ -311,8 +311,8 @@ class InverseFunction:
         """Find the range (r, 2) of each component c_j of the level at a pose, with the others at 0.
 
         A row is (low, high), rad (m for prismatic joints). A range ends at a joint limit, at ±π, or
-        where ``σ_min(Nᵀ n̂_ref)`` falls to 0.1: it is near 1 where n_ref approximates the null
-        space N well, and 0 at a fold of the leaf.
+        where ``σ_min(Nᵀ n̂_ref)`` falls to 0.1. This singular value is near 1 where n_ref
+        approximates the null space N well, and 0 at a fold of the leaf.
         """
         task, r = self.task, self.task.r
         u, shift = self.chart.cell._split(self.cell.coordinates_of(target)[None])
@@ -356,12 +356,12 @@ class InverseFunction:
         return self.inverse.leaf_toward(self(target), elbow=elbow, link=link, margin=margin)
 
     def _coordinates(self, targets: Sequence[Placement] | Array) -> tuple[Array, Array]:
-        """Convert targets to coordinates U (K, k), and their deviations (K,) from the cell.
+        """Convert K targets to coordinates U (K, k), and to deviations (K,) from the cell.
 
         Targets are a list of placements, matrices (K, 4, 4), positions with quaternions (K, 7), or
-        coordinates (K, k). A deviation, m or rad, is the largest along a coordinate of width 0,
-        which the cell holds constant. Targets that are coordinates of the cell are returned, with
-        deviations 0.
+        coordinates (K, k). The deviation of a target, m or rad, is its largest deviation along a
+        coordinate of width 0, which the cell holds constant. Targets that are coordinates of the
+        cell are returned, with deviations 0.
         """
         if isinstance(targets, np.ndarray) and targets.ndim != 3 and targets.shape[-1:] != (7,):
             (U,) = as_matrices(
@@ -389,7 +389,10 @@ class InverseFunction:
         return vector(leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c")
 
     def _refused(self, q: Array, u: Array, *, found: bool) -> InputError:
-        """Create the error at u (k,): no configuration or, if ``found``, q (n,) beyond a limit."""
+        """Create the error at the pose u (k,): F has no configuration there, or violates a limit.
+
+        With ``found``, the error is that the configuration q (n,) violates a limit.
+        """
         where = self.cell.where(u)
         if not found:
             return InputError(f"no configuration exists on this leaf at {where}")
@@ -459,9 +462,9 @@ class _NativeFunction:
     ) -> Array:
         """Evaluate F (K, n) at targets (K, …) with the levels C (K, r), chunk by chunk.
 
-        The arrays of a chunk fit in the processor's cache, and several threads share the chunks.
-        ``matrices`` converts targets to homogeneous matrices (K, 4, 4). Rows without a
-        configuration are NaN.
+        The arrays of a chunk fit in the processor's cache; the chunks are distributed over
+        ``threads`` threads. ``matrices`` converts targets to homogeneous matrices (K, 4, 4). Rows
+        without a configuration are NaN.
         """
         Q = np.empty((len(targets), self._n))
         to = ctypes.byref(self._arm), ctypes.byref(self._chart)
@@ -486,8 +489,9 @@ class _NativeFunction:
 def _native_function(chart: Chart, keep_limits: bool) -> _NativeFunction | None:
     """Create the C version of a cell function, which is much faster than NumPy.
 
-    With ``keep_limits``, it tests the joint limits also for the level 0; for other levels it always
-    does. Return None without the native library, or with more than 64 joints.
+    With ``keep_limits``, the function tests the joint limits also for the level 0; for other
+    levels, it always tests them. Return None without the native library, or with more than 64
+    joints.
     """
     native, arm = library(), library_arm(chart.cell.task)
     if native is None or arm is None:

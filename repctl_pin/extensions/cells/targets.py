@@ -37,7 +37,7 @@ def as_poses(task: Task, targets: Sequence[Placement] | Array) -> tuple[Array, A
     task
         The task. Rotation matrices are checked only if the task commands a rotation.
     targets : list of placements, (K, 4, 4) or (K, 7) array
-        A row of seven is a position, m, and a quaternion: ``x, y, z, qx, qy, qz, qw``. Rows with
+        A row of seven is a position, m, and a quaternion: ``x, y, z, qx, qy, qz, qw``. Targets with
         numbers that are not finite are not checked; their results are not finite either.
 
     Raises

@@ -154,8 +154,9 @@ class ToolFunction:
 class _FramePotentials(CellPotentials):
     """Potentials of the frame's function F. As functions of q, they do not depend on the tool.
 
-    A controller that holds them constant follows F'. C evaluates potentials only at the pose of the
-    task's own frame, here the tool's, so these potentials cannot be evaluated in C.
+    A controller that holds these potentials constant follows F'. C evaluates potentials only at the
+    pose of the task's own frame, which is here the tool. So these potentials cannot be evaluated in
+    C.
     """
 
     def _native_part(self) -> Any:

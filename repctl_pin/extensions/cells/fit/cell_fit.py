@@ -130,14 +130,14 @@ class CellFit:
     def best(self, cell: Cell, postures: list[Candidate]) -> tuple[Array, _Found]:
         """Compute the best design over a cell, given configurations in its middle, the best first.
 
-        A first design is made from the first configuration: a quick one if rays from there violate
-        limits, else a full one. If it is :meth:`good`, or its coverage is below 90 %, no other
-        configuration is tried. Otherwise quick designs from all configurations are compared, and
-        the best configuration is used. If collisions are the only fault of the first design, only
-        configurations whose rays are free of collisions are compared with it.
+        A first design is made from the first configuration: a quick design if rays from there
+        violate limits, else a full design. If the first design is :meth:`good`, or its coverage is
+        below 90 %, no other configuration is tried. Otherwise quick designs from all configurations
+        are compared, and the best configuration is used. If collisions are the only fault of the
+        first design, only configurations whose rays are free of collisions are compared with it.
 
-        Return the configuration used (n,), and the best full design from it: a CellDesign or, if
-        that failed, a tuple of FailureReason.
+        Return the configuration (n,) of the best full design, and this design: a CellDesign or, if
+        no design succeeded, a tuple of FailureReason.
         """
         first = postures[0]
         doubtful = len(postures) > 1 and first.margin < 0
@@ -163,9 +163,9 @@ class CellFit:
     def good(self, found: _Found, *, bodies: bool = True) -> bool:
         """Test whether a design covers the whole cell, far enough from limits and at a low cost.
 
-        The limit margin must be at least 40 % of the requested one, the extra joint speed below
-        2 %, and a coordinate with the range ``"all"`` must have 90 % of its joint's range.
-        ``found`` can also be reasons for failure, which give False. With ``bodies=False``,
+        The limit margin must be at least 40 % of the requested one, the extra joint speed below 2
+        %, and a coordinate with the range ``"all"`` must have 90 % of its joint's range. ``found``
+        can also be a tuple of reasons for failure; the result is then False. With ``bodies=False``,
         collisions are allowed.
         """
         coverage, everywhere, separate, margin, *_ = _rank(found, self.limit_margin)
@@ -226,9 +226,9 @@ class CellFit:
         """Evaluate the function with the label s = 0 of the final ``chart``, and make its design.
 
         The final chart was fitted such that the optimised function has s = 0 in it. ``turns`` are
-        its ranges along symmetric coordinates, ``descent`` is the minimisation, ``degrees`` are
-        pairs (degree, cost), and ``samples`` is the number of poses at which the fit evaluated the
-        cost. With ``quick``, the evaluation is quick.
+        the ranges of the function along symmetric coordinates, ``descent`` is the result of the
+        minimisation, ``degrees`` are pairs (degree, cost), and ``samples`` is the number of poses
+        at which the fit evaluated the cost. With ``quick``, the evaluation is quick.
         """
         self.report("the evaluation", 0.8)
         held_out = min(512, self.held_out) if quick else self.held_out
@@ -250,12 +250,12 @@ class CellFit:
     def _first_chart(self, cell: Cell, q: Array, ends: Rays, quick: bool) -> Chart:
         """Fit the first chart to the ends of rays; its degree is such that n_ref follows N.
 
-        N is the null space of J at the ends. Where it turns by more than 90° over a short distance,
-        a polynomial n_ref of low degree can be perpendicular to N, and the equations of the chart
-        are singular though the function is not. So for a cell with two coordinates, the null space
-        is tested at many poses. If n_ref is not near it, more rays are followed from the
-        configuration q (n,) in the middle, and the degree is raised until n_ref is near N at all
-        their ends. With ``quick``, there are fewer of these poses.
+        N is the null space of J at the ends. Where N turns by more than 90° over a short distance,
+        a polynomial n_ref of low degree can be perpendicular to N. The equations of the chart are
+        then singular although the function is not. So for a cell with two coordinates, n_ref is
+        compared with the null space at many poses (fewer with ``quick``). If n_ref is not near the
+        null space there, rays from the configuration q (n,) in the middle are followed to these
+        poses. The degree is then raised until n_ref is near N at the ends of all these rays.
         """
         chart = Chart.fitted(cell, ends.U, ends.Q, ends.N, 2 if cell.k > 4 else 4)
         if cell.k != 2:
@@ -279,10 +279,11 @@ class CellFit:
     def priced(self, found: CellDesign, q: Array) -> CellDesign:
         """Add to a design over a sector the extra joint speed that its requested angle costs.
 
-        The user thus sees what a smaller angle would save. The cost is the difference from a second
-        design with the angle ``"all"``, from the configuration q (n,) in the middle. It is stored
-        with the range of the angle. The design is returned unchanged if its angle is not requested
-        in rad, or if the joint stays far from its limits at both ends of the angle.
+        The user thus sees what a smaller angle would save. For comparison, a second function is
+        designed with the angle ``"all"``, from the configuration q (n,) in the middle. The
+        difference of the two extra joint speeds is stored with the range of the angle. The design
+        is returned unchanged if its angle is not requested in rad, or if the joint stays far from
+        its limits at both ends of the angle.
         """
         sector = found.function.chart.cell
         names = found.cell.coordinate_names
@@ -308,8 +309,8 @@ class CellFit:
     def _highest(self, cell: Cell) -> int:
         """Return the highest degree to try for the polynomial s(u) of a function.
 
-        It is the requested degree. For "auto", it is the highest degree up to 6 with at most 260
-        coefficients, and at least 1.
+        If a degree was requested, it is this degree. For "auto", it is the highest degree up to 6
+        with at most 260 coefficients, and at least 1.
         """
         if self.degree != "auto":
             return int(self.degree)
@@ -396,7 +397,7 @@ class CellFit:
     def margins(self, cell: Cell, *, quick: bool = False) -> list[Margin]:
         """Make the kinds of margins that the fit must meet: joint limits, and others if requested.
 
-        The others are the body distance and σ_min(J). With ``quick``, searches for small limit
+        The other kinds are the body distance and σ_min(J). With ``quick``, searches for small limit
         margins start from fewer poses.
         """
         limits = limits_of(cell, self.limit_margin)
@@ -408,7 +409,8 @@ class CellFit:
 def _nodes(U: Array, terms: Monomials) -> Array:
     """Return the first poses of U (K, k), enough to fit the monomials ``terms`` to them.
 
-    They are at least 256, and at least three per monomial, or all of U if it has fewer.
+    Their number is at least 256, and at least three per monomial. If U has fewer rows, all rows are
+    returned.
     """
     return U[: max(256, _power_of_two(3 * terms.size))]
 
@@ -416,8 +418,8 @@ def _nodes(U: Array, terms: Monomials) -> Array:
 def _labels(guess: _Found, chart: Chart, U: Array) -> Array | None:
     """Write the function of the design ``guess`` in another chart, with s(u) of degree 2.
 
-    Return the coefficients (N, r) of s, fitted at the poses U (K, k); a fit in that chart begins at
-    them. Return None if ``guess`` is no design, or over another cell.
+    Return the coefficients (N, r) of s, fitted at the poses U (K, k). A fit in the other chart
+    begins at these coefficients. Return None if ``guess`` is no design, or over another cell.
     """
     if not isinstance(guess, CellDesign) or guess.function.chart.cell is not chart.cell:
         return None
@@ -431,7 +433,7 @@ def _fit(cost: Cost, a: Array) -> Descent:
     """Minimise the cost from coefficients a (N, r) of the label s.
 
     If the function with these coefficients does not exist at some node, the minimisation starts
-    from a = 0.
+    from a = 0 instead.
     """
     found = descend(cost, a)
     return found if np.isfinite(found.value.cost) else descend(cost, np.zeros_like(a))
@@ -440,8 +442,8 @@ def _fit(cost: Cost, a: Array) -> Descent:
 def _follows(chart: Chart, U: Array, N: Array) -> bool:
     """Test whether n_ref of a chart is near the null spaces N (K, n, r) at all poses U (K, k).
 
-    σ_min(Nᵀ n̂_ref) must exceed 0.4. It is 0 if a direction of n_ref is perpendicular to N, and 1
-    if all are in N.
+    The test is ``σ_min(Nᵀ n̂_ref) > 0.4``. This singular value is 0 if a direction of n_ref is
+    perpendicular to N, and 1 if all directions of n_ref are in N.
     """
     return bool(leaf_margin(N, chart.reference(U)[1]).min() > _UPRIGHT)
 
@@ -450,9 +452,10 @@ def _recharted(cell: Cell, chart: Chart, descent: Descent, terms: Monomials, qui
     """Fit the final chart, in which the optimised function is s = 0 and fast to evaluate.
 
     The optimised function is written in ``chart``; the coefficients of its label s are those of
-    ``descent``, for the monomials ``terms``. q_ref of the final chart approximates its
-    configurations, and n_ref the null spaces there. The degree is raised until n_ref follows the
-    null spaces and, except with ``quick``, q_ref is accurate enough for two Newton steps.
+    ``descent``, for the monomials ``terms``. q_ref of the final chart approximates the
+    configurations of the function, and n_ref the null spaces at these configurations. The degree is
+    raised until n_ref follows the null spaces and, except with ``quick``, q_ref is accurate enough
+    for two Newton steps.
     """
     degree = max(terms.degree, chart.monomials.degree, 3)
     while not quick and degree < 8 and _terms(cell, degree + 1) <= _MOST_TERMS:
@@ -481,8 +484,8 @@ def _with_simple_fibres(chart: Chart, U: Array, N: Array) -> Chart:
     """Reduce the degree of n_ref, the null-space directions of a chart, if n_ref stays accurate.
 
     ``N`` (K, n, r) are bases of the null spaces at the poses U (K, k), which n_ref approximates. A
-    lower degree makes the C code faster; it changes the function s = 0 by little, since q_ref
-    stays. If no lower degree is accurate, the chart is returned unchanged.
+    lower degree makes the C code faster, and changes the function s = 0 by little, because q_ref is
+    unchanged. If no lower degree is accurate, the chart is returned unchanged.
     """
     for degree in range(1, chart.monomials.degree):
         low = Monomials(chart.cell.k, degree)

@@ -10,19 +10,21 @@ q_ref and n_ref of u: q_ref approximates a configuration, from which s is measur
 null space.
 
 Letters: n joints, r components of s, N monomials of u in which s is written, K nodes, L penalised
-poses in all (those of all penalties, one penalty after the other, behind the nodes), P margins of
-one kind per configuration. ``weight`` is the factor of all penalties. The residual is ``(∂F − G_d
-E) C``. A hinge is max(0, asked − margin), by which a margin falls short of the asked value.
+poses, which are the poses of all penalties, P margins of one kind per configuration. In arrays of K
++ L rows, the nodes come first, then the poses of one penalty after the other. ``weight`` is the
+factor of all penalties. The residual is ``(∂F − G_d E) C``. A hinge is max(0, asked − margin), by
+which a margin falls short of the asked value.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``Penalty`` is a kind of margin that the cost penalises, and the poses at
-which it does. ``Monomials`` are all monomials ``u^α`` up to a degree in the coordinates u, the
-constant 1 first. ``_Value`` is the cost of a candidate function, with the configurations at which
-it was evaluated. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses, with
-the kinematics there. ``Descent`` is the result of a minimisation: coefficients a, the cost with its
-configurations, and the number of steps. ``Point[D]`` is the objective at one x: ``merit``,
-``cost``, and ``data`` of a type D, here the evaluated cost, from which the model is computed.
-``Step`` is a damped Gauss–Newton step dx, with its predicted decrease and its damping.
+which the margin is penalised. ``Monomials`` are all monomials ``u^α`` up to a degree in the
+coordinates u, the constant 1 first. ``_Value`` is the cost of a candidate function, with the
+configurations at which it was evaluated. ``Points`` are the configurations Q (K, n) of a function q
+= F(u) at K poses, with the kinematics there. ``Descent`` is the result of a minimisation:
+coefficients a, the cost with its configurations, and the number of steps. ``Point[D]`` is the
+objective at one x: ``merit``, ``cost``, and ``data`` of a type D, here the evaluated cost, from
+which the model is computed. ``Step`` is a damped Gauss–Newton step dx, with its predicted decrease
+and its damping.
 """
 
 from __future__ import annotations
@@ -97,14 +99,14 @@ class _Value:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Penalty:
-    """A kind of margin that the cost penalises, and the poses at which it does.
+    """A kind of margin that the cost penalises, and the poses at which it is penalised.
 
     Attributes
     ----------
     margin : Margin
         The kind of margin, such as joint limits.
     U : (L, k) array
-        Poses at which the margin is penalised; here L counts those of this penalty.
+        Poses at which the margin is penalised; here L counts the poses of this penalty only.
     asked : (L,) array
         Value at each of these poses below which the margin is penalised.
     """
@@ -117,9 +119,9 @@ class Penalty:
 class Cost:
     r"""Cost of a candidate F: mean distance from the desired inverse, plus penalties on margins.
 
-    It is ``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with ``s = Σ_t a_t
-    T_t(u)``. A cell may have fewer coordinates than the task, so ∂F C takes the place of ∂F/∂x, and
-    G_d E C that of G_d.
+    The cost is ``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with
+    ``s = Σ_t a_t T_t(u)``. A cell may have fewer coordinates than the task, so ∂F C takes the place
+    of ∂F/∂x, and G_d E C that of G_d.
 
     Parameters
     ----------
@@ -165,8 +167,8 @@ class Cost:
     def value(self, a: Array) -> _Value:
         """Evaluate the cost at coefficients a (N, r), with the configurations of F.
 
-        It is infinite if F does not exist at some node or penalised pose. The last result is kept,
-        because a minimisation may begin where a prediction was made.
+        The cost is infinite if F does not exist at some node or penalised pose. The last result is
+        cached, because a minimisation may begin at the coefficients of a previous call.
         """
         if self._value is None or not np.array_equal(self._value[0], a):
             self._value = a.copy(), self._evaluated(a)
@@ -195,9 +197,9 @@ class Cost:
         """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
 
         ``at`` is the evaluated cost at the coefficients a (N, r). The residual (∂F − G_d E) C at a
-        node depends on a only through s and ∂s/∂u there. It is linear in ∂s/∂u, with the matrix
-        ∂F/∂s; its derivative with respect to s is taken by central differences. A margin depends on
-        s only. The last result is kept, as that of :meth:`value`.
+        node depends on a only through s and ∂s/∂u there. The residual is linear in ∂s/∂u, with the
+        matrix ∂F/∂s; its derivative with respect to s is computed by central differences. A margin
+        depends on s only. The last result is cached.
         """
         if self._model is None or self._model[0] is not at:
             self._model = at, self._modelled(at)
@@ -227,8 +229,8 @@ class Cost:
     def _features(self) -> Array:
         """Stack the monomials, then their slopes along the columns of C: (K + L, 1 + k + l, N).
 
-        The K nodes come first, then the L penalised poses, where the slopes are 0. The products
-        with a are s and, at the nodes, ∂s/∂u C.
+        The K nodes come first, then the L penalised poses, where the slopes are 0. Multiplied by
+        the coefficients a, the monomials give s, and the slopes give ∂s/∂u C at the nodes.
         """
         features = np.zeros((len(self.U), 1 + self.rates.C.shape[2], self.T.shape[1]))
         features[:, 0] = self.T
@@ -239,8 +241,9 @@ class Cost:
     def _nearness_terms(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate MᵀM (K, p, p) and Mᵀ residual (K, p) at the K nodes, each divided by K.
 
-        M is the derivative of a node's residual with respect to p = r (1 + k + l) numbers there:
-        for each component s_j of the label, s_j itself and the entries of ∂s_j/∂u C.
+        M is the derivative of a node's residual with respect to p = r (1 + k + l) numbers. These
+        are, for each component s_j of the label at the node, s_j itself and the k + l entries of
+        ∂s_j/∂u C.
         """
         points, ds = rows_of(at.points, self.inner), at.ds[self.inner]
         residual, B = at.residual, at.B
@@ -256,8 +259,9 @@ class Cost:
     def _slopes_along_s(self, points: Points, ds: Array, B: Array) -> Array:
         """Evaluate ∂(residual)/∂s_j (K, n, k + l, r) by central differences along the self-motion.
 
-        B (K, n, r) is ∂F/∂s at the ``points``, and ``ds`` is ∂s/∂u there. From a start along B,
-        whose error is of the order 1e-10, one Newton step is exact to rounding.
+        B (K, n, r) is ∂F/∂s at the ``points``, and ``ds`` is ∂s/∂u there. The displaced
+        configurations are first estimated along B, with an error of the order 1e-10. One Newton
+        step then makes them exact to rounding.
         """
         s = np.einsum("Knr,Kn->Kr", points.n_ref, points.Q - points.q_ref)
         goals = rows_of(self.goals, self.inner)
@@ -276,8 +280,9 @@ class Cost:
     def _penalty_terms(self, at: _Value, part: Penalty, where: slice) -> tuple[Array, Array]:
         """Evaluate DᵀD (L, r, r) and Dᵀ hinge (L, r) of one penalty, weighted as in the cost.
 
-        There are L P hinges, and D (L, P, r) are their derivatives with respect to s. ``where`` are
-        the rows of the penalty's poses among those of ``at``.
+        Here L counts the poses of this penalty. There are P hinges per pose, and D (L, P, r) are
+        the derivatives of the hinges with respect to s. ``where`` selects the poses of this penalty
+        from all poses of ``at``.
         """
         there = rows_of(at.points, where)
         hinge = _hinge(part, there.Q)
@@ -307,11 +312,12 @@ class Cost:
 def _products(features: Array, L: Array, r: int) -> Array:
     """Evaluate ``Σ (Lᵀ f)ᵀ (Lᵀ f)`` over all poses, with f = blockdiag(features): (N r, N r).
 
-    The result is half of the Hessian of the cost. ``features`` (K, 1 + k, N) are the monomials and
-    their slopes, the same for each of the r components of the label; here k counts the removed
-    coordinates, and K all poses. L (K, r (1 + k), r (1 + k)) has, per pose, the lower Cholesky
-    factor of its part of the Hessian with respect to s and ∂s/∂u C. In L, the rows of component j
-    have entries only in the first j + 1 of r blocks; the products leave out the other blocks.
+    The result is half of the Hessian of the cost. In this function, K counts all poses, and k
+    includes the coordinates that symmetries remove. ``features`` (K, 1 + k, N) are the monomials
+    and their slopes, the same for each of the r components of the label. L (K, r (1 + k), r (1 +
+    k)) has, per pose, the lower Cholesky factor of the pose's part of the Hessian with respect to s
+    and ∂s/∂u C. L is lower triangular: the rows of component j are 0 in the blocks of later
+    components, and the products leave these blocks out.
     """
     p, N = features.shape[1:]
     rows = []
@@ -331,7 +337,8 @@ def _products(features: Array, L: Array, r: int) -> Array:
 def _hinge(part: Penalty, Q: Array) -> Array:
     """Evaluate the hinges ``max(0, asked − margin)`` of one penalty: (L, P).
 
-    Q (L, n) are the configurations at the L poses of this penalty; P is the number of its margins.
+    Q (L, n) are the configurations at the L poses of this penalty, with P margins per
+    configuration.
     """
     return np.maximum(0.0, part.asked[:, None] - part.margin.measure(Q))
 
@@ -367,7 +374,8 @@ def descend(cost: Cost, a: Array, *, enough: float = _ENOUGH) -> Descent:
     cost
         The cost.
     a
-        Initial coefficients; if F does not exist there at some node, the result has infinite cost.
+        Initial coefficients. If F with these coefficients does not exist at some node, the result
+        has infinite cost.
     enough
         Relative decrease of the cost in one step below which the iteration ends.
     """
@@ -388,7 +396,7 @@ class _Problem:
     def evaluate(self, x: Array) -> Point[_Value]:
         """Evaluate the cost at coefficients x (N, r), with the configurations of the function.
 
-        It is infinite if the function does not exist at some node.
+        The cost is infinite if the function does not exist at some node.
         """
         value = self.cost.value(x)
         return Point(value.cost, value.cost, True, value, x)
@@ -400,10 +408,9 @@ class _Problem:
     def model(self, at: Point[_Value]) -> tuple[Array, Array, Array]:
         """Evaluate g (N r,), H (N r, N r), and the diagonal (N r,) of D.
 
-        Their entries are in the order of a (N, r), row by row. ``at`` is the evaluated cost. g is
-        its gradient, H its Gauss–Newton Hessian. Terms are added to H that hold components of the
-        label which hardly change the cost. D is the diagonal of H, with no entry of 0; it scales
-        the damping.
+        ``at`` is the evaluated cost, g its gradient, and H its Gauss–Newton Hessian. The entries of
+        all three are in the order of a (N, r), row by row. A small term is added to H, see
+        :func:`_held`; D is the diagonal of H, with no entry of 0.
         """
         gradient, H = self.cost.model(at.data)
         return gradient, _held(H, at.data), _scaling(H)
@@ -423,7 +430,7 @@ class _Problem:
 def _scaling(H: Array) -> Array:
     """Return the diagonal (N r,) of H plus 1e-12 of its maximum, so that no entry is 0.
 
-    H is the Hessian of the cost; a step of the minimisation is damped in proportion.
+    H is the Hessian of the cost. The damping of a step is proportional to the result.
     """
     diagonal = np.diag(H)
     return diagonal + 1e-12 * diagonal.max()
@@ -432,10 +439,11 @@ def _scaling(H: Array) -> Array:
 def _held(H: Array, at: _Value) -> Array:
     """Add a small multiple of the identity to the Hessian H (N r, N r).
 
-    It holds components of the label on which the cost hardly depends. In an axis task, a joint that
-    turns the tool about its axis changes the task coordinates only because the URDF is rounded, for
-    example 1.5708 in place of π/2. Newton's step along such a joint would be a ratio of rounding
-    errors. The term is proportional to ``at.desired_square`` of the evaluated cost ``at``.
+    This term keeps components of the label, on which the cost hardly depends, from changing. In an
+    axis task, a joint that turns the tool about its axis changes the task coordinates only because
+    the URDF is rounded, for example 1.5708 in place of π/2. Newton's step along such a joint would
+    be a ratio of rounding errors. The term is proportional to ``at.desired_square`` of the
+    evaluated cost ``at``.
     """
     return H + _IDLE * at.desired_square * np.eye(len(H))
 
@@ -443,8 +451,8 @@ def _held(H: Array, at: _Value) -> Array:
 def predicted_gain(cost: Cost, a: Array) -> float:
     """Predict by how much a Gauss–Newton step from coefficients a (N, r) would lower the cost.
 
-    The result is the relative decrease; it decides whether a higher degree is worthwhile. It is
-    infinite if the function does not exist at some node.
+    The result is the relative decrease, with which the fit decides whether a higher degree is
+    worthwhile. The result is infinite if the function does not exist at some node.
     """
     value = cost.value(a)
     if not np.isfinite(value.cost):

@@ -64,8 +64,8 @@ class NoFunctionError(InputError):
     failures : tuple of FailureReason
         Reasons for failure.
     fits : float
-        Scale, a factor below 1 of all half-widths, at which one function covers the cell; 0 if none
-        was found. The middle stays.
+        Scale, a factor below 1 of all half-widths, at which one function covers the cell with the
+        same middle; 0 if no such scale was found.
     partly : bool
         True if a function covers some of the poses; ``incomplete="keep"`` then works.
 
@@ -200,8 +200,9 @@ def _found(fit: CellFit, cell: Cell, posture: Any, incomplete: str) -> CellDesig
 
     ``fit`` has the arguments of the design, and ``posture`` (n,) is the configuration in the
     middle; None to search for it. If no function covers the whole cell, ``incomplete`` decides:
-    ``refuse`` raises NoFunctionError, ``shrink`` covers a smaller part, and ``keep`` returns a
-    function that covers some poses only. NoFunctionError is raised if there is no such function.
+    ``refuse`` raises NoFunctionError, ``shrink`` returns a function over a smaller part, and
+    ``keep`` a function that covers only some of the poses. If such a function is not found either,
+    NoFunctionError is raised.
     """
     fit.report("the middle posture", 0.0)
     postures = (
@@ -266,8 +267,9 @@ def _degree(degree: int | Literal["auto"], cell: Cell) -> int | Literal["auto"]:
 def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
     """Return the same set of poses without symmetric coordinates in u, which make a design slower.
 
-    A symmetric coordinate stays in u if ``desired``, G_d, gives other joint velocities after the
-    joint of the symmetry has moved. All stay with a ``body_distance`` above 0.
+    A symmetric coordinate stays in u if the joint velocities of ``desired``, the inverse G_d,
+    change with the joint of the symmetry. If ``body_distance`` is above 0, all symmetric
+    coordinates stay in u.
 
     Raises
     ------
@@ -301,8 +303,8 @@ def _largest(fit: CellFit, cell: Cell, q: Array, *, quick: bool) -> tuple[float,
     """Find the largest scale below 1, within 20 %, at which one function covers the cell.
 
     The cell is scaled about its middle, where the configuration is q (n,). Rays, which are motions
-    along straight lines from there to corners and other poses, give a first guess; designs confirm
-    or lower it. With ``quick``, the designs are faster and less accurate.
+    along straight lines from q to corners and other poses, give a first guess of the scale; designs
+    confirm or lower the guess. With ``quick``, the designs are faster and less accurate.
 
     Returns
     -------
@@ -335,9 +337,9 @@ def _refusal(
 ) -> NoFunctionError:
     """Make the error that no function covers a cell, with the reasons and the remedy.
 
-    The message gives the most frequent of the ``failures`` first, and omits collisions, which do
-    not prevent coverage. ``fits`` is the scale of a smaller cell that is covered; 0 if there is
-    none. ``keep`` is True if ``incomplete="keep"`` would return a function.
+    The message gives the most frequent of the ``failures`` first. It omits collisions, because
+    these do not prevent coverage. ``fits`` is the scale of a smaller cell that is covered; 0 if
+    there is none. ``keep`` is True if ``incomplete="keep"`` would return a function.
     """
     causes = (stop for stop in failures if stop.cause != "collision")
     failures = tuple(sorted(causes, key=lambda stop: -stop.share))

@@ -5,9 +5,9 @@ at the configurations of a candidate function, which gives one configuration for
 cell. The required margin must be met at every pose at which the arm can meet it. Coefficients a (N,
 r) are those of s(u), the position of the function along the self-motion, in N monomials of the
 coordinates u (k,) of a pose. A leaf is the set of configurations with one value of s; nearby leaves
-are those with slightly different values. Nodes are the poses at which the cost is evaluated. A
-chart consists of polynomials of u that approximate a configuration, from which s is measured, and
-the null space. The label is s, with r components. K and L are numbers of poses.
+have slightly different values of s. Nodes are the poses at which the cost is evaluated. A chart
+consists of polynomials of u that approximate a configuration, from which s is measured, and the
+null space. The label is s, with r components. K and L are numbers of poses.
 
 ``Monomials`` are all monomials ``u^α`` up to a degree in the coordinates u, the constant 1 first.
 ``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the label ``s(u) =
@@ -65,7 +65,7 @@ class ActiveConstraint:
     margin : Margin
         The kind of margin, with its required value.
     U : (K, k) array
-        Poses at which the margin is checked; a search adds worse ones.
+        Poses at which the margin is checked; a search adds poses with smaller margins.
     edge : (L, k) array
         Poses at which the margin is penalised.
     asked : (L,) array
@@ -80,10 +80,11 @@ class ActiveConstraint:
     def short(self, candidate: CandidateFunction) -> bool:
         """Test whether the margin of a candidate function is too small; add poses where it is.
 
-        It is too small at a pose if it falls short of what ``asked`` would be there by more than
-        the slack of the margin. A search for smaller margins starts at the checked poses with the
-        smallest margins; poses that it finds are added to the checked ones. If the margin is too
-        small somewhere, the worst poses are added to the penalised ones.
+        At a pose, the margin is too small if it is below the margin asked for by more than the
+        slack of the margin; :attr:`asked` describes the margin asked for. A search for smaller
+        margins starts at the checked poses with the smallest margins. The poses that the search
+        finds are added to the checked poses. If the margin is too small somewhere, the worst poses
+        are added to the penalised poses.
         """
         margin = self.margin
         near = margin.least(candidate.at(self.U))
@@ -112,10 +113,11 @@ class ActiveConstraint:
         """Evaluate the margins asked for at the first points of ``at``, and the shortages there.
 
         A shortage is the asked margin minus the actual one. ``near`` (K,) are the margins at the K
-        points; both are sorted, the smallest margin first. The results (L,) have only the first L
-        points, because the search for what is attainable is slow. The others can neither be too
-        short, if none of these is, nor be among the ``margin.violators`` worst points, to which the
-        penalty is then extended.
+        points; both are sorted, the smallest margin first. The results (L,) are only for the first
+        L points, because the search for the margin asked for is slow. L is so large that further
+        points can change nothing: if no shortage is too large at the first L points, none is at the
+        others. Otherwise the ``margin.violators`` largest shortages, which the caller needs, are
+        among the first L points.
         """
         margin, count = self.margin, self.margin.violators
         most = margin.required - near  # no more than the required margin is asked for
@@ -141,8 +143,8 @@ class ActiveConstraint:
     def _too_short(self, short: Array, asked: Array) -> NDArray[np.bool_]:
         """Test which shortages ``short`` (K,) are too large, relative to ``asked``: (K,).
 
-        Up to ``margin.slack`` times the margin ``asked`` (K,), or 10 % of the required margin if
-        that is more, a shortage (K,) is small enough.
+        A shortage is small enough up to a bound: ``margin.slack`` times the margin ``asked`` (K,),
+        or 10 % of the required margin, whichever is larger.
         """
         margin = self.margin
         return short > np.maximum(margin.slack * asked, _NEARLY * margin.required)
@@ -167,7 +169,7 @@ class PenaltyMethod:
     nodes : (K, k) array
         Nodes of the cost.
     constraints
-        One constraint per kind of margin; a minimisation adds poses to them.
+        One constraint per kind of margin; a minimisation adds poses to these constraints.
     rounds
         Maximum number of rounds; with 0, nothing is penalised.
     """
@@ -245,7 +247,7 @@ class PenaltyMethod:
         ``descent`` is the result from which the first round begins, ``terms`` are its monomials.
         The rounds end when all margins are met, nothing changes, or the function does not exist.
         Each minimisation ends when a step lowers the cost by less than the fraction ``enough``.
-        Return the last result; its number of steps is the sum over all rounds.
+        Return the last result, with its number of steps replaced by the sum over all rounds.
         """
         size = 0
         for i in range(self.rounds):
@@ -269,8 +271,8 @@ class PenaltyMethod:
     def _short(self, terms: Monomials, a: Array) -> bool:
         """Test whether any margin is too small at some pose, for the coefficients a (N, r).
 
-        All margins are tested, even after one is too small, because each test also adds the worst
-        poses to the penalised ones.
+        All kinds of margins are tested, even after one is too small, because each test also adds
+        the worst poses to the penalised poses.
         """
         candidate = CandidateFunction(self.chart, terms, a)
         short = [watch.short(candidate) for watch in self.constraints]  # without short-circuit

@@ -124,9 +124,9 @@ def trimmed(
 
     ``fit`` has the arguments of the design. Quick designs show how far to move most sides. ``q``
     (n,) is the configuration in the middle, ``guess`` a quick design from there, if there is one.
-    The function of full accuracy is designed only once; where it fails, sides are moved until the
-    same function covers the rest. Return None if less than 5 % of the cell would be left, or a part
-    that is not ``useful``.
+    The function of full accuracy is designed only once; if it fails somewhere, sides are moved
+    until the same function covers the rest. Return None if the rest would be less than 5 % of the
+    cell or not ``useful``.
     """
     volume = 1.0
     for _ in range(_ROUNDS):
@@ -158,8 +158,8 @@ def _between(
     """Return the part of a cell between two corners (k,), and a configuration (n,) in its middle.
 
     The configuration is that of the design ``found`` or, if ``found`` is no design, the end of a
-    ray from q (n,). Return None if inverse kinematics from there does not reach the middle of the
-    part, or ends at a singularity or outside a limit.
+    ray from q (n,). Return None if inverse kinematics from this configuration does not reach the
+    middle of the part, or ends at a singularity or outside a limit.
     """
     part = cell._part(low, high)
     with suppress(InputError):
@@ -172,9 +172,9 @@ def covered_share(
 ) -> tuple[float, CellDesign | None]:
     """Estimate by a quick design the fraction of a cell's volume that one function covers.
 
-    It is the fraction that is left when sides are cut where the design fails or exceeds ``limits``.
-    ``known`` is a quick design, if there is one already. Return the fraction and the design, which
-    is None if it failed.
+    This is the fraction that is left when sides are moved inward until the poses at which the
+    design fails or exceeds ``limits`` lie outside. ``known`` is a quick design, if there is one
+    already. Return the fraction and the design, which is None if it failed.
     """
     found = known or fit.design(cell, q, quick=True)
     low, high = cut_sides(*_failing(fit, cell, q, found, limits))
@@ -187,8 +187,9 @@ def _failing(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Test at sampled poses whether a function fails or exceeds limits: return U (K, k), bad (K,).
 
-    ``bad`` is True at such poses. If ``found`` is no design, a pose is bad if the ray to it from q
-    stops before the pose, or violates a joint limit.
+    ``bad`` is True where the function of the design ``found`` fails or exceeds limits. If ``found``
+    is no design, a pose is bad if the ray from q to the pose stops before the pose, or violates a
+    joint limit.
     """
     U = np.concatenate([cell.sample(_POSES, 17), cell.corners()])
     if not isinstance(found, CellDesign):
@@ -213,8 +214,8 @@ def _failing(
 def _too_dear(at: Sample, limits: Required, *, dear: bool) -> NDArray[np.bool_]:
     """Test at which sampled poses the extra joint speed exceeds the limit ``worst``: (K,).
 
-    With ``dear``, for a function that exceeds the limit ``mean``, the 3 % of the poses with the
-    highest joint speed count as well.
+    ``dear`` is True for a function that exceeds the limit ``mean``; the 3 % of the poses with the
+    highest joint speed then count as well.
     """
     ratio = np.nan_to_num(at.ratio, nan=np.inf)
     most = np.quantile(ratio[np.isfinite(ratio)], _DEAREST) if dear else np.inf
@@ -232,9 +233,8 @@ def near_all_round(
 
     Bodies are too near below ``distance``, m. The joint ``around`` turns the whole arm. Each
     configuration is tested at six angles between the two ``angles``, rad, as far as the limits of
-    this joint allow; the result is True if bodies are too near at all of them. (Where they are too
-    near at some angles only, a sector is cut along its angle instead of its radius.) If ``around``
-    is None, each configuration is tested as it is.
+    this joint allow; the result is True if bodies are too near at all of them. If ``around`` is
+    None, each configuration is tested as it is.
     """
     bodies = bodies_of(task)
     if around is None:
@@ -256,7 +256,7 @@ def turned(task: Task, Q: Array, around: Symmetry, angle: float) -> Array:
     """Turn the arm at configurations Q (K, n) by an angle, rad, with the joint ``around``.
 
     In the result (K, n), this joint is less than a full turn above its lower limit, and can be
-    beyond its upper one. (Without limits, it is from 0 to a full turn.)
+    beyond its upper limit. Without limits, the joint is between 0 and a full turn.
     """
     Q, low = Q.copy(), task.lower[around.joint]
     low = low if np.isfinite(low) else 0.0
@@ -280,7 +280,8 @@ def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) 
     """Return the configuration (n,) at the pose u (k,): of the design, or at the end of a ray.
 
     The ray begins at q (n,), and is used if ``found`` is no design. A design may have moved its
-    sector along symmetric coordinates; the result is for the sector ``cell``, before that.
+    sector along symmetric coordinates; u and the result refer to ``cell``, the sector before this
+    move.
     """
     if not isinstance(found, CellDesign):
         return rays(fit.desired, cell, q, u[None]).Q[0]
@@ -309,8 +310,8 @@ def kept_where_good(
 ) -> CellDesign | None:
     """Cut a cell on all sides, also in angle and spin, until its function meets ``limits``.
 
-    The function stays the same. Return None if less than 5 % of the volume would be left, or a part
-    that is not ``useful``.
+    The function stays the same. Return None if the part that is left would be less than 5 % of the
+    volume or not ``useful``.
     """
     cell = found.function.chart.cell
     some = [*cell.free, *cell.moved]
@@ -328,10 +329,10 @@ def _cut_until_good(
 ) -> CellDesign | None:
     """Cut a cell along some of its coordinates until a function meets ``limits`` on the rest.
 
-    ``coordinates`` are their numbers in the cell. The limits are tested at sampled poses, and at
-    poses that searches and the evaluation find. With ``bodies_only``, only the body distance is
-    tested. Return the design over the rest; None if it would be less than 5 % of the cell, or a
-    cell that is not ``useful``.
+    ``coordinates`` are the numbers of these coordinates in the cell. The limits are tested at
+    sampled poses, and at poses that searches and the evaluation find. With ``bodies_only``, only
+    the body distance is tested. Return the design over the rest, or None if the rest would be less
+    than 5 % of the cell or not ``useful``.
     """
     chart, left, design = found.function.chart, 1.0, found
     stops = _stops(found, limits, bodies_only)
@@ -371,8 +372,9 @@ def _cut_until_good(
 def _weights(cell: Cell, coordinates: Sequence[int]) -> Array:
     """Return one weight per coordinate: how much a loss of its range counts in the choice of a cut.
 
-    Radius, height and tilts have the weight 1. A sector over a fraction s of a full turn counts as
-    (1 + s) / 2 of a whole one, so a loss of a symmetric angle or spin weighs s / (1 + s).
+    Radius, height and tilts have the weight 1. A symmetric angle or spin has the weight s / (1 +
+    s), with s its fraction of a full turn, because a sector over this fraction counts as (1 + s) /
+    2 of a sector over a full turn.
     """
     s = cell.widths[list(coordinates)] / np.pi
     turns = np.isin(coordinates, [one.coordinate for one in cell.removed])
@@ -400,9 +402,9 @@ def _uncovered(
 ) -> NDArray[np.bool_]:
     """Test at which poses U (K, k), in all coordinates, a function fails or is too fast: (K,).
 
-    A pose is too fast where the extra joint speed exceeds the maximum. With ``dear``, for a
-    function that exceeds the limit of the mean, so do the 3 % of the poses with the highest joint
-    speed.
+    The function is too fast at a pose if the extra joint speed exceeds its maximum there. ``dear``
+    is True for a function that exceeds the limit of the mean; the 3 % of the poses with the highest
+    joint speed then also count as too fast.
     """
     candidate, U = CandidateFunction.zero(chart), chart.cell._split(U)[0]
     at = sampled(fit.desired, candidate, U, directions=False)
@@ -412,9 +414,10 @@ def _uncovered(
 def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.bool_]]:
     """Sample poses of a chart's function, and test where bodies are nearer than ``distance``, m.
 
-    Return the poses U (K, k) in all coordinates, on which body distances depend, and where bodies
-    are too near (K,). If they are so at no sampled pose, the nearest pose of each pair of bodies is
-    searched for and added.
+    Return the poses U (K, k), and a mask (K,) that is True where bodies are too near. U are in all
+    coordinates of the cell, because body distances depend on all coordinates. If bodies are too
+    near at no sampled pose, the poses at which each pair of bodies is nearest are searched for and
+    added.
     """
     whole = expanded(chart)
     candidate = CandidateFunction.zero(whole)
@@ -444,8 +447,8 @@ def _cut(chart: Chart, ends: dict[int, tuple[float, float]], margin: float) -> C
     """Return the chart of the same function over a part of its cell.
 
     ``ends`` has the new ends (low, high), from −1 to 1, by number of the coordinate in the cell. If
-    a range ``"all"`` ended at the limits of a joint, its ends move inward by at least ``margin``,
-    rad.
+    a range ``"all"`` that ended at the limits of a joint is cut, its ends move inward by at least
+    ``margin``, rad.
     """
     cell, ranges = chart.cell, {}
     for i, (low, high) in ends.items():
@@ -462,8 +465,8 @@ def _evaluated(fit: CellFit, found: CellDesign, chart: Chart, limits: Required) 
     """Evaluate the function of a design over the part of its cell that a cut has left.
 
     ``found`` is the design before the cut, ``chart`` the chart of the same function over the part;
-    nothing is fitted again. Return the design over the part. Its requested body distance is that of
-    ``limits``, if they have one.
+    nothing is fitted again. Return the design over the part. If ``limits`` have a body distance, it
+    becomes the requested body distance of this design.
     """
     evaluation = evaluate_cell(
         fit.desired,
@@ -493,7 +496,8 @@ def _evaluated(fit: CellFit, found: CellDesign, chart: Chart, limits: Required) 
 def _how(found: CellDesign) -> dict[str, object]:
     """Return the attributes that a design keeps when its cell is cut, by name.
 
-    They are those of its fit (``degrees``, ``samples``, …) and what was requested.
+    These are the attributes of the fit, such as ``degrees`` and ``samples``, and the requested
+    margins.
     """
     names = ["degrees", "samples", "held_out", "seed", "steps"]
     names += [f"requested_{name}" for name in ("limit_margin", "body_distance", "sigma_min")]

@@ -499,7 +499,7 @@ class Cell:
 
     @property
     def excepted(self) -> tuple[str, ...]:
-        """Joints that are left out of limit margins, because a range ``"all"`` ends at their limits.
+        """Joints left out of limit margins, because a range ``"all"`` ends at their limits.
 
         Such a range, of a sector's angle or spin, is the whole range of the joint, at most a full
         turn. The margin of the joint would be 0 at the ends of the range.
