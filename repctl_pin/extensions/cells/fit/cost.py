@@ -4,10 +4,10 @@ The function q = F(x) gives one configuration for each pose of the cell. The cos
 squared distance of ∂F/∂x from G_d, the desired inverse, plus penalties on small margins. The label
 s (r,) of a pose, a polynomial of its coordinates u (k,), is the position of F along the self-motion
 there; its coefficients a are the unknowns. ∂F = ∂F/∂u, E = ∂x/∂u, and C = (EᵀE)^(−1/2) scales u to
-unit task speed. These three have also columns for the l coordinates that symmetries of the arm
-remove from u. Nodes are the poses at which the cost is evaluated. A chart consists of polynomials
-q_ref and n_ref of u: q_ref approximates a configuration, from which s is measured, and n_ref the
-null space.
+unit task speed. All three also have columns for the l coordinates that symmetries of the arm remove
+from u. Nodes are the poses at which the cost is evaluated. A chart consists of polynomials q_ref
+and n_ref of u: q_ref approximates a configuration, from which s is measured, and n_ref the null
+space.
 
 Letters: n joints, r components of s, N monomials of u in which s is written, K nodes, L penalised
 poses, which are the poses of all penalties, P margins of one kind per configuration. In arrays of K

@@ -93,13 +93,13 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
 def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
     """Search for configurations in the middle of the cell; return up to four, the best first.
 
-    A design tries them in this order. They differ from each other by more than 0.3 in joint space.
-    If some candidates are free of collisions in the middle, the others are dropped. From each
-    remaining candidate, the arm moves along rays to the corners. The criteria are, in this order:
-    most corners reached, no collision there, largest joint-limit margin (up to 0.1 rad or m),
-    smallest joint speed. Among nearly equal candidates, the one nearest to the task's reference
-    configuration is the first. ``seed`` is for the random configurations at which the search
-    begins.
+    A design tries the configurations in this order. They differ from each other by more than 0.3 in
+    joint space. If some candidates are free of collisions in the middle, the others are dropped.
+    From each remaining candidate, the arm moves along rays to the corners. The criteria are, in
+    this order: most corners reached, no collision at these corners, largest joint-limit margin (up
+    to 0.1 rad or m), smallest joint speed. Among nearly equal candidates, the one nearest to the
+    task's reference configuration is the first. ``seed`` is for the random configurations at which
+    the search begins.
 
     Raises
     ------
@@ -162,8 +162,8 @@ def _margins(cell: Cell, Q: Array) -> Array:
     """Evaluate the smallest joint-limit margin (K,) at configurations Q (K, n), rad or m.
 
     The configurations are in the middle of the cell. A joint that alone moves the frame along a
-    removed coordinate must also cover the half-width of this coordinate on either side, which is
-    subtracted from its margin.
+    removed coordinate must also move by the half-width of this coordinate to either side. So the
+    half-width is subtracted from the margin of this joint.
     """
     return np.asarray(cell.limit_margin(Q).min(axis=1))
 
@@ -180,11 +180,11 @@ class Candidate:
     share : float
         Fraction of the corners that are reached.
     margin : float
-        Minimum joint-limit margin on the rays that reach their corners, rad or m; infinite if none
-        does.
+        Minimum joint-limit margin on the rays that reach their corners, rad or m; infinite if no
+        ray does.
     body_distance : float
-        Minimum body distance in the middle and at the corners reached, m; at corners without a
-        collision, that of the convex hulls, a lower bound.
+        Minimum body distance in the middle and at the corners reached, m. At corners without a
+        collision, the distance of the convex hulls, a lower bound, is used instead.
     speed : float
         Mean squared joint speed per unit of task speed at the corners reached: ``‖G_d E C‖_F²``
         with the desired inverse G_d, E = ∂x/∂u in the cell's coordinates u, and C = (EᵀE)^(−1/2).
@@ -201,7 +201,7 @@ def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
     """Evaluate configurations Q (K, n) in the middle of a cell by their rays to its corners.
 
     Return one candidate per configuration, in the order of Q. If some of the configurations are
-    free of collisions, those with collisions are left out.
+    free of collisions, the configurations with collisions are left out.
     """
     bodies, corners = bodies_of(cell.task), cell.corners()
     distances = bodies.distances(Q)
@@ -229,9 +229,9 @@ def _at_corners(
 ) -> tuple[Array, Array]:
     """Evaluate squared joint speeds, and distances of the bodies' convex hulls, m, at ends of rays.
 
-    Return two arrays (K,), for K rays. ``good`` (K,) is True for rays that reached their corners;
-    for the others, the speed is 0 and the distance infinite. The squared speed is ``‖G_d E C‖_F²``,
-    with E = ∂x/∂u and C = (EᵀE)^(−1/2): per unit of task speed.
+    Return two arrays (K,), for K rays. ``good`` (K,) is True for rays that reached their corners.
+    For the other rays, the speed is 0 and the distance infinite. The squared speed, per unit of
+    task speed, is ``‖G_d E C‖_F²``, with E = ∂x/∂u and C = (EᵀE)^(−1/2).
     """
     speeds, nearest = np.zeros(len(good)), np.full(len(good), np.inf)
     if good.any():
@@ -246,9 +246,9 @@ def _at_corners(
 def _least_distance(bodies: Bodies, hulls: Array, Q: Array) -> float:
     """Compute the smallest body distance over configurations Q (K, n), m.
 
-    ``hulls`` (K,), m, are the distances of the bodies' convex hulls, which take the place of the
-    body distances if positive. Where hulls overlap, the bodies themselves are measured, at up to
-    three configurations with the deepest overlap.
+    ``hulls`` (K,), m, are the distances of the bodies' convex hulls. Where a hull distance is
+    positive, it is used as the body distance. Where hulls overlap, the bodies themselves are
+    measured, but only at the three configurations with the deepest overlap.
     """
     deepest = np.argsort(hulls)[:_TESTED]
     deepest = deepest[hulls[deepest] < 0]
@@ -281,7 +281,7 @@ def _unwound(cell: Cell, Q: Array) -> Array:
     """Remove full turns from revolute joints of configurations Q (K, n) in a cell's middle.
 
     Each joint gets the equivalent angle nearest to the task's reference, if that angle is inside
-    its limits. A row is left as it is if the pose would change.
+    the joint's limits. A row is unchanged if the new angles would change the pose.
     """
     task = cell.task
     turns = np.rint((Q - task.reference) / (2 * np.pi)) * task.revolute
@@ -302,8 +302,8 @@ def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
 def _spread(Q: Array, count: int) -> Array:
     """Select at most ``count`` rows of Q (K, n), each as far as possible from those before it.
 
-    These few represent all configurations, which would take too long to evaluate. A row closer than
-    0.05 rad or m to a selected row is not selected.
+    The selected rows represent all configurations, whose evaluation would take too long. A row
+    closer than 0.05 rad or m to a selected row is not selected.
     """
     kept = [0]
     distance = np.linalg.norm(Q - Q[0], axis=1)
@@ -323,9 +323,9 @@ def fitting_start(
 
     The start is the configuration in which a motion begins. A cell fits if J⁺ reaches the middle of
     the cell and, from there, every corner along a straight ray. The joints must stay within their
-    limits, without collision in the middle and at the corners. If the cell fits with no start, the
-    start with the most reached corners is chosen, and among equal ones, the one with the fewest
-    faults.
+    limits, without collision in the middle and at the corners. If the cell fits at no start, the
+    start with the most reached corners is chosen; among starts with equally many, the start with
+    the fewest faults.
 
     Parameters
     ----------
@@ -372,7 +372,7 @@ def _reached(problem: Problem, cell: Cell) -> tuple[float, int]:
     """Return the share of a cell's corners that J⁺ reaches from a problem's start, and the faults.
 
     The share is from 0 to 1, or −1 if the middle is not reached. The second result is the number of
-    faults, 0 to 2: a violated limit counts as one, a collision as another.
+    faults, 0 to 2: one for a violated limit, and one for a collision.
     """
     desired = Pseudoinverse(problem.task)
     try:

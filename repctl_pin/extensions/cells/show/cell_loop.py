@@ -33,10 +33,10 @@ _MOST_NUMBERS = 4000
 def cell_loop(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, Any] | None:
     """Collect the numbers for the page, with the coefficients as the array ``weights``.
 
-    They describe the arm, the motions, and the chart of the function, by the keys that the page's
-    scripts read. ``motions`` are those along a sample path, by controller, that of the function
-    last. The result is None if the page cannot compute the motions: the tool tilts in the cell, the
-    desired inverse is not J⁺, or the chart has more than 4000 coefficients.
+    The numbers describe the arm, the motions, and the chart of the function, by the keys that the
+    page's scripts read. ``motions`` are motions along a sample path, by controller; the last is the
+    function's. The result is None if the page cannot compute the motions: the tool tilts in the
+    cell, the desired inverse is not J⁺, or the chart has more than 4000 coefficients.
     """
     chart = design.function.chart
     cell = chart.cell
@@ -58,7 +58,7 @@ def cell_loop(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, An
 
 
 def _turns_along(cell: Cell) -> TypeGuard[Sector]:
-    """Test whether the tool turns with the angle: in a sector for a pose task, without spin."""
+    """Test whether the tool turns with the angle: a sector for a pose task, without spin."""
     pose = cell.task.kind == "pose" and isinstance(cell, Sector)
     return pose and not cell.whole.widths[SPIN]
 
@@ -66,12 +66,12 @@ def _turns_along(cell: Cell) -> TypeGuard[Sector]:
 def _described(design: CellDesign) -> dict[str, Any]:
     """Return the chart of a cell's function as plain types, as ``potentials.js`` reads it.
 
-    The keys are the numbers ``n`` and ``r``; ``parent`` and ``variable``, the recurrence of the
-    monomials; ``moved``, the indices in the sector, or among x, y and z, of the coordinates that
-    belong to u, with their half-widths ``widths``, their offsets ``offset``, and ``bounds``, the
-    largest ``|u_i|`` that is accepted; the coordinates ``removed`` from u; ``middle``, the position
-    of the middle of a box, m; and the ``sector``, None for a box. The coefficients are not among
-    them.
+    The keys ``n`` and ``r`` are the two numbers. ``parent`` and ``variable`` are the recurrence of
+    the monomials. ``moved`` has the indices of the coordinates that belong to u: indices in the
+    sector or, in a box, among x, y and z. ``widths``, ``offset`` and ``bounds`` have, for each of
+    these coordinates, the half-width, the offset, and the largest ``|u_i|`` that is accepted.
+    ``removed`` describes the coordinates removed from u. ``middle`` is the position of the middle
+    of a box, m. ``sector`` describes a sector; None for a box. The coefficients are not included.
     """
     chart, task = design.function.chart, design.task
     cell = chart.cell
@@ -119,10 +119,11 @@ def _sector(cell: Sector) -> dict[str, Any]:
     """Describe the cylindrical coordinates of a sector by the keys that the page's scripts read.
 
     ``origin`` is a point of the axis, m; ``axes`` are the outward, tangential and axial unit
-    vectors at the middle, as rows; ``radius`` and ``height``, m, are those of the middle. ``half``
-    is the half-width of the height, m; 0 in a planar task. ``bend`` and ``stretch`` are the
-    coefficients of the profile, ``tool`` the x and y axes of the tool in the middle, as rows, and
-    ``spinMiddle`` the middle of the spin, rad; None without a spin. Vectors are in base axes.
+    vectors at the middle, as rows; ``radius`` and ``height`` are the radius and the height of the
+    middle, m. ``half`` is the half-width of the height, m; 0 in a planar task. ``bend`` and
+    ``stretch`` are the coefficients of the profile. ``tool`` has the x and y axes of the tool in
+    the middle, as rows. ``spinMiddle`` is the middle of the spin, rad, or None without a spin.
+    Vectors are in base axes.
     """
     radius, height = cell.middle
     whole = cell.whole

@@ -73,14 +73,16 @@ def _cover_of(design: CellDesign, reach: Sequence[Array]) -> dict[str, Any]:
     """Describe the surface around a cell's positions, for the page's script.
 
     The keys ``inner`` and ``outer`` are two lines of points (x, y, z), m, in the base frame: the
-    inner and the outer side of a section through the cell. The section is shifted through a box by
-    ``shift``, m, or turned around the axis of a sector, ``origin`` and ``axis``, from the angle
-    ``from`` to the angle ``to``, rad. ``turns`` has the full widths of the ranges of the sector's
-    angle, tilts and spin by name, degrees; it is empty for a box.
+    inner and the outer side of a section through the cell. In a box, the page shifts the section by
+    ``shift``, m. In a sector, the page turns the section around the sector's axis, a point
+    ``origin`` and a direction ``axis``, from the angle ``from`` to the angle ``to``, rad. ``turns``
+    has the full widths of the ranges of the sector's angle, tilts and spin by name, degrees; it is
+    empty for a box.
 
-    ``reach`` has closed lines (P, 2) of radius and height, m, which the page draws around all that
-    the arm reaches. Its key ``reach`` has them in mm, radius and height in turns, and ``around`` is
-    the angle, rad, through which they are drawn.
+    The argument ``reach`` has closed lines (P, 2) of radius and height, m, which the page draws
+    around all that the arm reaches. The key ``reach`` has each line as a list of numbers in mm,
+    radius and height alternately. The key ``around`` is the angle, rad, through which the lines are
+    drawn.
     """
     cell = design.cell
     if isinstance(cell, Sector):
@@ -163,15 +165,15 @@ def cell_page(
     design
         The function and its figures of merit.
     maps
-        Maps of slices: for each, the bytes of its PNG file, a CSS polygon around its text, and a
-        description.
+        Maps of slices. Each is a tuple: the bytes of a PNG file, a CSS polygon around the text in
+        the picture, and a description.
     motions
         Motions along a sample path through the cell, by controller: the desired inverse, unless it
         failed, and the function.
     notes
         Notes on these motions.
     reach
-        Closed lines (P, 2) around the radii and heights, m, that the arm reaches.
+        Closed lines (P, 2) around what the arm reaches: radius and height, m.
     command
         Command line that made the page; by default none is shown.
     """
@@ -236,7 +238,7 @@ def _tour_page(
 
     ``motions`` are (display name of the controller, motion, colour). ``joint`` is the index of the
     joint whose path is drawn, and ``name`` is the name of the path on the page. ``dialog`` has the
-    texts of its dialog, and ``reach`` what the arm reaches, see :func:`_cover_of`.
+    texts of the page's dialog, and ``reach`` what the arm reaches, see :func:`_cover_of`.
     """
     tracks = [playback_of(*one) for one in motions]
     way = motions[0][1].path.points()
@@ -272,7 +274,7 @@ def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = Non
 
 
 def _brief(design: CellDesign, motions: Mapping[str, Motion]) -> list[Span]:
-    """Write the notes of the headline in short, for a first screen without room for all of them.
+    """Write the notes of the headline in short, for a first screen with little space.
 
     Notes on violations are left out, because every first screen has them.
     """
@@ -303,12 +305,12 @@ def _covered(design: CellDesign) -> str:
 
 
 def _tool(design: CellDesign) -> str | None:
-    """Return the direction of the tool, ``down`` or ``up``; None if it changes or is not known."""
+    """Return the direction of the tool, ``down`` or ``up``; None for all other or varying ones."""
     return tool_direction(design.cell) if isinstance(design.cell, Sector) else None
 
 
 def _gap(design: CellDesign) -> list[Span]:
-    """Write what a sector that is covered leaves out around its axis; the list is empty if none."""
+    """Write what a covered sector leaves out around its axis; empty if it leaves out nothing."""
     if not (isinstance(design.cell, Sector) and design.evaluation.everywhere):
         return []
     gap = gap_phrase(design.cell, _reaches(design))
@@ -323,8 +325,8 @@ def _reaches(design: CellDesign) -> dict[str, float]:
 def _cost(design: CellDesign) -> Span:
     """Write the extra joint speed, on average and at the worst pose of the cell.
 
-    It is relative to the desired inverse, by default J⁺; all directions of motion count equally.
-    The extra joint speed in the worst single direction follows.
+    Both are relative to the desired inverse, by default J⁺, and are rms values over all directions
+    of motion. The text then gives the extra joint speed in the worst single direction.
     """
     every = design.extra_speed, design.extra_speed_worst
     if max(every) < NO_EXTRA_SPEED:
@@ -350,11 +352,12 @@ def _evidence(design: CellDesign) -> Span:
 
 
 def _limits(design: CellDesign, path: Sequence[Motion]) -> Span:
-    """Write the smallest known distance from the joint limits, and which joints it leaves out.
+    """Write the smallest known distance from the joint limits, and which joints do not count.
 
-    ``path`` is empty, or has the motion along the sample path, which then counts too. A joint is
-    left out if the angle or spin of a sector has the range ``"all"`` and ends at its limits,
-    because its distance from them is 0 there. A joint that makes a full turn within them counts.
+    ``path`` is empty, or has the motion along the sample path, whose distances then count too. If
+    the angle or spin of a sector has the range ``"all"`` and ends at the limits of a joint, this
+    joint does not count, because its distance from the limits is 0 there. A joint that makes a full
+    turn within its limits counts.
     """
     found, unit = design.evaluation, design.task._joint_unit
     margins = [float(motion.limit_margin.min()) for motion in path]
@@ -393,8 +396,9 @@ def _bodies(
 ) -> list[Span]:
     """Write the smallest known distance between bodies, or that there are none.
 
-    ``path`` is empty, or has the motion along the sample path, which then counts too. ``near`` is
-    the sentence on bodies that come near, with places for their names and for the distance.
+    ``path`` is empty, or has the motion along the sample path, whose distances then count too.
+    ``near`` is the sentence on bodies that come near, with places for their names and for the
+    distance.
     """
     unchecked = bodies_of(design.task).not_checked
     more = [Span(f"Collisions not checked: {unchecked}.", "near")] if unchecked else []

@@ -113,9 +113,10 @@ def map_pictures(figure: Figure, picture: bytes) -> list[tuple[bytes, str, str]]
     """Cut each map out of a figure of slices, beside the colour bar of its quantity.
 
     ``picture`` is the figure as the bytes of a PNG file. Each map has three parts: its PNG file, a
-    CSS polygon, and a description. The polygon is the picture without map and colour bar, for the
-    rule ``evenodd``: its corners are shares of the picture, from the left and from the top. A page
-    in dark mode inverts what is inside, the text, and keeps the colours.
+    CSS polygon, and a description. The polygon surrounds the text: it is the picture without map
+    and colour bar, by the fill rule ``evenodd``. Corners of the polygon are fractions of the
+    picture, from the left and from the top. In dark mode, a page inverts only what is inside the
+    polygon, so map and colour bar keep their colours.
     """
     whole = Image.open(io.BytesIO(picture))
     scales = [_scale_of(ax) for ax in figure.axes]
@@ -134,7 +135,7 @@ def map_pictures(figure: Figure, picture: bytes) -> list[tuple[bytes, str, str]]
 
 
 def _scale_of(ax: Axes) -> Axes | None:
-    """Return the axes of the colour bar of a map; None if it has none of its own."""
+    """Return the axes of the colour bar of a map; None if the map has no colour bar of its own."""
     bar = ax.collections[0].colorbar if ax.collections else None
     return None if bar is None else bar.ax
 
@@ -164,7 +165,7 @@ def _beside(whole: Image.Image, *axes: Axes) -> tuple[Image.Image, str]:
 def _on_any_paper(drawn: Image.Image) -> Image.Image:
     """Make white and the grey of poses that are not covered a veil of mid-grey.
 
-    On white paper the picture looks as before; on dark paper these poses are dark.
+    On white paper the picture looks as before; on dark paper, white and the grey poses become dark.
     """
     pixels = np.array(drawn.convert("RGBA"))
     level = pixels[..., 0]
@@ -190,7 +191,7 @@ def _pixels(whole: Image.Image, ax: Axes, box: BboxBase | None) -> tuple[int, in
 
 
 def _hole(x0: float, y0: float, x1: float, y1: float) -> str:
-    """Return the corners of a box in a CSS polygon, from and back to the corner of the picture.
+    """Return the corners of a box in a CSS polygon, from the picture's top left corner and back.
 
     ``x0``, ``y0``, ``x1`` and ``y1`` are the left, top, right and bottom side of the box, as
     fractions of the picture from the left and from the top.

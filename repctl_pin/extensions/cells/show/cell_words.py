@@ -1,7 +1,7 @@
 """Words of the page of a function over a cell, by name, with their meanings.
 
-The page lists the words, and so does the dialog of its animation, in place of the words of a study.
-A cell is a box of poses, a sector a cell in cylindrical coordinates around an axis.
+The page lists the words. The dialog of its animation lists the same words, in place of the words of
+a study. A cell is a box of poses, a sector a cell in cylindrical coordinates around an axis.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def reach_words() -> dict[str, str]:
 def _of_the_sentences(design: CellDesign, motions: Mapping[str, Motion]) -> dict[str, str]:
     """Explain, by name, the words of the first sentences, and the sample path if there is one.
 
-    There is one if ``motions``, by the label of the controller, is not empty.
+    There is a sample path if ``motions``, by the label of the controller, is not empty.
     """
     shape = shape_word(design)
     kind = "all hand poses" if shape == "sector" else "a box of hand poses"

@@ -1,7 +1,7 @@
 """Approach axis of a tool: the axis of the tool's frame that points at the work.
 
-In most frames it is z, in others x. It is found from the last joint and the fingers. A task whose
-approach axis is not z gets a turned frame, in which it is z.
+In most frames this axis is z, in others x. It is found from the last joint and the fingers. A task
+whose approach axis is not z gets a turned frame, whose z axis is the approach axis.
 """
 
 from __future__ import annotations
@@ -59,11 +59,12 @@ class Approach(NamedTuple):
 def approach_axis(task: Task, given: Any = None) -> Approach:
     """Find the approach axis of a task's frame, or check a given name such as ``"-z"``.
 
-    The tool points along the axis of the last joint, toward the fingers or, without fingers, the
-    frame's origin; if this is the origin of the joint, away from the joint before it. If the
-    fingers or the frame lie beside that axis, the tool points from the joint to them. The approach
-    axis is the axis of the frame nearly along that direction, or z if there is none. The result has
-    the name of the axis, and a text on how it was found. With a ``given`` name, that is returned;
+    The tool points along the axis of the last joint, in the direction of the fingers or, without
+    fingers, of the frame's origin. If this point coincides with the origin of the joint, the
+    direction is away from the joint before the last. If this point lies beside the axis, the tool
+    points from the last joint to the point. The approach axis is the axis of the frame nearly along
+    the direction in which the tool points, or z if there is none. The result has the name of the
+    axis, and a text on how it was found. If a name is ``given``, it is checked and returned;
     InputError is raised if it names no axis.
     """
     if given is not None:
@@ -93,8 +94,8 @@ def with_approach(task: Task, approach: Approach) -> Task:
 def _outward(task: Task, axis: Array) -> float:
     """Tell whether the axis (3,) of the last joint points away from the joint before it: 1 or −1.
 
-    The distance of that joint along the axis does not depend on the configuration. Without a
-    distance, the result is 1.
+    The distance of that joint along the axis does not depend on the configuration. If the distance
+    is 0, the result is 1.
     """
     q = np.array(task.reference)
     x = task.placement(q)
@@ -111,8 +112,8 @@ def _named(direction: Array) -> str:
 def _fingers(task: Task) -> Array | None:
     """Compute the mean position (3,) of the fingers' joints, m, in frame axes.
 
-    Joints that the body of the frame carries are taken for those of fingers. Return None if there
-    are none.
+    Joints that the body of the frame carries count as joints of fingers. Return None if there are
+    no such joints.
     """
     model: pin.Model = task.robot.model
     frame = model.frames[frame_id(model, task.frame)]

@@ -106,21 +106,21 @@ class BestCell:
     cell : Cell
         The box; without a size, the largest sector.
     posture : (n,) array
-        Configuration in the middle of the cell, rad or m; from there, J⁺ reaches all corners of a
-        box.
+        Configuration in the middle of the cell, rad or m. If the cell is a box, J⁺ reaches all its
+        corners from this configuration.
     factor : float
         Length of the edges divided by their requested length; 1 if the box fits, and for a sector.
     margin : float
-        Smallest limit margin on the straight motions to the corners of a box, or that of the
-        function over the sector, rad or m.
+        For a box, the smallest limit margin on the straight motions to its corners, rad or m; for a
+        sector, that of the function over the sector.
     reason : str
-        Obstruction to the requested size at the same middle; empty if the box fits at that size.
+        Obstruction to a box of the requested size; empty if a box of that size fits.
     table : WholeTable or None
         Result without a size: the function over the sector (``table.design``), the best arm with
         locked joints (``table.locked``), and what the arm reaches. None with a size.
     approach : Approach or None
-        Approach axis of the tool, to which ``orientation`` refers; None if it was not used. If the
-        axis is not z, the task of ``cell`` has a turned frame, in which it is z.
+        Approach axis of the tool, to which ``orientation`` refers; None if it was not used. If this
+        axis is not z, the task of ``cell`` has a turned frame, whose z axis is the approach axis.
 
     Examples
     --------
@@ -165,20 +165,21 @@ def best_cell(
     every spin of the tool, that one function covers. Floods over a grid of radius and height, from
     random configurations and from arms with locked joints, show what the arm reaches without a
     change of branch. A function is designed for the best sector in these floods, whose range of
-    radius may depend on the height; for the largest rectangle, where that may be as good. A sector
-    is reduced where its function fails, exceeds the joint speed, or brings bodies nearer than 5 mm.
-    The best function is returned.
+    radius may depend on the height. If the largest rectangle in the floods may be as good, a
+    function is designed for this rectangle, too. A sector is reduced where its function fails,
+    exceeds the joint speed, or brings bodies nearer than 5 mm. The best function is returned.
 
     A box fits if one function covers it, inside the joint limits and without collisions. First, J⁺,
     the pseudoinverse of the task Jacobian, must lead from a configuration in the middle along
     straight lines to all corners and edges. Then the design of a function confirms the box. The
     middles that are tried are the positions of random configurations, turned to the orientation,
-    and further positions beside the best of these. If no box of the requested size fits, a search
-    for boxes at whose rims the bodies are apart follows, over positions, branches and self-motions.
-    The largest box is used; boxes shrink by tenths of the size. Among boxes of equal size, the
-    order is: nearest to ``at``, if given; above z = 0 of the base; limit margin, up to 0.3 rad or
-    m; smallest joint motion. Among the first of these, the box whose function has the best margins,
-    body distance and joint speed is returned. Design its function by
+    and further positions beside the best of these. If no box of the requested size fits, a second
+    search follows, over positions, branches and self-motions, for boxes at whose rims the bodies
+    are apart. If none fits either, smaller boxes are tried, in steps of a tenth of the size, and
+    the largest box that fits is used. Among boxes of equal size, the order is: nearest to ``at``,
+    if given; above z = 0 of the base; limit margin, up to 0.3 rad or m; smallest joint motion.
+    Among the first boxes in this order, the result is the box whose function has the best margins,
+    body distance and joint speed. Design the function over the result by
     :func:`nearest_inverse_function`.
 
     Parameters
@@ -247,9 +248,9 @@ def _of_size(
 ) -> BestCell:
     """Find the best place for a box of the given size, m, with the orientation R (3, 3).
 
-    ``size`` has the lengths of the edges. Among boxes of equal size, the one nearest to ``at``
-    (3,), m, is preferred, unless it is None. ``seed`` is the random seed; ``progress`` shows a bar,
-    or is called with (step, fraction).
+    ``size`` has the lengths of the edges. Among boxes of equal size, the box nearest to ``at``
+    (3,), m, is preferred, unless ``at`` is None. ``seed`` is the random seed; ``progress`` shows a
+    bar, or is called with (step, fraction).
     """
     edges = of_positions(task, size, "size")
     if not edges.any():
@@ -288,9 +289,9 @@ def _whole(
     """Find the largest sector for the frame's ``rotation`` (3, 3) at the angle 0.
 
     ``heights`` are the lowest and highest positions of the frame, m, ``most_extra`` the maximum
-    extra joint speeds relative to J⁺, on average and at the worst pose. They are checked here;
-    ``at`` must be None. ``seed`` is the random seed; ``progress`` shows a bar, or is called with
-    (step, fraction).
+    extra joint speeds relative to J⁺, on average and at the worst pose. These arguments are checked
+    here; ``at`` must be None. ``seed`` is the random seed; ``progress`` shows a bar, or is called
+    with (step, fraction).
     """
     if at is not None:
         raise InputError("requires size=", argument="at")
@@ -331,7 +332,7 @@ def _on_workpiece(task: Task) -> bool:
 def _pair(value: Any, name: str, unit: str = "") -> tuple[float, float]:
     """Check that a value is two increasing numbers (low, high), and return them.
 
-    They may be infinite. ``name`` and ``unit`` are for the error message.
+    The numbers may be infinite. ``name`` and ``unit`` are for the error message.
     """
     try:
         low, high = (float(each) for each in value)
@@ -350,9 +351,9 @@ def _oriented(
     The rotation is in base axes. ``orientation`` is "down", "forward", "up", a rotation matrix, or
     None for the orientation at the task's reference. ``approach`` names an axis of the frame, "x"
     to "-z"; None stands for the axis along which the tool points. ``yaw``, rad, is a further
-    rotation about the base's z axis. The approach axis is None, and the task unchanged, if
-    ``approach`` is None and ``orientation`` is not a word. An InputError is raised for other
-    values, or if the task leaves the rotation free.
+    rotation about the base's z axis. If ``approach`` is None and ``orientation`` is not a word, the
+    first result is None, and the task is unchanged. An InputError is raised for other values, or if
+    the task leaves the rotation free.
     """
     turn = pin.rpy.rpyToMatrix(0.0, 0.0, finite(yaw, "yaw"))
     for name, value in (("orientation", orientation), ("approach", approach)):
@@ -381,12 +382,12 @@ def _oriented(
 def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: Report) -> Grown:
     """Find middles for a box that the arm reaches inside its limits, the best first.
 
-    ``box`` has the requested size and orientation; ``report`` is the progress callback.
-    Configurations are drawn at random, and turned to the orientation of the box at their position.
-    With ``at`` (3,), m, they also move toward that position, each by a different fraction of the
-    distance. Without ``at``, middles from floods around the arm are also tried, for tasks of more
-    than four coordinates. Further middles are tried beside the best. An InputError is raised if no
-    middle is reached.
+    ``box`` has the requested size and orientation; ``report`` is the progress callback. Random
+    configurations are drawn, and turned to the orientation of the box at the positions where they
+    put the frame. If ``at`` (3,), m, is given, each position is first moved toward ``at``, by a
+    different fraction of the distance. Without ``at``, middles from floods around the arm are also
+    tried, for tasks of more than four coordinates. Further middles are then tried beside the best
+    middles. An InputError is raised if no middle is reached.
     """
     p, Q = drawn(box, _DRAWN, rng)
     if at is not None:
@@ -413,8 +414,8 @@ def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: R
 def _free(box: Cell, found: Grown, count: int) -> Grown:
     """Select the first ``count`` middles of ``found`` whose configuration has no collision.
 
-    At most ``8 count`` middles are tested, because the test is slow. If all of them have a
-    collision, only the first is returned.
+    At most ``8 count`` middles are tested, because the test is slow. If all tested middles have a
+    collision, only the first middle is returned.
     """
     bodies = bodies_of(box.task)
     free: list[int] = []
@@ -436,7 +437,7 @@ class _Fitting(NamedTuple):
     own : Candidate
         Configuration in the middle of the box, from which the function was designed.
     reason : str
-        Why no function covers a larger box; empty if no larger box was tried.
+        Reason why no function covers a larger box; empty if no larger box was tried.
     """
 
     cell: Cell
@@ -449,10 +450,11 @@ def _fitted(
 ) -> _Fitting | None:
     """Find the largest box around one of the middles ``found`` that one function covers.
 
-    ``box`` has the requested size. When all middles have failed, further ones are searched for at
-    which the bodies are apart. Then boxes that are smaller by a tenth of the size are tried. Return
-    None if no function covers a box of any size. Among boxes of equal size, the one nearest to
-    ``at`` (3,), m, is preferred, unless ``at`` is None; ``seed`` is for the fits.
+    ``box`` has the requested size. If a box of the requested size fits around none of the middles,
+    further middles are searched for at which the bodies are apart at the box's rim. Then smaller
+    boxes are tried, in steps of a tenth of the size. Return None if no function covers a box of any
+    size. Among boxes of equal size, the one nearest to ``at`` (3,), m, is preferred, unless ``at``
+    is None; ``seed`` is for the fits.
     """
     fit = CellFit(
         Pseudoinverse(box.task), limit_margin=_MARGIN, held_out=_HELD_OUT, seed=seed, keep=False
@@ -481,10 +483,11 @@ def _fitted(
 
 
 def _tried(fit: CellFit, box: Cell, found: Grown) -> Grown:
-    """Select middles with unlike joints, or at different places, and test their boxes by J⁺.
+    """Select middles with unlike configurations or at different places, and test their boxes.
 
-    ``steps`` of the result are numbers of tenths of the requested size, at which J⁺ reaches all
-    corners inside the limits and without collisions.
+    The boxes around the middles are tested with J⁺. ``steps`` of the result are the largest sizes,
+    in tenths of the requested size, at which J⁺ reaches all corners inside the limits and without
+    collisions.
     """
     rows = [*unlike_rows(found.Q, _ALIKE, _TRIED)]
     rows += unlike_rows(found.p, box.half_width.max(), _TRIED)
@@ -496,8 +499,9 @@ def _tried(fit: CellFit, box: Cell, found: Grown) -> Grown:
 def _strict(fit: CellFit, box: Cell, found: Grown) -> Grown:
     """Select middles with unlike configurations, from which J⁺ reaches the whole box.
 
-    The box is that which grew there; J⁺ must reach its corners inside the limits and without
-    collisions. Among middles with similar configurations, only the first is taken.
+    The box has the size to which it grew around the middle. J⁺ must reach all its corners inside
+    the limits and without collisions. Among middles with similar configurations, only the first is
+    taken.
     """
     kept: list[int] = []
     for k in range(min(len(found.p), _LOOKED)):
@@ -522,10 +526,10 @@ def _best_place(
 ) -> tuple[tuple[Cell, Candidate] | None, FailureReason | None]:
     """Choose the best middle for a box of ``size`` tenths of the requested size.
 
-    The first nine of ``found`` around which a box of that size fits are compared. Three at a time
-    are compared by quick designs, and the best of them is confirmed by a full design; the search
-    ends when one of them fits. Return the box at the best place with the configuration in its
-    middle, or None, and the first reason for failure, or None.
+    At most nine middles are tried: the first of ``found`` around which a box of that size fits.
+    Three at a time are compared by quick designs, and a full design confirms the best of the three.
+    The search ends when a full design covers its box. Return a pair: the box and the configuration
+    in its middle, or None; and the first reason for failure, or None.
     """
     stop: FailureReason | None = None
     places = np.flatnonzero(found.steps >= size)[: _BATCHES * _JUDGED]
@@ -541,9 +545,9 @@ def _best_place(
 def _regular(box: Cell, found: Grown, size: int) -> Grown:
     """Select middles at which no singularity is found in the box, the farthest from one first.
 
-    The edges of the box are ``size`` tenths of the requested ones. Singularities can meet a box
-    between the points of its rim, at which alone it was tested before. Among places beside each
-    other, one is tested, because they meet the same singularity.
+    The edges of the box are ``size`` tenths of the requested ones. Before, each box was tested only
+    at the points of its rim, but a singularity can lie between these points. If several middles are
+    near each other, only one is tested, because their boxes meet the same singularity.
     """
     found = rows_of(found, unlike_rows(found.p, _BESIDE * box.half_width.max(), _REGULAR))
     ratios = np.array(
@@ -559,9 +563,9 @@ def _regular(box: Cell, found: Grown, size: int) -> Grown:
 def _least_ratio(cell: Cell, q: Array) -> float:
     """Search a box for the smallest ratio σ_min / σ_max of J.
 
-    Motions with J⁺ lead from the configuration q (n,) in the middle to poses of a grid on the
-    surface. The search begins at those with the smallest ratios. The result is 0 if a pose is not
-    reached.
+    Motions with J⁺ lead from the configuration q (n,) in the middle to poses of a grid on the box's
+    surface. The search begins at the poses with the smallest ratios. The result is 0 if a pose of
+    the grid is not reached.
     """
     ways = np.meshgrid(*[np.linspace(-1, 1, _SURFACE)] * cell.k, indexing="ij")
     U = np.stack(ways, axis=-1).reshape(-1, cell.k)
@@ -581,10 +585,10 @@ def _best_of(
 
     ``places`` are middles of the box with configurations there, and ``box`` has the requested size
     and orientation. The places are compared by quick designs: by limit margin, body distance and
-    joint speed. With ``search``, other configurations are searched for at the first place. A design
-    of full accuracy confirms the choice. Return the box at the best place, with the configuration
-    in its middle, or None if no design covers a box; and the reason why the first design failed,
-    None if none did.
+    joint speed. With ``search``, other configurations in the middle of the first place are searched
+    for, and compared as well. A design of full accuracy confirms the choice. Return a pair: the box
+    at the best place with the configuration in its middle, or None if no design covers a box; and
+    the reason why the first design of full accuracy failed, or None if no such design failed.
     """
     desired, reason = fit.desired, None
     cells = [_box_at(box, p, size / STEPS) for p in places.p]
@@ -611,10 +615,10 @@ def _best_of(
 
 
 def _repeats(task: Task, one: Candidate, others: list[Candidate]) -> bool:
-    """Test whether one of ``others`` has nearly the joints of ``one``, and no smaller limit margin.
+    """Test whether one of ``others`` nearly equals ``one`` and has no smaller limit margin.
 
-    All are in the middle of the same box. Joints are compared up to full turns of revolute ones,
-    which make no difference to the function, only to the limit margin.
+    All are configurations in the middle of the same box. Revolute joints are compared up to full
+    turns, which make no difference to the function, only to the limit margin.
     """
     away = one.q - np.array([other.q for other in others])
     away -= 2 * np.pi * np.round(away / (2 * np.pi)) * task.revolute
@@ -644,8 +648,9 @@ def _largest_steps(desired: Inverse, box: Cell, found: Grown, k: int) -> int:
 def _worth(design: object) -> float:
     """Rate a design by joint speed, body distance and limit margin; a higher number is better.
 
-    Distances above 2 cm and margins above 0.3 rad or m do not raise the rating. The rating is 0 if
-    the function does not cover the box, or bodies collide, or ``design`` is no design.
+    Body distances above 2 cm and limit margins above 0.3 rad or m do not raise the rating. The
+    rating is 0 if the function does not cover the box, or bodies collide, or ``design`` is no
+    design.
     """
     if not isinstance(design, CellDesign) or not design.evaluation.everywhere:
         return 0.0

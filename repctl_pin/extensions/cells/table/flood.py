@@ -63,7 +63,8 @@ class Table(NamedTuple):
     radii, heights : (I,) and (J,) arrays
         Radii and heights of the nodes from ``origin``, m, rising by 3 cm.
     counted : (n,) array of bool
-        True for joints whose limits are checked: all but those that alone turn the arm or the tool.
+        True for joints whose limits are checked: all joints except those that alone turn the whole
+        arm or the tool.
     around : Symmetry
         The joint that turns the arm about the axis.
     """
@@ -106,8 +107,9 @@ class Table(NamedTuple):
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Solve for the poses of nodes (K, 2) by Newton's method from Q (K, n).
 
-        ``held`` is (K, n), ``iterations`` the number of steps. Return the configurations (K, n),
-        and a mask (K,) that is True where they are exact, inside the limits and not singular.
+        ``held`` (K, n) is True for the joints that are locked, and ``iterations`` is the number of
+        steps. Return the configurations (K, n), and a mask (K,) that is True where a configuration
+        has the exact pose, is inside the limits, and is not singular.
         """
         task, Q = self.task, Q.copy()
         p_goal, R_goal = self.goals(nodes)
@@ -133,7 +135,7 @@ class Table(NamedTuple):
     def _push(self, Q: Array, held: NDArray[np.bool_]) -> Array:
         """Compute motions (K, n), rad or m, that move joints away from near limits, at Q (K, n).
 
-        They are 0 for joints that are locked, far from their limits, or not :attr:`counted`.
+        A motion is 0 for a joint that is locked, far from its limits, or not :attr:`counted`.
         """
         task = self.task
         inner = _ROOM * np.minimum(1.0, task.upper - task.lower)
@@ -170,8 +172,9 @@ def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bo
     """Compute S floods of a table: configurations (S, I, J, n), NaN at nodes that are not reached.
 
     Flood i begins at the node ``nodes[i]`` with the configuration ``Q[i]``: ``nodes`` is (S, 2), Q
-    and ``held`` are (S, n). An arm with locked joints cannot avoid a jump by self-motion. So its
-    flood leaves out a node at which a joint differs by 0.45 rad or m or more from any neighbour.
+    and ``held`` are (S, n). An arm with locked joints cannot avoid a jump by self-motion. So the
+    flood of such an arm leaves out a node if a joint differs there by 0.45 rad or m or more from
+    its value at a neighbouring node.
     """
     found = np.full((len(Q), *table.shape, table.task.n), np.nan)
     seed = np.arange(len(Q))
@@ -194,10 +197,11 @@ def flooded(table: Table, nodes: NDArray[np.intp], Q: Array, held: NDArray[np.bo
 
 
 def _near_neighbours(found: Array, nodes: NDArray[np.intp], Q: Array) -> NDArray[np.bool_]:
-    """Test which Q (K, n) at nodes (K, 3) are near those of all reached neighbours: (K,).
+    """Test which Q (K, n) at nodes (K, 3) are near the configurations of all neighbours: (K,).
 
-    Near means that each joint differs by less than 0.45 rad or m. ``found`` (S, I, J, n) has the
-    configurations that the floods have reached so far.
+    Only neighbours that the flood has reached count. Near means that each joint differs by less
+    than 0.45 rad or m. ``found`` (S, I, J, n) has the configurations that the floods have reached
+    so far.
     """
     near = np.ones(len(nodes), bool)
     for way in _WAYS:
@@ -210,10 +214,11 @@ def _near_neighbours(found: Array, nodes: NDArray[np.intp], Q: Array) -> NDArray
 
 
 def _neighbours(found: Array, front: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
-    """List the nodes (L, 3) that are neighbours of a front (K, 3) and not reached, each once.
+    """List the nodes (L, 3) that are not reached yet and are neighbours of a front (K, 3).
 
-    The front has the nodes that were reached last. Return also, for each listed node, the index of
-    a row of the front beside it: (L,). ``found`` (S, I, J, n) is NaN at nodes that are not reached.
+    The front has the nodes that were reached last. Each node is listed once. Return also, for each
+    listed node, the index of a node of the front beside it: (L,). ``found`` (S, I, J, n) is NaN at
+    nodes that are not reached.
     """
     beside = np.concatenate([front + (0, *way) for way in _WAYS])
     parent = np.tile(np.arange(len(front)), len(_WAYS))
@@ -232,7 +237,8 @@ class Rectangles(NamedTuple):
     area : (S,) array
         Area between the outer nodes, in units of the nodes' spacing squared; 0 without a rectangle.
     first, last : (S, 2) arrays of int
-        Indices (radius, height) of the corner with the smallest and of that with the largest ones.
+        ``first`` has the smallest indices (radius, height) of each rectangle, ``last`` the largest
+        indices.
     """
 
     area: NDArray[Any]
@@ -243,7 +249,8 @@ class Rectangles(NamedTuple):
 def rectangles(mask: NDArray[np.bool_]) -> Rectangles:
     """Find the largest rectangle of True entries in each of the masks (S, I, J).
 
-    Its area is measured between the outer nodes, in units of the spacing squared; 0 without one.
+    The area of a rectangle is measured between its outer nodes, in units of the spacing squared.
+    The area is 0 if a mask contains no rectangle.
     """
     S, rows, columns = mask.shape
     area = np.zeros(S)

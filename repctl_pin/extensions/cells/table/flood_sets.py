@@ -91,7 +91,7 @@ def drawn_nodes(
 ) -> tuple[Table, NDArray[np.intp], Array]:
     """Draw 2048 random configurations, and move each to the nearest node of a new table.
 
-    ``heights`` are the lowest and the highest of the table, m above the point of ``line``.
+    ``heights`` are the lowest and the highest height of the table, m above the point of ``line``.
     ``symmetries`` are the joints that alone turn the arm and, if there is one, the tool. Return the
     table, and the K configurations that reach a node: the nodes (K, 2) and the configurations (K,
     n) there.
@@ -130,8 +130,8 @@ def grid_around(
 
     ``rho`` and ``z`` are (K,) each. Radii begin at 0.06 m. Heights, above the point of ``line``,
     outside ``heights`` (lowest, highest) are left out. The first of the ``symmetries`` is that of
-    the joint that turns the arm about ``line``. Limits of the joints of symmetries are not checked
-    in floods.
+    the joint that turns the arm about ``line``. The joints of symmetries are not
+    :attr:`~.Table.counted`: floods do not check their limits.
     """
     low, high = max(heights[0], z.min()), min(heights[1], z.max())
     counted = np.ones(task.n, bool)
@@ -161,9 +161,9 @@ def locked_floods(
 ) -> Floods:
     """Make up to 128 floods of a table, each with r joints locked, chosen at random.
 
-    They begin at random rows of nodes (K, 2) and Q (K, n). In every second one, the joints are
-    locked at 0 where their limits allow it, else at their values in Q. Floods whose first node is
-    not reached are left out; those that are alike are kept.
+    Each flood begins at a random row of ``nodes`` (K, 2) and Q (K, n). In every second flood,
+    joints are locked at 0 if their limits allow it. All other locked joints keep their values in Q.
+    Floods whose first node is not reached are left out.
     """
     task = table.task
     rows = rng.integers(len(Q), size=_LOCKED)
@@ -182,8 +182,8 @@ def locked_floods(
 def free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: Floods) -> Floods:
     """Flood a table without locked joints, from up to 24 nodes with unlike configurations.
 
-    They are chosen from ``nodes`` (K, 2), with the configurations Q (K, n). Further floods begin in
-    the middles of the largest rectangles of the floods ``locked``.
+    These nodes are chosen from ``nodes`` (K, 2), with the configurations Q (K, n). Further floods
+    begin in the middles of the largest rectangles of the floods ``locked``.
     """
     counted = table.counted
     kept, distance = [0], np.linalg.norm((Q - Q[0])[:, counted], axis=1)
@@ -205,7 +205,7 @@ def free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: Floods)
 def unlike_floods(table: Table, floods: Floods) -> Floods:
     """Select up to eight floods with large rectangles and unlike configurations in their middles.
 
-    Joints that do not move the task, such as the last one of an axis task, make no difference.
+    Joints that do not move the task, such as the last joint in an axis task, are not compared.
     """
     found = rectangles(floods.reached)
     order, postures = np.argsort(-found.area), floods.middles(found)[1]

@@ -53,8 +53,9 @@ def least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
 def _unit_twists(cell: Cell, Q: Array) -> tuple[Array, Array, Array]:
     """Evaluate at Q (K, n): J (K, m, n), E = ∂x/∂y (K, m, k) and C = (EᵀE)^(−1/2) (K, k, k).
 
-    y are the coordinates of a cell in m and rad, where u are scaled to ±1; k counts also those that
-    symmetries remove, which are last. A column of E is a task velocity per m or rad.
+    y are the coordinates of a cell in m and rad, not scaled as u is. k also counts the coordinates
+    that symmetries remove from u, which are the last. A column of E is a task velocity per m or
+    rad.
     """
     p, R, J = placed(cell.task, Q)
     E = cell._all_twists(cell._measured(p, R), R)[:, :, [*cell.moved, *cell._removed]]
@@ -63,8 +64,9 @@ def _unit_twists(cell: Cell, Q: Array) -> tuple[Array, Array, Array]:
 
 
 def _squares(own: Array, usual: Array) -> tuple[Array, Array]:
-    """Sum squared joint motions (K, n, k) over joints and coordinates: (K,) of each argument.
+    """Sum the squares of two arrays (K, n, k) of joint motions over joints and coordinates.
 
-    ``own`` is that of a function, ``usual`` that of J⁺.
+    ``own`` are the motions of a function, ``usual`` those of J⁺. Return the sums (K,) of ``own``,
+    then of ``usual``.
     """
     return (own**2).sum(axis=(1, 2)), (usual**2).sum(axis=(1, 2))

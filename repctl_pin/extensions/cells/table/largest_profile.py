@@ -1,13 +1,13 @@
 """Largest sectors in a flood whose range of radius depends on the height.
 
-The smallest and the largest radius are polynomials of the height. All nodes between them belong to
-the flood: at each height, its nodes from one end to the other are a run, and the polynomials lie
-inside the runs. A linear program finds the two polynomials with the largest area between them. A
-sector is a cell, a set of poses, in cylindrical coordinates around the arm. A table is a grid of
-radius and height around the arm, whose nodes have the indices (i, j) of I radii and J heights. A
-flood is the set of nodes that the arm reaches from one configuration without a change of branch,
-one of the separate solutions of inverse kinematics. An opening is the set of nodes of a flood at
-which bodies keep a distance over a range of the angle around the arm.
+The smallest and the largest radius are polynomials of the height. All nodes between the two
+polynomials belong to the flood. A run is a range of radii at one height whose nodes all belong to
+the flood; the polynomials lie inside runs. A linear program finds the two polynomials with the
+largest area between them. A sector is a cell, a set of poses, in cylindrical coordinates around the
+arm. A table is a grid of radius and height around the arm, whose nodes have the indices (i, j) of I
+radii and J heights. A flood is the set of nodes that the arm reaches from one configuration without
+a change of branch, one of the separate solutions of inverse kinematics. An opening is the set of
+nodes of a flood at which bodies keep a distance over a range of the angle around the arm.
 
 ``Between`` is a set of nodes between two polynomials of the height: its area, first and last
 height, and both polynomials. ``Required`` holds the limits of a function: mean and maximum extra
@@ -57,13 +57,13 @@ class Between(NamedTuple):
     Attributes
     ----------
     area : float
-        Area between the polynomials, in units of the spacing squared; 0 if there are none.
+        Area between the polynomials, in units of the spacing squared; 0 if no polynomials fit.
     first, last : int
         Indices of the lowest and the highest height.
     low, high : (D + 1,) arrays
-        Coefficients of the smallest and the largest radius, minus the radius of the table's first
-        node. They are polynomials of degree D in a height that is −1 at ``first`` and 1 at
-        ``last``; the constant is first.
+        Coefficients of two polynomials of degree D, the constant first: the smallest and the
+        largest radius, minus the radius of the table's first node. The variable is the height,
+        scaled to −1 at ``first`` and 1 at ``last``.
     """
 
     area: float
@@ -91,7 +91,8 @@ class Between(NamedTuple):
     def sides(self, start: float, spacing: float) -> tuple[Array, Array]:
         """Return the coefficients of the smallest and of the largest radius in m: two (D + 1,).
 
-        ``start`` is the radius of the table's first node, ``spacing`` that of the nodes, m.
+        ``start`` is the radius of the table's first node, m, and ``spacing`` the distance of
+        neighbouring nodes, m.
         """
         least = np.eye(1, len(self.low))[0] * start
         return least + spacing * self.low, least + spacing * self.high
@@ -106,10 +107,10 @@ def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp
     """Choose one run at each of J heights, up and down from the middle of a rectangle: (J, 2).
 
     A run is a range of radii at one height at which the mask (I, J) is True throughout. ``first``
-    and ``last`` are the indices (i, j) of opposite corners of the rectangle. At each of its
-    heights, the run is taken that overlaps most with the rectangle; beyond them, the one that
-    overlaps most with the run before. A row of the result has the first and the last index i of the
-    run, or −1 twice without a run.
+    and ``last`` are the indices (i, j) of opposite corners of the rectangle. At each height of the
+    rectangle, the run is taken that overlaps most with the rectangle. Above and below the
+    rectangle, the run is taken that overlaps most with the chosen run at the neighbouring height. A
+    row of the result has the first and the last index i of the run, or −1 twice without a run.
     """
     middle = int(first[1] + last[1]) // 2
     rectangle = int(first[0]), int(last[0])
@@ -130,8 +131,8 @@ def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp
 def _overlapping(edges: NDArray[np.intp], low: int, high: int) -> tuple[int, int] | None:
     """Find the run at one height that overlaps most with the indices ``low`` to ``high``.
 
-    ``edges`` has, for each run in order, its first index of the radius and the index after its
-    last. Return the first and the last index of the run found; None without overlap.
+    ``edges`` has, for one run after the other, the first index of the radius and the index after
+    the last. Return the first and the last index of the run found; None without overlap.
     """
     starts, ends = edges[::2], edges[1::2] - 1
     overlap = np.minimum(ends, high) - np.maximum(starts, low)
@@ -146,9 +147,9 @@ def largest_between(ends: Array, least: float = 0.0) -> Between:
 
     A row of ``ends`` has the first and the last index of the radius at one height, or −1 twice. The
     polynomials may extend over any range of heights. The area of the runs over a range is an upper
-    bound of the area between polynomials. Ranges are tried in the order of this bound, until it is
-    at most the best area or ``least``. So an area of at most ``least``, in units of the spacing
-    squared, may be missed.
+    bound of the area between polynomials. Ranges are tried in descending order of this bound, until
+    the bound is at most the best area found or ``least``. So a result with an area of at most
+    ``least``, in units of the spacing squared, may be missed.
     """
     there = np.flatnonzero(ends[:, 0] >= 0)
     if len(there) <= _SHORT:
@@ -196,7 +197,7 @@ def _between(ends: Array, first: int, last: int) -> Between:
 def area_of(cell: Cell) -> float:
     """Compute the area of a sector's range of radius and height, m².
 
-    It is the product of both ranges if that of the radius is the same at all heights.
+    If the range of radius is the same at all heights, the area is the product of both ranges.
     """
     w = cell.widths
     stretch = cell.profile.mean_stretch(w[HEIGHT]) if isinstance(cell, Sector) else 1.0
@@ -206,12 +207,13 @@ def area_of(cell: Cell) -> float:
 def affordable_between(
     mask: NDArray[np.bool_], own: Array, usual: Array, limits: Required, least: float = 0.0
 ) -> Between:
-    """Find the largest part of one opening, by polynomials of the height, that keeps speed limits.
+    """Find the largest part of one opening, between two polynomials, that keeps speed limits.
 
-    ``mask`` (I, J) has the nodes of the opening; ``own`` and ``usual`` (I, J) are the squared joint
-    speeds of a function and of J⁺ at the nodes. Nodes with the largest extra joint speed are left
-    out until the mean over the part meets its limit. A part of at most the area ``least``, in units
-    of the spacing squared, may be missed. The area of the result is 0 if nothing is found.
+    The two polynomials of the height are the smallest and the largest radius. ``mask`` (I, J) has
+    the nodes of the opening; ``own`` and ``usual`` (I, J) are the squared joint speeds of a
+    function and of J⁺ at the nodes. Nodes with the largest extra joint speed are left out until the
+    mean over the part meets its limit. A part of at most the area ``least``, in units of the
+    spacing squared, may be missed. The area of the result is 0 if nothing is found.
     """
     best = Between.none()
     with np.errstate(invalid="ignore"):
@@ -230,17 +232,18 @@ def affordable_between(
 
 
 def most_between(mask: NDArray[np.bool_]) -> float:
-    """Compute an upper bound of the area of any range of radius in a mask (I, J), in spacings².
+    """Compute an upper bound of the area of any sector of True nodes of a mask (I, J).
 
-    The range may depend on the height; a spacing is the distance of neighbouring nodes.
+    The sector's range of radius may depend on the height. The area is in spacings², the squared
+    distance of neighbouring nodes.
     """
     return float(np.maximum(mask.sum(axis=0) - 1, 0).sum())
 
 
 def more_between(mask: NDArray[np.bool_], least: float) -> bool:
-    """Test whether a sector of true nodes of a mask (I, J) can have more area than ``least``.
+    """Test whether a sector of True nodes of a mask (I, J) can have more area than ``least``.
 
-    Its range of radius may depend on the height. Areas are in spacings², the squared distance of
-    neighbouring nodes.
+    The sector's range of radius may depend on the height. Areas are in spacings², the squared
+    distance of neighbouring nodes.
     """
     return most_between(mask) > least

@@ -60,8 +60,9 @@ class LockedJoints(NamedTuple):
     extra, worst : float
         Extra joint speed relative to J⁺, as a fraction, on average and at the worst node.
     area : float
-        Area of radius and height, m², that the arm covers without collision: its largest rectangle
-        in a design's sector or, for an arm that covers more, its own sector.
+        Area of radius and height, m², that the arm covers without collision. It is the area of the
+        arm's largest rectangle in a design's sector; if the arm covers a larger sector, the area of
+        this sector.
     """
 
     joints: tuple[str, ...]
@@ -100,8 +101,8 @@ def best_locked(
 ) -> LockedJoints | None:
     """Find the arm with locked joints that covers most of a design's sector; None without one.
 
-    ``locked`` are floods with locked joints. Arms that keep the limits of joint speed come first;
-    among arms that cover the same share, the one with the lowest joint speed is chosen.
+    ``locked`` are floods with locked joints. Arms that keep the limits of joint speed are preferred
+    to others; among arms that cover the same share, the arm with the lowest joint speed is chosen.
     """
     cell = design.function.chart.cell
     assert isinstance(cell, Sector), "a table is a sector"
@@ -132,12 +133,12 @@ def best_locked(
 def larger_arm(
     table: Table, locked: Floods, cell: Sector, area: float, limits: Required
 ) -> LargerArm | None:
-    """Search for an arm with locked joints that covers a larger sector than one of an area, m².
+    """Search for an arm with locked joints that covers a sector larger than ``area``, m².
 
-    Floods with different configurations in their middles are compared; None if none is larger by
-    more than 2 %. The range of radius of the sector may depend on the height. At the nodes of this
-    sector, joint speed is within the limits, and bodies are apart at all angles of ``cell``, along
-    whose coordinates joint speeds are compared.
+    Floods with different configurations in their middles are compared. Return None if no sector is
+    larger by more than 2 %. The range of radius of the sector may depend on the height. At its
+    nodes, joint speed is within the limits, and bodies are apart at all angles of ``cell``. Joint
+    speeds are those along the coordinates of ``cell``.
     """
     least = area * (1 + _ALMOST) / SPACING**2
     # the joint speed of a locked arm is known, so that no share of its limit is spared
@@ -183,7 +184,7 @@ def _locked_joints(
     """Evaluate an arm with locked joints on the nodes of a mask ``inside`` (I, J).
 
     The arm is that of flood number ``k`` of ``locked``. Nodes at which bodies are nearer than
-    ``distance``, m, at all angles of ``cell`` are left out. Joint speeds are those along the
+    ``distance``, m, at every angle of ``cell`` are left out. Joint speeds are those along the
     coordinates of ``cell``. Return None if no node is left.
     """
     clear = locked.reached[k] & inside
@@ -203,7 +204,7 @@ def _locked_arm(
 
     The arm is that of flood number ``k`` of ``locked``, which reaches these nodes. Joint speeds are
     those along the coordinates of ``cell``. The ``share`` of the result is 1; the caller may
-    replace it.
+    replace this value.
     """
     task, Q = table.task, locked.Q[k][clear]
     joints = np.flatnonzero(locked.held[k])
@@ -219,9 +220,9 @@ def _locked_arm(
 def with_middles(table: Table, locked: Floods, design: CellDesign) -> Floods:
     """Add floods with locked joints that begin in the middle of a design's sector.
 
-    Each set of r joints is locked twice: at the design's configuration there and, as far as their
-    limits allow it, at 0. Floods whose first node is not reached are left out. Return the new
-    floods, followed by ``locked``.
+    Each set of r joints is locked twice: once at the design's configuration in the middle and once
+    at 0, as far as the joints' limits allow it. Floods whose first node is not reached are left
+    out. Return the new floods, followed by ``locked``.
     """
     cell, task = design.cell, table.task
     assert isinstance(cell, Sector), "a table is a sector"
@@ -267,11 +268,11 @@ def _at_zero(table: Table, design: CellDesign) -> Array:
 def _near(
     table: Table, on: NDArray[np.intp], Q: Array, distance: float, angles: tuple[float, float]
 ) -> NDArray[np.bool_]:
-    """Test at which nodes ``on`` (K, 2), with Q (K, n) there, bodies are always near: (K,).
+    """Test at which nodes ``on`` (K, 2), with Q (K, n), bodies are near at every angle: (K,).
 
-    That is, they are nearer than ``distance``, m, at every angle around the arm from the first to
-    the last of ``angles``, rad. One node in each block of 3 × 3 nodes is tested, and stands for the
-    block.
+    Near means nearer than ``distance``, m. The angles, around the arm, go from the first to the
+    last of ``angles``, rad. In each block of 3 × 3 nodes, one node is tested, and its result is
+    used for the block.
     """
     near = np.flatnonzero(bodies_of(table.task)._nearer(Q, distance))
     _, first, block = np.unique(on[near] // 3, axis=0, return_index=True, return_inverse=True)

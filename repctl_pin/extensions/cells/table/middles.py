@@ -1,9 +1,9 @@
 """Middles for a box of poses: their order, others beside them, and those with the bodies apart.
 
-A box of poses is grown around positions in steps, tenths of its size, each with a configuration of
-the arm. J⁺, the pseudoinverse of the task Jacobian, moves the arm from there to the points of the
-box's rim: corners, edge middles and face centres. The box is reached as far as it grows, but bodies
-of the arm may collide at its rim.
+A middle is a position, with a configuration of the arm, around which a box of poses is grown in
+steps of a tenth of its size. J⁺, the pseudoinverse of the task Jacobian, moves the arm from the
+middle to the points of the box's rim: corners, edge middles and face centres. The box is reached as
+far as it grows, but bodies of the arm may collide at its rim.
 
 ``Grown`` has many middles, with a configuration at each and the size to which a box grew there.
 """
@@ -44,10 +44,10 @@ which others are not searched for beside a middle, because they are for a better
 def ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
     """Sort the middles of a box, the best first, by the criteria of :func:`best_cell`.
 
-    The criteria are: size of the box that fits there; bodies apart at its rim, if that was tested;
-    distance from ``at`` (3,), m, if ``at`` is given; whole box above z = 0 of the base; body
-    distance up to 2 cm, if tested; limit margin, up to 0.3 rad or m; largest joint motion to a
-    corner, the smallest first.
+    The criteria are, in this order: size of the box that fits around the middle; no collision at
+    the rim, if this was tested; small distance from ``at`` (3,), m, if ``at`` is given; whole box
+    above z = 0 of the base; body distance up to 2 cm, if tested; limit margin up to 0.3 rad or m;
+    the maximum joint motion to a corner, the smallest first.
     """
     z = box.placements(box.corners())[0][:, 2] - box.placement.translation[2]
     below = found.p[:, 2] + z.min() * found.steps / STEPS < 0
@@ -64,9 +64,9 @@ def beside(
 ) -> Grown:
     """Grow a box around six random positions beside each of the middles ``parents``.
 
-    ``width`` is how far away they are at most along each coordinate, in half-widths of the box.
-    With ``sway``, the configurations at which the inverse kinematics starts also differ by up to
-    this self-motion, rad or m, per direction of the null space of J.
+    The positions differ from the middle by at most ``width`` along each coordinate, in half-widths
+    of the box. With ``sway``, the configurations at which the inverse kinematics starts also
+    differ, by self-motions of up to ``sway``, rad or m, per direction of the null space of J.
     """
     best = rows_of(parents, np.arange(len(parents.p)).repeat(_CHILDREN))
     U, Q = width * rng.uniform(-1, 1, (len(best.p), box.k)), best.Q
@@ -82,11 +82,11 @@ def collision_free(
     """Search for middles at which the bodies are apart at the rim of the largest box, best first.
 
     The middles ``found`` were ordered by reach and limits alone, so bodies may collide at the rims
-    of the best ones. So ``drawn`` random configurations are tried at their positions, which adds
-    branches of inverse kinematics. Then boxes grow beside the best middles, at most ``parents`` of
-    them, and after self-motions there, in rounds; the body distance at the rim comes before the
-    limit margin. The result is empty if bodies collide at the rims of all boxes. ``at`` is that of
-    :func:`ordered`.
+    of the best boxes. First, ``drawn`` random configurations are tried at the positions of these
+    middles, which adds branches of inverse kinematics. Then, in several rounds, boxes are grown
+    beside at most ``parents`` of the best middles, also after self-motions. In each round, the
+    middles are sorted by :func:`ordered`, to which ``at`` is passed. The result is empty if bodies
+    collide at the rims of all boxes of the largest size.
     """
     places = unlike_rows(found.p, _APART_AT * box.half_width.max(), _PLACES)
     p = found.p[np.resize(places, drawn)]
@@ -104,9 +104,9 @@ def collision_free(
 def _tested(box: Cell, found: Grown, steps: int) -> Grown:
     """Select boxes that grew by ``steps`` or more, and compute the body distances at their rims.
 
-    The distances, m, are ``distance`` of the result. Left out are smaller boxes, and those with a
-    point of the rim that is not reached exactly inside the limits: a box grows even if it misses
-    the points by a fraction of a step.
+    The distances, m, are ``distance`` of the result. A box is left out if a point of its rim is not
+    reached exactly and inside the limits. This is tested here because a box grows even if the arm
+    misses the points by a fraction of a step.
     """
     found = rows_of(found, np.flatnonzero(found.steps >= steps))
     rim, R = box.placements(box.rim())

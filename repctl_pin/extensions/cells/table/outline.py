@@ -19,7 +19,7 @@ def outlines(table: Table, reached: NDArray[np.bool_]) -> list[Array]:
     """Trace closed lines around the nodes ``reached`` (I, J): a list of points (P, 2) each.
 
     The points are radius and height, m. Lines around nodes are anticlockwise, those around holes
-    clockwise. The last point is not the first one again.
+    clockwise. The last point of a line is not a repetition of the first.
     """
     around = np.pad(reached, 1).astype(float)  # so that lines close at the edge of the table
     first = np.array([table.radii[0], table.heights[0]]) - SPACING

@@ -127,14 +127,15 @@ class WholeTable(NamedTuple):
         The sectors with one range of radius, and the function over the largest of them.
     locked : LockedJoints or None
         Arm with locked joints that covers the largest share of the sector. Arms within the limits
-        of joint speed come first; among equals, the arm with the lowest joint speed is chosen.
+        of joint speed are preferred to others; among arms with equal shares, the arm with the
+        lowest joint speed is chosen.
     larger : LockedJoints or None
         An arm with locked joints that covers a larger sector, whose range of radius may depend on
         the height, within the limits of joint speed at the nodes of the table; None if none was
         found.
     reach, rectangle : float
-        Area, radius times height, of all nodes that any flood reaches, and of the largest rectangle
-        in a flood without collision, m².
+        Two areas of radius and height, m²: of all nodes that any flood reaches, and of the largest
+        rectangle in a flood without collision.
     affordable : float
         Area of the largest rectangle, m², in which some function can keep the limits of joint
         speed: an upper bound of the area of a sector with one range of radius.
@@ -163,8 +164,8 @@ class WholeTable(NamedTuple):
     def straight(self) -> CellDesign:
         """Function over the largest sector with one range of radius.
 
-        It is ``design`` itself if that is the larger one. Otherwise it may be designed only when
-        this attribute is first read, which takes seconds.
+        If the largest sector has one range of radius, this is ``design`` itself. Otherwise the
+        function may be designed only when this attribute is first read, which takes seconds.
         """
         return self.rectangles.design
 
@@ -178,8 +179,8 @@ class WholeTable(NamedTuple):
     def outlines(self) -> list[NDArray[Any]]:
         """Closed lines (P, 2) around what the arm reaches: radius and height, m.
 
-        They surround the nodes that one of :attr:`floods` reaches: inside the joint limits, and
-        without a collision at one angle around the arm at least.
+        The lines surround the nodes that one of :attr:`floods` reaches, inside the joint limits
+        and, for at least one angle around the arm, without a collision.
         """
         return outlines(self.table, np.any(self.floods, axis=0))
 
@@ -204,11 +205,11 @@ class WholeTable(NamedTuple):
         return text
 
     def _one_range(self) -> str:
-        """Write how much a sector whose range of radius is the same at all heights covers.
+        """Write how much a sector with one range of radius covers, to compare with the design.
 
-        It is compared with the sector of the design, whose range depends on the height. If its
-        function was designed, its area is known. Otherwise no sector with one range can have as
-        large an area, or only with a smaller range of angle or spin.
+        The range of the design's sector depends on the height. If a function over a sector with one
+        range was designed, its area is known. Otherwise such a sector has a smaller area, or a
+        smaller range of angle or spin.
         """
         known = self.rectangles.known
         if known is not None:
@@ -230,26 +231,26 @@ class WholeTable(NamedTuple):
 
 
 def _at_bodies(design: CellDesign) -> bool:
-    """Test whether bodies come so near in a design's sector that they may have ended it."""
+    """Test whether bodies come so near in a design's sector that they may limit the sector."""
     return bool(design.body_distance < 2 * design.requested_body_distance)
 
 
 class Straight:
     """Sectors with one range of radius, and the function over the largest that one covers.
 
-    :attr:`design` is that function, designed when it is first read; the rest is known before.
+    :attr:`design` is that function. It is designed when the attribute is first read.
 
     Parameters
     ----------
     fit
         Arguments of the design.
     places
-        The sectors, those with the highest bounds of their worth first.
+        The sectors, in descending order of the upper bounds of their worth.
     limits
         Limits of the function.
     rectangle
         Area of the largest rectangle in a flood without collision, m². If the function covers much
-        less because bodies are near, one that keeps away from bodies is designed, too.
+        less because bodies are near, a second function is designed, which keeps away from bodies.
     """
 
     def __init__(
@@ -265,7 +266,7 @@ class Straight:
 
     @property
     def largest(self) -> float:
-        """Area of the largest of the sectors, m², an upper bound of that of a design; 0 if none."""
+        """Largest area of one of the sectors, m², which no design exceeds; 0 without sectors."""
         return max((area_of(place.cell) for place in self._places), default=0.0)
 
     @property
@@ -275,9 +276,10 @@ class Straight:
 
     @property
     def limits(self) -> Required:
-        """Limits of the function: those given, or with the smaller body distance.
+        """Limits of the function: the given limits, or these with the smaller body distance.
 
-        The latter are used if the given distance leaves too little of the best sector.
+        The smaller body distance is used if the given distance leaves too little of the best
+        sector.
         """
         return self._ranking[1]
 
@@ -306,10 +308,10 @@ class Straight:
         return found
 
     def or_larger(self, other: CellDesign) -> CellDesign:
-        """Return ``other`` if it exceeds the function in both area and worth, else the function.
+        """Return ``other`` if it exceeds the function in area and in worth, else the function.
 
         A quick design shows which part of a sector a function can cover. The function of full
-        accuracy is designed only where this part may have the area or the worth of ``other``.
+        accuracy is designed only if this part may have the area or the worth of ``other``.
         """
         ranked, limits = self._ranking
         if not ranked:
@@ -422,8 +424,8 @@ def whole_table(
 class _LockedSearch:
     """Functions of free joints from the configurations of arms with locked joints.
 
-    Such a function keeps away from bodies, as the locked arm does: with minimum joint speed alone,
-    it would come nearer.
+    Such a function keeps away from bodies, as the locked arm does. A function with minimum joint
+    speed would come nearer to bodies.
 
     Parameters
     ----------
@@ -432,7 +434,7 @@ class _LockedSearch:
     table
         The table.
     locked
-        Floods with locked joints. Those that begin in the middle of a design are added.
+        Floods with locked joints. Floods that begin in the middle of a design are added later.
     line, symmetries
         Axis of the arm, and the joints that alone turn the arm and the tool.
     """
@@ -459,9 +461,9 @@ class _LockedSearch:
     ) -> tuple[CellDesign, LargerArm | None]:
         """Return a design that covers as much as arms with locked joints, if one is found.
 
-        If an arm covers more than the given design, a function is designed from its configurations,
-        and returned if it is larger; else the given design. Return also an arm with locked joints
-        that still covers a larger sector, or None.
+        If an arm with locked joints covers a larger sector than the given design, a function is
+        designed from the configurations of this arm. Return the larger of the two designs. Return
+        also an arm with locked joints that covers a still larger sector, or None.
         """
         self.locked = with_middles(self._table, self.locked, design)
         larger = self.larger(design, limits)
@@ -475,9 +477,11 @@ class _LockedSearch:
     ) -> CellDesign | None:
         """Design from a locked arm before other functions where these would have a collision.
 
-        That is where the quick design of the first of the places ``shaped`` has one, although the
-        configurations of its flood have none. Return None elsewhere, or if the function leaves less
-        than 85 % of the largest rectangle, or less than a sector with one range may have.
+        ``shaped`` are places, the best first. Others would have a collision if the quick design of
+        the first place has one, although the configurations of its flood have none. Return None in
+        three cases: this quick design has no collision; no function is designed; or the function
+        covers less than 85 % of the largest rectangle, or less than a sector with one range may
+        cover.
         """
         quick = shaped[0].design if shaped else None
         if quick is None or quick.body_distance >= 0:
@@ -493,7 +497,7 @@ class _LockedSearch:
         return found if _worth(found) > _AS_GOOD * straight.most else None
 
     def _place(self, larger: LargerArm) -> _Place:
-        """Make the place for a function of free joints from the sector of an arm with locked ones.
+        """Make the place for a function of free joints from the sector of a locked arm.
 
         The bound ``most`` is the area of the sector.
         """
@@ -503,9 +507,9 @@ class _LockedSearch:
 
 
 def _begun(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]:
-    """Add a quick design to the first of the places where the smaller body distance is kept.
+    """Add a quick design to the first of the places, if the smaller body distance is kept.
 
-    There, it shows whether functions of minimum joint speed have a collision.
+    The design shows whether functions of minimum joint speed have a collision.
     """
     if not places or limits.distance != _TIGHT:
         return places
@@ -520,8 +524,8 @@ def _begun(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]
 def _inner_half(place: _Place, design: CellDesign) -> Sector:
     """Return the sector of a place's design with the middle half of its range of angle.
 
-    A locked arm is compared at these angles. The range of angle of a function ends later, where
-    bodies are near.
+    A locked arm is compared with the design at these angles. The whole range would be too wide,
+    because the final sector ends where bodies are near.
     """
     chart = design.function.chart
     assert isinstance(chart.cell, Sector), "a table is a sector"
@@ -535,9 +539,9 @@ def _inner_half(place: _Place, design: CellDesign) -> Sector:
 def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
     """Find middles for a box in floods around the arm: positions (K, 3), m, and Q (K, n).
 
-    On four sides of the arm, they are the nodes around which a flood reaches the largest share of
-    the box, so that the arm reaches most of its poses without a change of branch. The result is
-    empty if no joint turns the whole arm about a vertical axis.
+    On each of four sides of the arm, the middles are the nodes around which a flood reaches the
+    largest share of the box. So the arm reaches most poses of the box without a change of branch.
+    The result is empty if no joint turns the whole arm about a vertical axis.
     """
     task, heights = box.task, (-np.inf, np.inf)
     try:
@@ -568,9 +572,9 @@ def _at_side(
 ) -> tuple[Array, Array]:
     """Turn nodes (K, 2) with configurations Q (K, n) about the arm's axis by an angle, rad.
 
-    The tool turns back, if a joint turns it, so that its orientation is constant. Return the
-    positions (K, 3), m, of the frame and the configurations (K, n) after the turn, whose joints can
-    exceed their limits.
+    If a joint turns the tool, the tool is turned back, so that its orientation is constant. Return
+    the positions (K, 3), m, of the frame and the configurations (K, n) after the turn, whose joints
+    can exceed their limits.
     """
     back = -angle * float(np.sign(table.rotation[2, 2]))
     for one, turn in zip(symmetries, (angle, back), strict=False):
@@ -582,8 +586,8 @@ def _at_side(
 def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float, z: float) -> Array:
     """Evaluate the share of a box around each node that each of S floods reaches: (S, I, J).
 
-    The box has half-widths x (along the radius), y and z, m. The share is that of the nodes with
-    the radii and heights of the box, from the masks ``reached`` (S, I, J).
+    The box has half-widths x (along the radius), y and z, m. The share is the fraction of the nodes
+    with the radii and heights of the box that are True in the masks ``reached`` (S, I, J).
     """
     S, rows, columns = reached.shape
     total = np.zeros((S, rows + 1, columns + 1))
@@ -602,9 +606,10 @@ def _window_shares(table: Table, reached: NDArray[np.bool_], x: float, y: float,
 class _Place(NamedTuple):
     """Sector, and configuration (n,) in its middle, for which a function can be designed.
 
-    ``most`` is an upper bound of its worth, and so of its rating, m². ``window`` is the range of
-    the sector's angle in which bodies keep their distance; None for a whole turn. ``design`` is a
-    quick design, and ``rating`` the rating by it, m². They are None and 0 before.
+    ``most`` is an upper bound of the worth of the sector, and so of its rating, m². ``window`` is
+    the range of the sector's angle in which bodies keep their distance; None for a whole turn.
+    ``design`` is a quick design, and ``rating`` is the rating of this design, m². Before a quick
+    design, they are None and 0.
     """
 
     cell: Cell
@@ -655,7 +660,7 @@ def _places(
     rating: Array,
     sector: Callable[[int, tuple[float, float]], Cell],
 ) -> list[_Place]:
-    """Make the places (sector and configuration in its middle) of the largest ratings, in order.
+    """Make places (a sector, and a configuration in its middle) for the largest ratings, in order.
 
     ``rating`` (K,) has one number per opening; only the best openings give a place. A place is left
     out if its configuration, of ``postures`` (K, n), is near that of a better place. ``sector(k,
@@ -684,7 +689,8 @@ def _place(
     ``q`` (n,) is a configuration in the middle of the sector, and ``most`` an upper bound of the
     sector's rating. ``sector(turns)`` makes the sector, turned about the arm's axis and the tool's
     by the two angles ``turns``, rad. The angles are chosen so that the sector is in the middle of
-    the opening or, if that is a full turn, of the ranges of the joints that turn arm and tool.
+    the opening. If the opening is a full turn, the joints that turn arm and tool are put in the
+    middle of their ranges instead.
     """
     window, at = None, 0.0
     if openings.half[k] < np.pi:
@@ -706,9 +712,9 @@ def _shaped_places(
 ) -> list[_Place]:
     """Choose the best sectors whose range of radius depends on the height, the best first.
 
-    They contain only nodes at which joint speed can meet its limits. ``speeds`` (2, S, I, J) are
-    the minimum squared joint speeds, of a function and then of J⁺. Sectors whose worth is below
-    that of the best one by more than 5 % may be missed.
+    The sectors contain only nodes at which joint speed can meet its limits. ``speeds`` (2, S, I, J)
+    are the minimum squared joint speeds: ``speeds[0]`` of a function, ``speeds[1]`` of J⁺. Sectors
+    whose worth is below that of the best one by more than 5 % may be missed.
     """
     own, usual = speeds[:, openings.flood]
     every = [Between.none()] * len(openings.mask)
@@ -737,9 +743,9 @@ def _best_shape(
 ) -> tuple[CellDesign, Required]:
     """Design the sector of the best shape, whose range of radius may depend on the height.
 
-    ``shaped`` are the sectors, the best first. ``straight``, the largest sector with one range, is
-    designed only where it may be as good. Return also the limits of the design, of which the body
-    distance may be reduced.
+    ``shaped`` are the sectors, the best first. A function over a sector with one range, from
+    ``straight``, is designed only if it may be as good. Return the design and its limits, whose
+    body distance may be reduced.
     """
     if shaped and shaped[0].most > (1 + _BETTER) * straight.most:
         found = _first_design(fit, shaped, limits)
@@ -758,11 +764,12 @@ def _best_shape(
 
 
 def _settled(found: CellDesign, most: float, limits: Required, straight: Straight) -> bool:
-    """Test that no sector with one range is larger, and that a smaller body distance is not needed.
+    """Test that no sector with one range is larger, and no smaller body distance is needed.
 
-    ``straight`` are the sectors with one range. The smaller distance is not needed if ``limits``
-    have it already, if bodies do not come near in ``found``, or if its worth is above 85 % of
-    ``most``, m², an upper bound of the worth of any sector's design.
+    ``straight`` are the sectors with one range. A smaller body distance is not needed if ``limits``
+    have the smaller distance already, if bodies do not come near in ``found``, or if the worth of
+    ``found`` is above 85 % of ``most``, m². ``most`` is an upper bound of the worth of any sector's
+    design.
     """
     larger = _worth(found) > straight.most and area_of(found.cell) > straight.largest
     free = limits.distance < _CLEAR or not _at_bodies(found) or _worth(found) > _MUCH * most
@@ -772,7 +779,7 @@ def _settled(found: CellDesign, most: float, limits: Required, straight: Straigh
 def _larger_design(
     fit: CellFit, places: list[_Place], limits: Required, design: CellDesign
 ) -> CellDesign:
-    """Design the places in turn until one succeeds; return its design if that is larger.
+    """Design the places in turn until a design succeeds; return this design if it is larger.
 
     Otherwise return the given design.
     """
@@ -791,7 +798,8 @@ def _first_design(
 ) -> CellDesign | None:
     """Design the places in turn; return the first design, or None.
 
-    Places, and parts of them, that are not ``useful`` are left out.
+    Places that are not ``useful`` are left out, and a design is not reduced to a part that is not
+    ``useful``.
     """
     for place in places:
         if not useful(place, place.cell):
@@ -807,12 +815,12 @@ def _first_design(
 
 
 def _can_exceed(place: _Place, part: Cell, other: CellDesign) -> bool:
-    """Test whether a design over a part of a place can exceed another in area and in worth."""
+    """Test whether a design over a part of a place can exceed ``other`` in area and in worth."""
     return area_of(part) > area_of(other.cell) and _most_of(place, part) > _worth(other)
 
 
 def _can_equal(place: _Place, part: Cell, other: CellDesign) -> bool:
-    """Test whether a design over a part of a place can equal another in area or in worth."""
+    """Test whether a design over a part of a place can equal ``other`` in area or in worth."""
     return area_of(part) >= area_of(other.cell) or _most_of(place, part) >= _worth(other)
 
 
@@ -827,11 +835,11 @@ def _most_of(place: _Place, part: Cell) -> float:
 def _central(
     task: Task, symmetries: tuple[Symmetry, ...], q: Array, angle: float | None = None
 ) -> tuple[Array, tuple[float, float]]:
-    """Turn the arm, and then the tool, to the middle of the range of the joint that turns it.
+    """Turn the arm, and then the tool, so that the joint that turns it is in mid-range.
 
-    With an ``angle``, rad, the arm is turned by this angle instead. Floods do not check the limits
-    of these joints. Return the configuration (n,), and the angles, rad, by which the frame was
-    turned about the arm's axis, and the tool about its own.
+    If an ``angle``, rad, is given, the arm is turned by this angle instead. Return the
+    configuration (n,) after both turns, and two angles, rad: by which the frame was turned about
+    the arm's axis, and the tool about its own axis.
     """
     q, turns = q.copy(), [0.0, 0.0]
     if angle is not None:
@@ -850,8 +858,8 @@ def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectang
     No function through the configurations of a flood has a lower joint speed than ``G E``, with E =
     ∂x/∂u. G is J⁺, except in the columns of symmetric coordinates, along which one joint moves
     alone. Nodes with the highest joint speed are left out until the mean over the rectangle meets
-    its limit. ``speeds`` (2, S, I, J) are the minimum squared joint speeds at the nodes, of a
-    function first and then of J⁺; NaN outside a flood.
+    its limit. ``speeds`` (2, S, I, J) are the minimum squared joint speeds at the nodes:
+    ``speeds[0]`` of a function, ``speeds[1]`` of J⁺; NaN outside a flood.
     """
     own, usual = speeds[:, openings.flood]
     with np.errstate(invalid="ignore"):
@@ -870,8 +878,8 @@ def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectang
 def _speeds(floods: Floods, cell: Cell) -> Array:
     """Evaluate minimum squared joint speeds in S floods, of a function, then of J⁺: (2, S, I, J).
 
-    No function through the configuration of a node is slower there. Speeds are per unit of task
-    speed along the coordinates of ``cell``; NaN outside a flood.
+    No function with the configuration of a flood at a node has a lower joint speed there. Speeds
+    are per unit of task speed along the coordinates of ``cell``; NaN outside a flood.
     """
     speeds = np.full((2, *floods.reached.shape), np.nan)
     speeds[:, floods.reached] = least_speeds(cell, floods.Q[floods.reached])
@@ -881,8 +889,9 @@ def _speeds(floods: Floods, cell: Cell) -> Array:
 def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
     """Evaluate the extra joint speed over one rectangle per opening: (K,).
 
-    It is the rms joint speed of a function relative to that of J⁺, minus 1. ``found`` has the
-    rectangles; ``own`` and ``usual`` are (K, I, J).
+    This is the rms joint speed of a function relative to that of J⁺, minus 1. ``found`` has the
+    rectangles. ``own`` and ``usual`` (K, I, J) are the squared joint speeds of the function and of
+    J⁺.
     """
     extra = np.zeros(len(own))
     for k, ((i, j), (i_end, j_end)) in enumerate(zip(found.first, found.last + 1, strict=True)):
@@ -896,7 +905,8 @@ def _ranked(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place
 
     The rating is that of the part of the sector in which the design meets the limits. A place that
     cannot be more than 20 % better than the best so far keeps the rating 0, without a design. A
-    place whose configuration does not lead to its middle is left out.
+    place is left out if inverse kinematics does not lead from its configuration to the middle of
+    its sector.
     """
     ranked: list[_Place] = []
     for place in places:
@@ -938,9 +948,9 @@ def _farther_from_bodies(
 ) -> CellDesign | None:
     """Design a function that keeps away from bodies; return it if it is better, else ``design``.
 
-    The given ``design``, if there is one, was made for minimum joint speed only, and its sector
-    ends at bodies. The better one has the larger worth. The function is not designed over parts of
-    the place that are not ``useful``.
+    The given ``design``, or None, was made for minimum joint speed only, and its sector ends at
+    bodies. The better design is that with the larger worth. The function is not designed over parts
+    of the place that are not ``useful``.
     """
     place = place._replace(design=None)
     other = _first_design(_away(fit, limits), [place], limits, useful)
@@ -950,14 +960,14 @@ def _farther_from_bodies(
 
 
 def _away(fit: CellFit, limits: Required) -> CellFit:
-    """Return the arguments ``fit`` with twice the body distance of ``limits`` to keep."""
+    """Return ``fit`` with a body distance to keep that is twice that of ``limits``."""
     return replace(fit, body_distance=_AWAY * limits.distance)
 
 
 def _worth(design: CellDesign) -> float:
     """Rate a final design: the area of its sector, m², times (1 + s) / 2.
 
-    s is the fraction of a full turn that the angle or the spin covers: the smaller one.
+    s is the smaller of two fractions of a full turn: those that the angle and the spin cover.
     """
     cell = design.cell
     turns = [cell.widths[one.coordinate] / np.pi for one in design.function.chart.cell.removed]
@@ -967,7 +977,7 @@ def _worth(design: CellDesign) -> float:
 def _failed(ranked: list[_Place], limits: Required) -> str:
     """Write why the first place with a quick design fails; the text completes an error message.
 
-    It is empty if no place has a quick design.
+    The text is empty if no place has a quick design.
     """
     design = next((place.design for place in ranked if place.design is not None), None)
     if design is None:
@@ -984,9 +994,10 @@ def _failed(ranked: list[_Place], limits: Required) -> str:
 def _rating(cell: Cell, design: CellDesign | None, limits: Required) -> float:
     """Rate a quick design by area, range around the arm, body distance and joint speed, m².
 
-    It is the area, times 0.5 to 1 for the range of angle and spin, divided by 1 plus the extra
-    joint speed. Where bodies are too near, the sector is reduced later, so the rating is 10 %
-    lower, or 15 % with a collision. Without a design, the rating is half of the area.
+    The rating is the area, times a factor from 0.5 to 1 for the range of angle and spin, divided by
+    1 plus the extra joint speed. Where bodies are too near, the sector is reduced later, so the
+    rating is 10 % lower, or 15 % with a collision. Without a design, the rating is half of the
+    area.
     """
     if design is None:
         return 0.5 * area_of(cell)
@@ -1009,8 +1020,8 @@ def _turns(
 ) -> Array:
     """Rate the range around the arm of one rectangle per opening: (1 + s) / 2, (K,).
 
-    s is the smallest of three fractions of a full turn: that of the window, and those that are left
-    to the angle and the spin by the ranges of their joints. ``found`` has the rectangles.
+    s is the smallest of three fractions of a full turn: the width of the window, and the ranges
+    that the limits of the joints leave to the angle and to the spin. ``found`` has the rectangles.
     """
     task, share = table.task, openings.half / np.pi
     for k, flood in enumerate(openings.flood):
@@ -1023,8 +1034,9 @@ def _turns(
 def _turn_share(task: Task, symmetries: tuple[Symmetry, ...], Q: Array, share: float) -> float:
     """Return the fraction of a full turn that is left to the angle and the spin, at most ``share``.
 
-    What is left is the range of the joint that turns the arm or the tool, minus its variation over
-    the configurations Q (K, n). The smaller fraction counts.
+    For the angle, what is left is the range of the joint that turns the arm, minus the variation of
+    this joint over the configurations Q (K, n); for the spin, the same holds for the joint that
+    turns the tool. The smaller fraction is returned.
     """
     for one in symmetries:
         left = task.upper[one.joint] - task.lower[one.joint] - np.ptp(Q[:, one.joint])
@@ -1035,7 +1047,8 @@ def _turn_share(task: Task, symmetries: tuple[Symmetry, ...], Q: Array, share: f
 def _symmetries(task: Task) -> tuple[Array, tuple[Symmetry, ...]]:
     """Find the vertical axis (2, 3) about which a joint turns the whole arm, and the symmetries.
 
-    These are one or two: that of the arm and, in a pose task, that of the tool.
+    The symmetries are that of the arm and, in a pose task whose tool a joint turns, that of the
+    tool.
 
     Raises
     ------
@@ -1076,7 +1089,8 @@ class _Openings(NamedTuple):
     mask : (K, I, J) array of bool
         Nodes of the flood at which bodies are apart at all these angles.
     clear : (L, I, J) array of bool
-        For each of L floods that were tested, nodes at which bodies are apart at some angle.
+        For each of the L floods that were tested, the nodes at which bodies are apart at one or
+        more angles.
     """
 
     flood: NDArray[np.intp]
@@ -1099,7 +1113,8 @@ def _best_clear(
 
     1 mm is chosen if the best worth with 5 mm is below 85 % of that with 1 mm. The worth of an
     opening is that of its largest rectangle, in units of the spacing squared. ``bound`` (S,) is the
-    worth of each flood without regard to bodies, in the same unit, which no opening exceeds.
+    worth of each flood without regard to bodies, in the same unit; no opening of the flood exceeds
+    it.
     """
     known: dict[int, Shut] = {}
     wide = _opened(table, floods, bound, _CLEAR, symmetries, known)
@@ -1121,10 +1136,11 @@ def _opened(
 ) -> _Openings:
     """Find the best openings of floods, up to three per flood, in which bodies keep a distance, m.
 
-    The test of bodies is slow, so floods are left out that can have neither a better worth than
-    others nor a larger rectangle. ``bound`` (S,) is the worth of each flood without bodies, in
-    units of the nodes' spacing squared. ``known`` has results for a larger distance by number of
-    the flood, whose free nodes are not tested again; those of this call replace them.
+    The test of bodies is slow, so a flood is left out if its openings can have neither a better
+    worth nor a larger rectangle than those found before. ``bound`` (S,) is the worth of each flood
+    without bodies, in units of the nodes' spacing squared. ``known`` has results for a larger
+    distance, by number of the flood; nodes that are free in these results are not tested again. The
+    results of this call replace them in ``known``.
     """
     parts: list[list[Any]] = []
     clear: list[NDArray[np.bool_]] = []
@@ -1185,7 +1201,7 @@ def _sector(
     turns: tuple[float, float] = (0.0, 0.0),
     found: Between | None = None,
 ) -> Cell:
-    """Make the sector between the nodes ``first`` and ``last``, with the range "all" of its angle.
+    """Make the sector between the nodes ``first`` and ``last``; its angle has the range "all".
 
     If a joint turns the tool, the range of the spin is "all", too. The middle of the sector is
     turned by two angles, ``turns``, rad: about the arm's axis, and about the tool's approach axis.
@@ -1220,7 +1236,7 @@ def _shaped_sector(
     """Make the sector between two polynomials of the height.
 
     Its middle is turned by two angles, ``turns``, rad: about the arm's axis, and about the tool's z
-    axis. At the angles 0 the orientation is that of the table.
+    axis. If both angles are 0, the orientation is that of the table.
     """
     first, last = (np.array([0, j]) for j in (found.first, found.last))
     return _sector(table, line, symmetries, first, last, turns, found)

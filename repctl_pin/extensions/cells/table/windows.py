@@ -81,7 +81,7 @@ class Windows(NamedTuple):
     middle, half : (W,) arrays
         Middle and half-width of the angle, rad; the half-width of a whole turn is π.
     mask : (W, I, J) array of bool
-        Nodes of the flood that are free of collisions at every angle.
+        Nodes of the flood that are free of collisions at every angle of the window.
     """
 
     middle: NDArray[Any]
@@ -92,11 +92,11 @@ class Windows(NamedTuple):
 def shut(table: Table, flood: Array, distance: float, farther: Shut | None = None) -> Shut:
     """Find where bodies are nearer than a distance, m, at the nodes of a flood (I, J, n).
 
-    The masks of the result are (M, I, J), for M even angles around the arm from 0 on; ``out`` is
-    True beyond the limits of the joint that turns the arm. Pairs of bodies that do not move
-    relative to each other when the arm turns are tested once per node. The other pairs are tested
-    at each angle, at one node per block of nodes. ``farther`` is the result for a larger distance,
-    if there is one: nodes at which bodies keep that distance are not tested again.
+    The masks of the result are (M, I, J), for M equally spaced angles around the arm, beginning at
+    0; ``out`` is True beyond the limits of the joint that turns the arm. Pairs of bodies that do
+    not move relative to each other when the arm turns are tested once per node. The other pairs are
+    tested at each angle, at one node per block of nodes. ``farther`` is a previous result for a
+    larger distance, or None: nodes at which bodies keep the larger distance are not tested again.
     """
     found = Shut(*np.ones((2, _ANGLES, *table.shape), bool))
     on = np.argwhere(np.isfinite(flood[..., 0]))
@@ -119,11 +119,11 @@ def free_nodes(
 ) -> NDArray[np.bool_]:
     """Find the nodes (I, J) of a flood at which bodies keep a distance at all angles of a range.
 
-    ``angles`` are the first and the last, rad, and ``enough`` is a function that tells of a mask
-    (I, J) of nodes whether it is still of use. Angles beyond the limits of the joint that turns the
-    arm are left out; a node with no other angle is False. A node at which bodies are near at one
-    angle is not tested at others. If the nodes that are left are not ``enough``, the search ends,
-    and the result can have too many.
+    The range is from the first to the last of the two ``angles``, rad. Angles beyond the limits of
+    the joint that turns the arm are left out; a node with no other angle is False. One angle is
+    tested after the other; a node at which bodies are near at one angle is not tested again.
+    ``enough(mask)`` tells whether the nodes of a mask (I, J) are still of use. If the remaining
+    nodes are not, the search ends early, and the result can contain nodes at which bodies are near.
     """
     on = np.argwhere(np.isfinite(flood[..., 0]))
     nodes = _Nodes(table, flood[on[:, 0], on[:, 1]], on, distance, np.ones(len(on), bool))
@@ -141,10 +141,10 @@ def free_nodes(
 
 
 def _within(angles: tuple[float, float]) -> NDArray[np.bool_]:
-    """Test which of M even angles of a turn are in a range (first angle, last angle), rad: (M,).
+    """Test which of M equally spaced angles are in a range (first angle, last angle), rad: (M,).
 
-    Angles differ by full turns without effect, so a range may contain half a turn. An angle within
-    half a spacing outside the range counts, too. M is ``_ANGLES``.
+    Angles are compared up to full turns, so a range may contain the angle π. An angle outside the
+    range by at most half the spacing also counts. M is ``_ANGLES``.
     """
     half = (angles[1] - angles[0]) / 2
     away = STEP * np.arange(_ANGLES) - sum(angles) / 2
@@ -194,7 +194,7 @@ class _Nodes:
     def out(self, k: int) -> NDArray[np.bool_]:
         """Test where the joint that turns the arm is beyond its limits at the angle k: (K,).
 
-        k is the number of the angle, from 0 to M − 1, of M even angles around the arm.
+        k is the number of the angle, from 0 to M − 1, among M equally spaced angles around the arm.
         """
         task, joint = self._table.task, self._table.around.joint
         Q = turned(task, self._Q, self._table.around, STEP * k)
@@ -203,8 +203,8 @@ class _Nodes:
     def near(self, k: int, doubtful: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Test where bodies are near at the angle k, from 0 to M − 1, of M around the arm: (K,).
 
-        Neighbouring nodes form a block, of which one node is tested. A block without a ``doubtful``
-        (K,) node is taken for free.
+        Neighbouring nodes form a block, of which one node is tested. ``doubtful`` (K,) is True for
+        nodes that need a test; a block without such a node counts as not near.
         """
         closed = np.zeros(len(self._first), bool)
         closed[self._block[doubtful[~self.always]]] = True
@@ -216,10 +216,11 @@ class _Nodes:
 
 
 def windows(there: Shut) -> Windows:
-    """List the windows that the masks ``there`` leave; of those with equal nodes, only the widest.
+    """List the windows of a flood, given its masks ``there``.
 
-    A window of a whole turn leaves out angles beyond the limits of the joint that turns the arm.
-    All angles of a narrower window are inside these limits.
+    Among windows with equal nodes, only the widest is listed. A window of a whole turn ignores
+    angles beyond the limits of the joint that turns the arm. At its nodes, all angles of a narrower
+    window are inside these limits.
     """
     rows = [np.arange(_ANGLES)]
     masks = [~(there.near & ~there.out).any(axis=0) & ~there.out.all(axis=0)]
