@@ -82,11 +82,12 @@ def bound_leaf_margin(
 class _Search:
     """State of branch and bound: undecided boxes, and the smallest bounds over all decided boxes.
 
-    ``low``, ``high``, ``bound``, ``sigma`` and ``split`` have one row per undecided box. They are
-    its lower and upper corner, the bounds of the leaf margin and of σ_min(J) on it, and the joint
-    along which to halve it, −1 before its evaluation. ``upper`` is the smallest leaf margin at the
-    centre of any box so far. ``reason`` says why the search stopped; it is empty while the search
-    runs. A box is named by its centre and half-widths, Q ± half.
+    ``low``, ``high``, ``bound``, ``sigma`` and ``split`` have one row per undecided box: the lower
+    corner, the upper corner, the bounds of the leaf margin and of σ_min(J) on the box, and the
+    joint along which to halve the box. ``split`` is −1 for boxes that were not evaluated yet.
+    ``upper`` is the smallest leaf margin at the centre of any box so far. ``reason`` says why the
+    search stopped; it is empty while the search runs. A box is named by its centre and half-widths,
+    Q ± half.
     """
 
     def __init__(
@@ -220,9 +221,9 @@ class _Search:
     def proof(self) -> Proof:
         """Return the proof with the smallest bounds over all boxes, decided or not.
 
-        If the search stopped early, the proof has the reason. Its box ``worst`` ± ``half`` is the
-        box that misses the goal or cannot be halved; if there is no such box, the box with the
-        smallest bound.
+        If the search stopped early, the proof has the reason. The box ``worst`` ± ``half`` of the
+        proof is the box that misses the goal or cannot be halved; if there is no such box, the box
+        with the smallest bound.
         """
         bound, sigma = self.decided, self.settled_sigma
         worst = self.at_least_bound

@@ -102,7 +102,7 @@ class CellBounds:
         to be the only solution; −1 where no d* was proved.
     Q, reach : (K, n) arrays
         Centres and half-widths, rad or m, of boxes of joints. On each box of poses, F(u) lies in
-        the box of joints; NaN where F was not proved to exist.
+        the corresponding box of joints. NaN where F was not proved to exist.
     """
 
     leaf_margin: Array
@@ -164,7 +164,7 @@ class CellProof:
 
     @property
     def near(self) -> Array:
-        """Largest distance d* from c within which F may be proved to be unique: (n,)."""
+        """Largest of the distances d* from c that are tried: (n,)."""
         return np.asarray(self.distances[0])
 
     def center(self, points: Points) -> Array:
@@ -365,7 +365,8 @@ class _Correction:
 
     Between the nodes, Δ is linear along each coordinate, so c is continuous. Where J is nearly
     singular, F can differ from the polynomial q_ref by 0.2 rad, and a second solution can be near
-    F. F is then the only solution near c, but not the only solution near q_ref.
+    F. The distance of F from c is smaller, so that a neighbourhood of c contains F but no second
+    solution.
 
     Attributes
     ----------
@@ -449,10 +450,10 @@ def _nested(found: Array) -> Array:
 def limits_of(cell: Cell) -> tuple[Array, Array]:
     """Return the joint limits (lower, upper) that F of a cell must keep, (n,) each, rad or m.
 
-    If a single joint moves the frame along a coordinate of a sector, F may leave that coordinate
-    out. The limits of this joint are then narrowed by the half-width of the coordinate, so that the
-    joint can still move the frame along the coordinate. If the coordinate has the range ``"all"``,
-    which ends at the joint's limits, the result has −inf and inf for this joint.
+    If F leaves out a coordinate of a sector, because a single joint moves the frame along it, the
+    limits of this joint are narrowed by the half-width of the coordinate, so that the joint can
+    still move the frame along the coordinate. If the coordinate has the range ``"all"``, which ends
+    at the joint's limits, the result has −inf and inf for this joint.
     """
     lower, upper = cell.task.lower, cell.task.upper
     lower, upper = lower.copy(), upper.copy()
@@ -469,9 +470,9 @@ def limits_of(cell: Cell) -> tuple[Array, Array]:
 class _Polynomials:
     """The polynomials q_ref and n_ref of a chart, prepared for expansion to degree 3 on boxes.
 
-    The last axis of the arrays holds q_ref, then the r columns of n_ref. ∂^α p is the derivative of
-    such a polynomial p(u). The tuple α has one exponent per coordinate of u, and α! is the product
-    of their factorials.
+    The last axis of the arrays holds q_ref, then the r columns of n_ref. p(u) is one of these
+    polynomials: an entry of q_ref or n_ref. ∂^α p is a derivative of p. The tuple α has one
+    exponent per coordinate of u, and α! is the product of their factorials.
 
     Attributes
     ----------

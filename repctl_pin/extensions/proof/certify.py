@@ -278,10 +278,11 @@ def _of_region(
 def _with_singularity(
     found: Proof, design: Design, region: Region, report: reporting.Report
 ) -> Proof:
-    """Return a failed proof, with the singularity as its reason if signs of det J_V prove one.
+    """Return a failed proof, with a singularity as its reason if a search finds one.
 
-    J_V is the task Jacobian stacked on the gradients of the potentials. If no two configurations
-    with opposite signs of its determinant are found, the proof is returned unchanged.
+    J_V is the task Jacobian stacked on the gradients of the potentials. If the search finds two
+    configurations at which det J_V has opposite signs, a singularity is between them, and becomes
+    the reason. Otherwise, the proof is returned unchanged.
     """
     task, field = design.task, design.inverse.potentials
     if isinstance(region, WorkspaceBox):
@@ -369,11 +370,11 @@ def _determinants(task: Task, field: Potentials, Q: Array) -> Array:
 
 
 def _without(design: Design, region: Region, share: float, report: reporting.Report) -> str:
-    """Write which share of Ω's width is proved to have no singularity; empty if none is.
+    """Write to which share of its width Ω can be shrunk to have, provably, no singularity.
 
     The text ends a sentence. ``share`` is the factor by which Ω is scaled such that a known
     singularity is on its boundary. Ω is scaled by 0.95, 0.8, 0.6 and 0.4 times this factor, one
-    after the other, until a proof succeeds.
+    after the other, until a proof succeeds. If none succeeds, the text is empty.
     """
     task, field = design.task, design.inverse.potentials
     for part in (0.95, 0.8, 0.6, 0.4):

@@ -1,11 +1,12 @@
 """Serial chain of a task, extended by virtual joints so that its task is a pose.
 
 A task with fewer than six coordinates leaves motions of the frame free. Each free motion is
-represented by a virtual joint, which does not move. The rotation of a position task has three
-revolute joints at the tool, an axis task has one. Each position coordinate that is not controlled
-has a prismatic joint at the base. A twist is a velocity (v, ω), linear part first. The screws of
-all joints, which are twists per unit of joint speed, are the columns of a (6, N) matrix. The null
-space of this matrix, restricted to the first n entries, is the null space of J.
+represented by a virtual joint, which does not move. For a position task, which leaves the rotation
+free, there are three revolute virtual joints at the tool. For an axis task, there is one. For each
+position coordinate that is not controlled, there is a prismatic virtual joint at the base. A twist
+is a velocity (v, ω), linear part first. The screws of all joints, which are twists per unit of
+joint speed, are the columns of a (6, N) matrix. The null space of this matrix, restricted to the
+first n entries, is the null space of J.
 
 ``Chain`` is a serial chain of joints, with the screws (twists per joint speed) in the frame of a
 middle link.

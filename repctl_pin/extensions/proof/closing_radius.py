@@ -64,7 +64,7 @@ def closing_radius(
     path
         Closed path along which to prove the radius; None for the surroundings of the start.
     ratio
-        Rotation within the radius per distance within it, rad per m.
+        Radians per metre of the radius; 0 for paths of constant orientation.
     goal
         Radius, m, at which the search may stop; None for the largest radius.
     seconds
@@ -116,10 +116,10 @@ def closing_radius(
 def _at_start(
     design: Design, problem: LeafMarginProblem, start: Array, leaf: float, region: Region
 ) -> Enclosure:
-    """Enclose in boxes the configurations at the start's pose whose levels differ little.
+    """Enclose in boxes the configurations with the start's pose and nearly the start's levels.
 
-    ``start`` (n,) is the start. ``leaf`` is the maximum difference of each level from that at the
-    start. If it is 0, the only box is the start itself.
+    ``start`` (n,) is the start. ``leaf`` is the maximum difference of each level from its value at
+    the start. If ``leaf`` is 0, the only box is the start itself.
     """
     if leaf == 0:
         return Enclosure(start[None], np.zeros((1, design.task.n)), True, "")
@@ -176,7 +176,7 @@ def _edge(task: Task, places: Places, found: Reach) -> str:
 
 
 def _start(design: Design, region: Region, path: ClosedPath | None) -> Array:
-    """Choose the configuration (n,) around which, or from which on, a closing radius is proved.
+    """Choose the configuration (n,) around which a closing radius is proved, or a path begins.
 
     The result is the start of the design's own cycle if it is inside Ω, the region of joint space
     to prove over. Otherwise it is the centre of Ω or, for a path in a tube, the sample of the tube

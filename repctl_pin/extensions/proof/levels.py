@@ -55,9 +55,9 @@ def level_boxes(
     ``start`` (n,) is the start, and ``most`` is γ, the largest change of each level. The cells
     become smaller until each is proved, and its box is inside Ω: ``clearance(Q)`` bounds how far
     each joint may move within Ω from Q (K, n), rad or m. In the result, each row of Q is the
-    configuration in the middle of one cell, and ``half`` bounds the distance of F(x₀, c) from it.
-    Successive rows are neighbouring cells. If some cell cannot be proved, the result has a reason,
-    and its Q has the start as its only row.
+    configuration in the middle of one cell. The same row of ``half`` bounds the distance of F(x₀,
+    c) from this configuration for all levels c of the cell. Successive rows are neighbouring cells.
+    If some cell cannot be proved, the result has a reason, and its Q has the start as its only row.
     """
     r = inverse.task.r
     why = f"levels within {most:g} of the start's"
