@@ -278,9 +278,9 @@ _MEANING = (
 
 
 def _remedy(error: rp.NoFunctionError, asked: _Asked) -> str:
-    """Write the remedy for a cell ``asked`` for that no function covers, with command-line options.
+    """Write, with command-line options, the remedy for a cell that no function covers.
 
-    The remedy in ``error`` itself names arguments of the Python function.
+    ``asked`` has the cell. The remedy in ``error`` itself names arguments of the Python function.
     """
     if error.fits <= 0:
         remedy = "no smaller cell around this middle works either, so move it with --at, or choose "
@@ -307,7 +307,7 @@ class _Asked(NamedTuple):
     start_is : str
         How the start was found, such as ``as given`` or ``the reference pose``.
     crowded : bool
-        True if the cell fits at none of the default starts, so that the best of them was taken.
+        True if the cell fits at none of the default starts; the start is then the best of these.
     placed : tuple of str
         Notes on a cell whose place was searched for: the place, the cause that prevents a larger
         cell, and the approach axis of the tool.
@@ -482,7 +482,7 @@ def _approach_note(place: rp.BestCell) -> list[str]:
 
 
 def _oriented_task(options: Options) -> rp.Task:
-    """Make the requested task; without ``--task`` and ``--size``, one that fixes the approach axis.
+    """Make the task of ``--task``; without it and ``--size``, a task that fixes the approach axis.
 
     A task that fixes the approach axis is a pose task if the arm has more than 6 joints, else an
     axis task, which commands the position and the direction of the tool.
@@ -535,7 +535,7 @@ _DEFAULTS = {
 
 
 def _require_one_shape(options: Options) -> None:
-    """Raise an InputError if options exclude each other, or none gives the shape of the cell."""
+    """Raise an InputError if two options are mutually exclusive, or no option shapes the cell."""
     said = vars(options) | {"path": options.path or options.plane}
 
     def given(name: str) -> bool:

@@ -517,8 +517,7 @@ def tour(cell: Cell) -> TaskPath:
         """Evaluate the frame's velocities (v, ω), per m or rad along each coordinate: (6, k).
 
         The pose has the coordinates U (1, k). The velocities are in base axes, and column i is the
-        velocity per m or rad along the coordinate u_i. (A change of u_i by 1 is its half-width in m
-        or rad.)
+        velocity per m or rad along the coordinate u_i.
         """
         return cell._frame_twists(cell.spread(U))[0][:, moved]
 

@@ -135,7 +135,7 @@ class _BodiesFile(Part):
 
     ``shapes`` is a hash. ``places`` has one number for each of four fixed configurations; the
     numbers change if any body is placed elsewhere. If the bodies have changed since the file was
-    written, its body distance is dropped.
+    written, the body distance in the file is dropped.
     """
 
     shapes: str
@@ -147,7 +147,7 @@ class _CellFigures(Part):
 
     A margin is null without joint limits, and ``body_distance`` is null without collision bodies.
     Figures with a default are missing in older files. The leaf margin is stored as
-    ``least_leaf_margin``. In older files, ``leaf_margin`` is a different figure; it is not read.
+    ``least_leaf_margin``. In older files, ``leaf_margin`` is a different figure, which is not read.
     """
 
     cost: float
@@ -177,11 +177,11 @@ class _CellFile(Sealed):
     ``placement`` (4, 4) is the pose in the middle of the cell, ``widths`` (m,) are the half-widths
     of the cell's coordinates. ``coefficients`` (N, n, 1 + r) are the coefficients of the
     polynomials q_ref and n_ref in the N monomials of u up to the ``degree``. ``bodies`` is the
-    fingerprint of the collision bodies; older files lack it, as do files without a known body
-    distance. ``desired`` is the inverse to which ∂F/∂x is near, and ``posture`` (n,) the
+    fingerprint of the collision bodies. Older files, and files without a known body distance, do
+    not have this key. ``desired`` is the inverse to which ∂F/∂x is near, and ``posture`` (n,) the
     configuration in the middle. ``degrees`` are the degrees that were tried, with their costs;
-    ``sector`` are the coordinates of a sector. The other keys are numbers of the fit and what was
-    requested, as in :class:`CellDesign`.
+    ``sector`` are the coordinates of a sector. The other keys are numbers of the fit, and requested
+    minima of the margins, as in :class:`CellDesign`.
     """
 
     desired: Desired

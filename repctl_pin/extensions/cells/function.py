@@ -282,15 +282,15 @@ class InverseFunction:
 
     @cached_property
     def inverse(self) -> RepeatableInverse:
-        """Controller ``q̇ = ∂F/∂x ẋ``, whose leaf c = 0 is F; its region Ω is the cell."""
+        """Controller ``q̇ = ∂F/∂x ẋ`` with the region Ω of the cell; its leaf c = 0 is F."""
         return RepeatableInverse(self.task, CellPotentials(self.chart))
 
     def with_tool(self, placement: Placement) -> ToolFunction:
         """Create the function of another tool on the same body: ``F'(x) = F(x T⁻¹)``, exactly.
 
-        The new function has values at the poses x T with x in the cell. It cannot be saved or
-        exported; save and export this function, and let the robot's program multiply poses of the
-        tool by T⁻¹.
+        The new function has values at the poses x T with x in the cell. The new function cannot be
+        saved or exported; save and export this function, and let the robot's program multiply poses
+        of the tool by T⁻¹.
 
         Parameters
         ----------
@@ -348,8 +348,8 @@ class InverseFunction:
         elbow : (3,) array
             Point p_e for the elbow, in the base frame, m.
         link
-            Link whose origin is the elbow. By default, the elbow is the origin of the joint in the
-            middle of the arm that moves most in self-motions.
+            Link whose origin is the elbow. By default, the elbow is the joint origin that moves
+            most in self-motions, among the joints in the middle of the arm.
         margin
             Distance to keep from the joint limits, rad or m.
         """

@@ -105,7 +105,7 @@ class ToolFunction:
         return Q
 
     def pose_and_leaf(self, Q: ArrayLike) -> tuple[Array, Array]:
-        """Compute the tool's pose X (K, 4, 4) at each configuration, and its level c (K, r).
+        """Compute the tool's poses X (K, 4, 4) and the levels c (K, r) of K configurations.
 
         Q (K, n) are configurations; X are homogeneous matrices. The level is NaN where the pose of
         the frame lies outside the cell.

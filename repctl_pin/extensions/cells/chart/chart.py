@@ -153,7 +153,8 @@ class Chart:
                   - (\partial n_{ref}^T)(q - q_{ref}) \right] \frac{\partial u}{\partial x} J
 
         ∂ is the derivative with respect to u and the l coordinates that symmetries remove from u;
-        the latter columns of ∂q_ref are :attr:`Cell.along`, those of ∂n_ref are 0.
+        for these l coordinates, the columns of ∂q_ref are :attr:`Cell.along`, and the columns of
+        ∂n_ref are 0.
 
         Parameters
         ----------
@@ -314,7 +315,7 @@ class Chart:
         E: Array | None = None,
         slopes: tuple[Array, Array] | None = None,
     ) -> tuple[Array, Array]:
-        r"""Evaluate the derivatives of a function q = F(u, s(u)) at configurations on it.
+        r"""Evaluate the derivatives of a function q = F(u, s(u)) at K of its configurations.
 
         For the function of the chart, s = 0. ∂ is the derivative with respect to u and the l
         symmetric coordinates; E = ∂x/∂u. The two equations of the chart, f(q) = x(u) and

@@ -167,7 +167,7 @@ class Evaluation:
 
     @property
     def covered(self) -> str:
-        """Coverage as text: ``100 %`` only if no evaluated pose fails, collisions apart."""
+        """Coverage as text: ``100 %`` only if no evaluated pose fails, except for collisions."""
         if self.everywhere:
             return "100 %"
         if self.coverage == 1.0:

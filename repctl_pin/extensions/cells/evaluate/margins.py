@@ -95,8 +95,9 @@ _FARTHER = 0.01
 class Quantity(ABC):
     """A quantity that :func:`searched` minimises over the cell of a function.
 
-    Subclasses are kinds of margins, and joint speeds relative to the desired inverse. They define
-    :meth:`least`, its value at given points, and :meth:`slope` where its derivatives are known.
+    Subclasses are kinds of margins, and joint speeds relative to the desired inverse. A subclass
+    defines :meth:`least`, the value of the quantity at given points, and :meth:`slope` if the
+    derivatives of the quantity are known.
     """
 
     @abstractmethod

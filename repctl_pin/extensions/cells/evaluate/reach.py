@@ -210,7 +210,7 @@ class Grown(NamedTuple):
 
 
 def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Draw K = ``count`` random configurations; return K positions (K, 3), m, and these K (K, n).
+    """Draw K = ``count`` random configurations; return positions (K, 3), m, and all q (K, n).
 
     The positions are those of the frame; a box of poses is then grown around each. If the task does
     not command a coordinate of the position, that coordinate is taken from the middle of ``box``.
@@ -224,7 +224,7 @@ def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array
 
 
 def grown(box: Cell, p: Array, Q: Array) -> Grown:
-    """Grow a box around positions p (K, 3), m, to find how much of it the arm reaches there.
+    """Grow a box around each of the positions p (K, 3), m, as far as the arm reaches the box.
 
     ``box`` gives the full size and the orientation. Inverse kinematics of the positions starts at Q
     (K, n). Positions that are not reached inside the joint limits are left out of the result. J⁺
@@ -266,8 +266,8 @@ def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, 
     """Evaluate how well configurations Q (K, n) reach poses p (K, 3), m, and R (K, 3, 3).
 
     ``box`` has the task, and the coordinates in which task errors are measured; the poses need not
-    lie in it. Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and whether J has full
-    rank and all joints are within their limits: (K,), True or False.
+    lie in ``box``. Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and whether J has
+    full rank and all joints are within their limits: (K,), True or False.
     """
     p_now, R_now, J = placed(box.task, Q)
     G, s = inverses(J)

@@ -2,13 +2,13 @@
 
 A single joint moves the frame along such a coordinate, so the function is designed without it; the
 coordinate is then removed from the coordinates u of a pose, which go from −1 to 1. The range of the
-coordinate ends at the limits of that joint. If its range is given as ``"all"``, it ends nowhere
-else. Every range that is a number is the full width of the range, from end to end, rad. A pose is
-covered if the function has a configuration there inside the joint limits. A sector is a cell in
-cylindrical coordinates, numbered from 0: radius, angle and height about an axis, two tilts of the
-tool, and its spin. A chart is the pair of polynomials of u in which the function is written: q_ref
-approximates its configurations, n_ref the null space of J. K poses are the rows of U (K, k). n is
-the number of joints, m that of task coordinates.
+coordinate ends at the limits of that joint. A range that is given as ``"all"`` ends nowhere else.
+Every range that is a number is the full width of the range, from end to end, rad. A pose is covered
+if the function has a configuration there inside the joint limits. A sector is a cell in cylindrical
+coordinates, numbered from 0: radius, angle and height about an axis, two tilts of the tool, and its
+spin. A chart is the pair of polynomials of u in which the function is written: q_ref approximates
+its configurations, n_ref the null space of J. K poses are the rows of U (K, k). n is the number of
+joints, m that of task coordinates.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses,
@@ -64,10 +64,11 @@ class Turn:
         99 % of the covered poses.
     price : float
         Extra joint speed that the requested range costs: that of the function, minus that of a
-        function designed for the range ``"all"``; 0.05 is 5 % of the joint speed of G_d. 0 if the
-        latter was not designed.
+        function designed for the range ``"all"``; 0.05 is 5 % of the joint speed of G_d. 0 if no
+        such function was designed.
     unasked : float
-        ``reach`` of the function designed for the range ``"all"``, rad; NaN if it was not designed.
+        ``reach`` of the function designed for the range ``"all"``, rad; NaN if no such function was
+        designed.
     covered : float
         Fraction of 4096 sampled poses that the function covers, without regard to the limits of the
         joints of symmetric coordinates; NaN in older files.
@@ -75,7 +76,7 @@ class Turn:
         Range in which the joint stays within its limits at the fraction ``covered`` of the covered
         poses, rad; NaN in older files.
     bodies : str
-        Links that collide beyond the range; empty if the joint's limits end it.
+        Links that collide beyond the range; empty if the range ends at the joint's limits.
     """
 
     coordinate: str

@@ -163,10 +163,10 @@ class CellFit:
     def good(self, found: _Found, *, bodies: bool = True) -> bool:
         """Test whether a design covers the whole cell, far enough from limits and at a low cost.
 
-        The limit margin must be at least 40 % of the requested one, the extra joint speed below 2
-        %, and a coordinate with the range ``"all"`` must have 90 % of its joint's range. ``found``
-        can also be a tuple of reasons for failure; the result is then False. With ``bodies=False``,
-        collisions are allowed.
+        The limit margin must be at least 40 % of the requested margin, the extra joint speed below
+        2 %, and a coordinate with the range ``"all"`` must have 90 % of its joint's range.
+        ``found`` can also be a tuple of reasons for failure; the result is then False. With
+        ``bodies=False``, collisions are allowed.
         """
         coverage, everywhere, separate, margin, *_ = _rank(found, self.limit_margin)
         kept = (coverage, everywhere, separate or not bodies, margin)

@@ -126,8 +126,8 @@ def nearest_inverse_function(
         of the configurations that a search finds there.
     degree
         Degree of s. ``"auto"`` raises the degree from 1, as far as the number of unknowns allows.
-        It stops when no higher degree is predicted to lower the cost by 5 %, or the extra joint
-        speed is below 0.01 %.
+        The degree stops rising when no higher degree is predicted to lower the cost by 5 %, or the
+        extra joint speed is below 0.01 %.
     limit_margin
         Joint-limit margin to keep where possible, rad or m.
     body_distance
@@ -140,7 +140,7 @@ def nearest_inverse_function(
         Action if no single function covers the cell. Coverage is tested at held-out poses, corners,
         and the worst poses found by a search. ``"refuse"`` raises an error that names a cell that
         works; ``"shrink"`` moves sides inward until one function covers the rest; if less than 5 %
-        of the cell would be left, it scales the cell about its middle. ``"keep"`` returns a
+        of the cell would be left, the cell is scaled about its middle instead. ``"keep"`` returns a
         function that covers only some of the poses.
     options
         Numbers of nodes, and random seed: ``samples``, ``held_out`` and ``seed`` of

@@ -200,7 +200,7 @@ class PenaltyMethod:
     ) -> Descent:
         """Minimise the cost with penalties, from the results of minimisations without penalties.
 
-        If no margin is too small in the last result, it is returned. Otherwise the cost is
+        If no margin is too small in the last result, this result is returned. Otherwise the cost is
         minimised with the monomials ``terms``; a degree above 2 is preceded by a fit of degree 2.
         All poses at which the functions without penalties have too small a margin are penalised.
 

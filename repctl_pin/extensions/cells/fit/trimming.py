@@ -233,8 +233,8 @@ def near_all_round(
 
     Bodies are too near below ``distance``, m. The joint ``around`` turns the whole arm. Each
     configuration is tested at six angles between the two ``angles``, rad, as far as the limits of
-    this joint allow; the result is True if bodies are too near at all of them. If ``around`` is
-    None, each configuration is tested as it is.
+    this joint allow; the result is True if bodies are too near at all tested angles. If ``around``
+    is None, each configuration is tested as it is.
     """
     bodies = bodies_of(task)
     if around is None:

@@ -341,7 +341,7 @@ class Cell:
         Raises
         ------
         InputError
-            If a placement lies outside; the message names it by its number.
+            If a placement lies outside; the message has the number of the placement.
         """
         U, off = as_matrices(("U", U, f"K {self.k}"), ("off", off, "K"), exact=True, finite=False)
         bad = ~self._contains(U, off)
@@ -370,9 +370,9 @@ class Cell:
     def ratio(self, Q: ArrayLike) -> Array:
         """Compute the factors by which to scale the cell so that poses lie on its boundary: (K,).
 
-        The K poses are those of the configurations Q (K, n). A factor is above 1 for a pose
-        outside, and infinite for one that deviates along a coordinate of width 0. Every region Ω,
-        in which a design is valid, has this method.
+        The K poses are those of the configurations Q (K, n). A factor is above 1 for a pose outside
+        the cell, and infinite for a pose that deviates along a coordinate of width 0. Every region
+        Ω, in which a design is valid, has this method.
         """
         U, off = self.coordinates(
             *placed(self.task, as_configurations(Q, self.task.n, "this cell"))[:2]

@@ -215,10 +215,10 @@ def no_spin(task: Task) -> InputError:
 def no_joint(task: Task, name: str, line: Array) -> InputError:
     """Make the error that no joint of the arm allows the range "all" of ``angle`` or ``spin``.
 
-    ``name`` is one of these. The range requires a joint that alone moves the frame along the
-    coordinate. The message states how far the axis of a joint differs from the axis of the
-    coordinate: for the angle, this is ``line`` (2, 3); for the spin, the tool's z axis. If a joint
-    turns the arm about another axis, the remedy names that axis.
+    ``name`` is ``angle`` or ``spin``. The range "all" requires a joint that alone moves the frame
+    along the coordinate. The message states how far the axis of a joint differs from the axis of
+    the coordinate: for the angle, this is ``line`` (2, 3); for the spin, the tool's z axis. If a
+    joint turns the arm about another axis, the remedy names that axis.
     """
     what = {
         "angle": "turns the whole arm about the axis",

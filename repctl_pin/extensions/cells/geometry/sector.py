@@ -93,7 +93,7 @@ class Sector(Cell):
     radius : float or (list, list)
         Half-width, m; or the smallest and the largest radius, m, as coefficients of polynomials in
         the height above the placement divided by ``height``, the constant first. The placement is
-        then moved along its radius to the middle between them.
+        then moved along its radius to the middle between the two.
     height : float
         Half-width, m.
     angle : float or "all"
@@ -101,16 +101,16 @@ class Sector(Cell):
         limits allow, and its middle.
     half_angle : float or (2,) or (3,) array
         Half-widths of the tilts, rad: one number, or one per axis. A third number is a half-width
-        of ψ, like ``spin``, but its symmetry is not used; over a small range, this can give a lower
-        cost.
+        of ψ, like ``spin``, but the symmetry of ψ is then not used; over a small range, this can
+        give a lower cost.
     spin : float or "all"
         Half-width of ψ, rad, for a pose task. With ``"all"``, the design finds the largest range of
         ψ that the joint limits allow, and its middle.
     axis : (2, 3) array, optional
         A point on the axis, m, and the direction of the axis, in base coordinates. The default is
-        the base's z axis. If the axis of the joint that turns the whole arm differs from it by at
-        most 2e-3 rad and m, as in a URDF in which π is rounded, that axis is the default. The
-        summary then states the difference.
+        the base's z axis. If a joint turns the whole arm about an axis that differs from the base's
+        z axis by at most 2e-3 rad and m, as in a URDF in which π is rounded, the axis of this joint
+        is the default. The summary then states the difference.
 
     Raises
     ------
@@ -491,11 +491,11 @@ class Sector(Cell):
     def turned(self, middles: Mapping[int, float], halves: Mapping[int, float]) -> Sector:
         """Return a sector whose middle is moved along symmetric coordinates.
 
-        With it, a design centres the range of an angle or spin between the limits of the joint.
-        ``middles`` has the offsets of the new middle, ``halves`` the new half-widths, rad, by
-        number of the coordinate. An offset of the spin turns the placement. If the tool tilts, an
-        offset of the spin changes :attr:`spin_middle`, the middle of the spin, instead, because the
-        axes of the tilts would turn with the placement.
+        A design uses this method to centre the range of the angle or spin between the limits of the
+        joint. ``middles`` has the offsets of the new middle, ``halves`` the new half-widths, rad,
+        by number of the coordinate. An offset of the spin turns the placement. If the tool tilts,
+        an offset of the spin changes :attr:`spin_middle`, the middle of the spin, instead, because
+        the axes of the tilts would turn with the placement.
         """
         y, widths = np.zeros(self.task.m), self.widths.copy()
         for i, middle in middles.items():

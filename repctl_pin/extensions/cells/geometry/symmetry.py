@@ -69,8 +69,8 @@ def axis_symmetry(task: Task, axis: Array) -> Symmetry | None:
 def own_axis(task: Task) -> Array | None:
     """Find the axis (2, 3) of the joint that turns the whole arm; None if no joint does.
 
-    Its first row is the point of the axis nearest to the base's origin, m; its second row is the
-    direction, upward.
+    The first row of the result is the point of the axis nearest to the base's origin, m; the second
+    row is the direction, upward.
     """
     q = np.array(task.reference)
     origins, axes = task.joint_origins(q), task.axes(q)
@@ -89,7 +89,7 @@ def last_axis(task: Task) -> tuple[str, Array]:
     """Return the name of the last joint, which must be revolute, and its axis (2, 3).
 
     The direction of the axis is given in the axes of the task's frame, and its point, m, relative
-    to the frame's origin. An error message compares it with the tool's z axis.
+    to the frame's origin. An error message compares this axis with the tool's z axis.
     """
     q = np.array(task.reference)
     x = task.placement(q)

@@ -62,7 +62,7 @@ def _in_the_middle(cell: Cell, Q: Array, *, inward: bool = False) -> tuple[Array
 
 
 def given(cell: Cell, posture: ArrayLike) -> Array:
-    """Move a configuration (n,) given by the user exactly to the middle of the cell, and return it.
+    """Move the user's configuration (n,) exactly to the middle of the cell; return the result.
 
     A design begins at the result.
 

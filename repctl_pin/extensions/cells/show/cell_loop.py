@@ -1,13 +1,13 @@
-"""Numbers with which a cell's page moves the hand of its visitor by the function of the cell.
+"""Numbers with which a cell's page evaluates the cell's function when the user drags the hand.
 
-The visitor drags the hand. In the page, ``potentials.js`` evaluates the potentials of the
-function's chart and ``law.js`` the desired inverse. A function q = F(x) over a cell, a box of
-poses, gives one configuration for each pose. The coordinates u of a pose go from −1 to 1 in the
-cell; a chart consists of polynomials in u, whose coefficients describe F. A sector is a cell in
-cylindrical coordinates, numbered from 0: radius, angle and height about an axis, two tilts of the
-tool, and its spin about its own z axis. Its profile is the range of radius as a function of the
-height. n is the number of joints, r that of directions of self-motion. The tool keeps its
-orientation; in a sector without spin, it turns with the angle.
+In the page, ``potentials.js`` evaluates the potentials of the function's chart and ``law.js`` the
+desired inverse. A function q = F(x) over a cell, a box of poses, gives one configuration for each
+pose. The coordinates u of a pose go from −1 to 1 in the cell; a chart consists of polynomials in u,
+whose coefficients describe F. A sector is a cell in cylindrical coordinates, numbered from 0:
+radius, angle and height about an axis, two tilts of the tool, and its spin about its own z axis.
+Its profile is the range of radius as a function of the height. n is the number of joints, r that of
+directions of self-motion. The tool keeps its orientation; in a sector without spin, it turns with
+the angle.
 """
 
 from __future__ import annotations

@@ -98,7 +98,7 @@ def _cover_of(design: CellDesign, reach: Sequence[Array]) -> dict[str, Any]:
 
 
 def _turned(cell: Sector) -> tuple[list[Array], dict[str, Any]]:
-    """Return both sides of a sector's section, (P, 3) each, m, and how it is turned, by key."""
+    """Return both sides of a sector's section, (P, 3) each, m, and, by key, its axis and angles."""
     heights = np.linspace(-1.0, 1.0, _HALF_SIDE if cell.profile.degree else 2)
     sides = []
     for radius in (-1.0, 1.0):
@@ -111,7 +111,7 @@ def _turned(cell: Sector) -> tuple[list[Array], dict[str, Any]]:
 
 
 def _shifted(cell: Cell) -> tuple[list[Array], dict[str, Any]]:
-    """Return both sides of a box's section, (2, 3) each, m, and how it is shifted, by key."""
+    """Return both sides of a box's section, (2, 3) each, m, and, by key, its displacement."""
     across = np.zeros((3, 3))
     rows = cell.task.rows[: len(cell.half_width)]
     across[rows, rows] = cell.half_width
@@ -305,7 +305,7 @@ def _covered(design: CellDesign) -> str:
 
 
 def _tool(design: CellDesign) -> str | None:
-    """Return the direction of the tool, ``down`` or ``up``; None for all other or varying ones."""
+    """Return the direction of the tool if it is ``down`` or ``up`` in the whole cell, else None."""
     return tool_direction(design.cell) if isinstance(design.cell, Sector) else None
 
 

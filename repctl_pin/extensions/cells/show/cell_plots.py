@@ -110,7 +110,7 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
 
 
 def map_pictures(figure: Figure, picture: bytes) -> list[tuple[bytes, str, str]]:
-    """Cut each map out of a figure of slices, beside the colour bar of its quantity.
+    """Cut each map, with the colour bar of its quantity, out of a figure of slices.
 
     ``picture`` is the figure as the bytes of a PNG file. Each map has three parts: its PNG file, a
     CSS polygon, and a description. The polygon surrounds the text: it is the picture without map
@@ -163,9 +163,10 @@ def _beside(whole: Image.Image, *axes: Axes) -> tuple[Image.Image, str]:
 
 
 def _on_any_paper(drawn: Image.Image) -> Image.Image:
-    """Make white and the grey of poses that are not covered a veil of mid-grey.
+    """Replace white, and the grey of poses that are not covered, by a translucent mid-grey.
 
-    On white paper the picture looks as before; on dark paper, white and the grey poses become dark.
+    White becomes fully transparent. So the picture looks as before on white paper; on dark paper,
+    white areas show the paper, and poses that are not covered are dark, too.
     """
     pixels = np.array(drawn.convert("RGBA"))
     level = pixels[..., 0]

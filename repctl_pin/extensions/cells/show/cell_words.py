@@ -48,7 +48,7 @@ def cell_uses(design: CellDesign) -> dict[str, str]:
 
 
 def usual(design: CellDesign) -> str:
-    """Return the adjective of the control with whose joint speed that of a function is compared.
+    """Return the adjective for the control with which a function's joint speed is compared.
 
     It is ``usual`` if the design was made for J⁺, the pseudoinverse, and ``desired`` if it was made
     for another inverse. Texts append "control".

@@ -515,7 +515,7 @@ def _strict(fit: CellFit, box: Cell, found: Grown) -> Grown:
 
 
 def _others(free: Grown, tried: Grown, size: int) -> Grown:
-    """Select the middles around which a box grew to ``size`` tenths, without those tried so far."""
+    """Select middles of ``free`` around which a box grew to ``size`` tenths, except those tried."""
     places = tried.Q[tried.steps >= size]
     known = (free.Q[:, None] == places).all(axis=2).any(axis=1)
     return rows_of(free, np.flatnonzero((free.steps >= size) & ~known))

@@ -5,22 +5,22 @@ nodes that the arm reaches from one configuration without a change of branch (of
 kinematics). Functions are designed for sectors: the largest rectangles in the best floods, and the
 largest parts of the floods whose range of radius depends on the height. A sector "with one range of
 radius" has the same range at all heights. A window is a range of the angle around the arm in which
-bodies keep a distance; an opening is a window of one flood, with the nodes that it leaves. The spin
-of a sector is the rotation of the tool about its own z axis.
+bodies keep a distance; an opening is a window of one flood, with the nodes at which bodies keep the
+distance at all its angles. The spin of a sector is the rotation of the tool about its own z axis.
 
 Symmetries are the joints that alone turn the whole arm, or the tool; ``line`` (2, 3) is the axis of
-the first, a point, m, and a direction. The joint speed of a node is squared, ``‖∂F/∂u C‖_F²`` of a
-function (array ``own``) or of J⁺ (``usual``). Its limits (``limits``) are the maximum extra joint
-speed on average and at the worst node. The *worth* of a sector, m², is its area times (1 + s) / 2;
-s is the fraction of a full turn that is left to its angle or, if that is less, its spin. The
-*rating* is the worth, reduced for high joint speed and near bodies. A design keeps a body distance
-of 5 mm or, where that leaves less than 85 % of the rating, the smaller one of 1 mm. A quick design
-has low accuracy, and serves to rank sectors. A locked flood is that of an arm with r of its joints
-locked, which is therefore not redundant. Masks (I, J) have one entry per node, for I radii and J
-heights. S is the number of floods, n that of joints, K that of openings, nodes or configurations. A
-node is a pair of indices (radius, height). The argument ``fit`` has the arguments of a design,
-``report`` is the progress callback. ``useful`` is a function (place, part of its sector) → True if
-a design over that part is still of use.
+the joint that turns the arm: a point, m, and a direction. The joint speed of a node is squared,
+``‖∂F/∂u C‖_F²`` of a function (array ``own``) or of J⁺ (``usual``). The limits of joint speed, in
+``limits``, are the maximum extra joint speed on average and at the worst node. The *worth* of a
+sector, m², is its area times (1 + s) / 2; s is the fraction of a full turn that is left to its
+angle or, if that is less, its spin. The *rating* is the worth, reduced for high joint speed and
+near bodies. A design keeps a body distance of 5 mm or, where that leaves less than 85 % of the
+rating, the smaller one of 1 mm. A quick design has low accuracy, and serves to rank sectors. A
+locked flood is that of an arm with r of its joints locked, which is therefore not redundant. Masks
+(I, J) have one entry per node, for I radii and J heights. S is the number of floods, n that of
+joints, K that of openings, nodes or configurations. A node is a pair of indices (radius, height).
+The argument ``fit`` has the arguments of a design, ``report`` is the progress callback. ``useful``
+is a function (place, part of its sector) → True if a design over that part is still of use.
 
 ``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
 ``Required`` holds the limits of a function: mean and maximum extra joint speed relative to J⁺ (0.05
@@ -477,11 +477,11 @@ class _LockedSearch:
     ) -> CellDesign | None:
         """Design from a locked arm before other functions where these would have a collision.
 
-        ``shaped`` are places, the best first. Others would have a collision if the quick design of
-        the first place has one, although the configurations of its flood have none. Return None in
-        three cases: this quick design has no collision; no function is designed; or the function
-        covers less than 85 % of the largest rectangle, or less than a sector with one range may
-        cover.
+        ``shaped`` are places, the best first. Other functions would have a collision if the quick
+        design of the first place has one, although the configurations of its flood have none.
+        Return None in three cases: this quick design has no collision; no function is designed; or
+        the function covers less than 85 % of the largest rectangle, or less than a sector with one
+        range may cover.
         """
         quick = shaped[0].design if shaped else None
         if quick is None or quick.body_distance >= 0:
@@ -608,8 +608,8 @@ class _Place(NamedTuple):
 
     ``most`` is an upper bound of the worth of the sector, and so of its rating, m². ``window`` is
     the range of the sector's angle in which bodies keep their distance; None for a whole turn.
-    ``design`` is a quick design, and ``rating`` is the rating of this design, m². Before a quick
-    design, they are None and 0.
+    ``design`` is a quick design, and ``rating`` is the rating of this design, m². Without a quick
+    design, ``design`` is None and ``rating`` is 0.
     """
 
     cell: Cell
@@ -835,11 +835,11 @@ def _most_of(place: _Place, part: Cell) -> float:
 def _central(
     task: Task, symmetries: tuple[Symmetry, ...], q: Array, angle: float | None = None
 ) -> tuple[Array, tuple[float, float]]:
-    """Turn the arm, and then the tool, so that the joint that turns it is in mid-range.
+    """Turn the arm, then the tool, such that the joints that turn them are in mid-range.
 
-    If an ``angle``, rad, is given, the arm is turned by this angle instead. Return the
-    configuration (n,) after both turns, and two angles, rad: by which the frame was turned about
-    the arm's axis, and the tool about its own axis.
+    If an ``angle``, rad, is given, the arm is turned by this angle instead, and only the tool to
+    mid-range. Return the configuration (n,) after both turns, and two angles, rad: by which the
+    frame was turned about the arm's axis, and the tool about its own axis.
     """
     q, turns = q.copy(), [0.0, 0.0]
     if angle is not None:

@@ -170,8 +170,8 @@ class _Nodes:
     Attributes
     ----------
     always : (K,) array of bool
-        Nodes at which bodies are near at every angle, because turning the arm does not move them
-        relative to each other.
+        Nodes at which two bodies are near that do not move relative to each other when the arm
+        turns, so that they are near at every angle.
     """
 
     def __init__(
