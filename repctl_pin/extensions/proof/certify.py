@@ -77,9 +77,9 @@ def prove(
     ----------
     what
         A design over a region, or the design of a function over a cell of poses. A region is a box
-        or a tube in joint space, or a workspace box; the proof for the latter covers the whole box
-        of joints from which it selects. For a function, it is also proved that the function exists,
-        is smooth, and is the only solution near its interpolation on a grid.
+        or a tube in joint space, or a workspace box; for a workspace box, the proof covers the
+        whole box of joints from which it selects. For a function, it is also proved that the
+        function exists, is smooth, and is the only solution near its interpolation on a grid.
     margin
         Leaf margin to prove, from 0 to 1. By default: for a region, the largest bound that can be
         proved in the time; for a cell, 90 % of the smallest leaf margin of its evaluation.
@@ -93,7 +93,8 @@ def prove(
         Closing radius to prove: metres, or (metres, radians); False for none. By default, the
         largest radius that some 250,000 boxes prove. With a closed path, the largest radius along
         that path is proved, instead of the largest radius around the start; for a tube, the path of
-        the design's cycle is the default. A function needs none: it closes all paths in its cell.
+        the design's cycle is the default. The function of a cell needs no closing radius, because
+        it closes all paths in its cell.
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
     leaf

@@ -198,8 +198,8 @@ def _as_argument(value: Any) -> Any:
 def leaf_margin_of(task: Task, field: Potentials, box: Box) -> LeafMarginProblem:
     """Prepare bounds on the leaf margin of the potentials ``field`` inside a box of joint space.
 
-    The joint screws of each frame are expressed in the frame of its middle link. The link that is
-    expected to require the fewest boxes is chosen.
+    The joint screws of each frame are expressed in the frame of its middle link. This link is
+    chosen such that the proof is expected to require the fewest boxes.
     """
     features, chains = features_of(field, task.n, box), list(chains_of(task))
 
