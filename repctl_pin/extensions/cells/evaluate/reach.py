@@ -61,7 +61,7 @@ def reached(
     Parameters
     ----------
     cell
-        The cell, which has the task and measures its error, :meth:`Cell.errors`.
+        The cell, which has the task and measures task errors by :meth:`Cell.errors`.
     p, R, Q : (K, 3), (K, 3, 3) and (K, n) arrays
         Positions, m, and rotations of the poses, and the initial configurations.
     inward

@@ -524,11 +524,11 @@ def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
 def _rank(found: _Found, limit_margin: float) -> tuple[float, bool, bool, float, float, float]:
     """Return the sort key of a design; larger keys are better.
 
-    Its entries are: coverage of the held-out poses (0 to 1); True if every evaluated pose is
-    covered; True without collisions; the limit margin, or 0.4 ``limit_margin`` if that is smaller;
-    the range of the symmetric coordinates, as a fraction of their joints' ranges; and the negative
-    cost. ``limit_margin`` is the requested one, rad or m. Reasons for failure, in place of a
-    design, have the lowest key.
+    The entries of the key are: coverage of the held-out poses (0 to 1); True if every evaluated
+    pose is covered; True without collisions; the limit margin, or 0.4 ``limit_margin`` if that is
+    smaller; the range of the symmetric coordinates, as a fraction of their joints' ranges; and the
+    negative cost. ``limit_margin`` is the requested limit margin, rad or m. Reasons for failure, in
+    place of a design, have the lowest key.
     """
     if not isinstance(found, CellDesign) or found.coverage == 0:
         return 0.0, False, False, -np.inf, -np.inf, -np.inf

@@ -110,9 +110,9 @@ def as_profile(radius: Any, height: float) -> tuple[Profile, float, float] | Non
     """Convert the two sides of a sector to a profile; None if ``radius`` is one number.
 
     ``radius`` are two lists of coefficients: the smallest and the largest radius, m, as polynomials
-    in the height above the middle divided by its half-width ``height``, m. Return the profile, the
-    radius of the middle and the half-width there, m. An InputError is raised if the sides meet, or
-    if the smallest radius is not above 0.
+    in η / ``height``. η is the height above the middle, and ``height`` the half-width of the
+    height, m. Return the profile, the radius of the middle and the half-width there, m. An
+    InputError is raised if the sides meet, or if the smallest radius is not above 0.
     """
     if not (np.iterable(radius) and any(np.iterable(side) for side in radius)):
         return None
@@ -155,8 +155,9 @@ def as_profile(radius: Any, height: float) -> tuple[Profile, float, float] | Non
 def _side_pair(radius: Any) -> tuple[Array, Array]:
     """Check the sides of a sector, and return two arrays of coefficients: inner, outer radius, m.
 
-    ``radius`` are two lists of at most 9 coefficients each: polynomials in the height above the
-    middle divided by its half-width, the constant first. An InputError is raised for other values.
+    ``radius`` are two lists of at most 9 coefficients each, the constant first. They are the
+    coefficients of polynomials in the height above the middle, scaled to ±1 at both ends. An
+    InputError is raised for other values.
     """
     try:
         low, high = (np.asarray(side, float) for side in radius)

@@ -300,7 +300,7 @@ def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
 
 
 def _spread(Q: Array, count: int) -> Array:
-    """Select at most ``count`` rows of Q (K, n), each as far as possible from those before it.
+    """Select at most ``count`` rows of Q (K, n), each as far as possible from those before.
 
     The selected rows represent all configurations, whose evaluation would take too long. A row
     closer than 0.05 rad or m to a selected row is not selected.

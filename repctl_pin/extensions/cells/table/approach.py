@@ -60,12 +60,12 @@ def approach_axis(task: Task, given: Any = None) -> Approach:
     """Find the approach axis of a task's frame, or check a given name such as ``"-z"``.
 
     The end of the tool is the middle of its fingers or, without fingers, the frame's origin. The
-    tool points along the axis of the last joint, toward its end. If the end is at the origin of the
-    last joint, the tool points along this axis, away from the joint before. If the end lies beside
-    the axis, the tool points from the last joint to the end. The approach axis is the axis of the
-    frame nearly along the direction in which the tool points, or z if there is none. The result has
-    the name of the axis, and a text on how it was found. If a name is ``given``, it is checked and
-    returned; InputError is raised if it names no axis.
+    tool points along the axis of the last joint, toward this end. If the end is at the origin of
+    the last joint, the tool points along this axis, away from the joint before the last. If the end
+    lies beside the axis, the tool points from the last joint to the end. The approach axis is the
+    axis of the frame that is nearly along the direction in which the tool points, or z if no axis
+    of the frame is. The result has the name of the axis, and a text on how it was found. If a name
+    is ``given``, it is checked and returned; InputError is raised if it names no axis.
     """
     if given is not None:
         require_choice(given, AXES, "approach axis")

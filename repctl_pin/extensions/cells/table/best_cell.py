@@ -545,9 +545,9 @@ def _best_place(
 def _regular(box: Cell, found: Grown, size: int) -> Grown:
     """Select middles at which no singularity is found in the box, the farthest from one first.
 
-    The edges of the box are ``size`` tenths of the requested ones. Before, each box was tested only
-    at the points of its rim, but a singularity can lie between these points. If several middles are
-    near each other, only one is tested, because their boxes meet the same singularity.
+    The edges of the box are ``size`` tenths of the requested ones. Earlier tests of a box cover
+    only the points of its rim, but a singularity can lie between these points. If several middles
+    are near each other, only one is tested, because their boxes meet the same singularity.
     """
     found = rows_of(found, unlike_rows(found.p, _BESIDE * box.half_width.max(), _REGULAR))
     ratios = np.array(

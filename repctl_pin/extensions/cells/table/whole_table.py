@@ -522,7 +522,7 @@ def _begun(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]
 
 
 def _inner_half(place: _Place, design: CellDesign) -> Sector:
-    """Return the sector of a place's design with the middle half of its range of angle.
+    """Return the sector of a place's design, reduced to the middle half of its range of angle.
 
     A locked arm is compared with the design at these angles. The whole range would be too wide,
     because the final sector ends where bodies are near.
