@@ -134,7 +134,9 @@ def test_the_sentence_says_where_the_tool_points(name: str, kind: str, axis: str
         at_flange = rp.Sector(task, place, radius=0.05, angle=0.5, **more)
         place.rotation = R @ tool.rotation
         turned = rp.Sector(with_approach(task, tool), place, radius=0.05, angle=0.5, **more)
-        said = [PAGE.range_phrase(one, tool=PAGE.tool_direction(one)) for one in (at_flange, turned)]
+        said = [
+            PAGE.range_phrase(one, tool=PAGE.tool_direction(one)) for one in (at_flange, turned)
+        ]
         assert said[0] == said[1] or approach != axis
         return said[1]
 
