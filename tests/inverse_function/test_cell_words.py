@@ -12,9 +12,9 @@ import pytest
 from sectors import WIDTHS, found, sector_of
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.geometry.approach import approach_axis, with_approach
 
 PAGE = import_module("repctl_pin.extensions.cells.show.cell_page")
+BEST_CELL = import_module(rp.best_cell.__module__)
 
 
 def numbers(text: str) -> list[float]:
@@ -126,19 +126,19 @@ def test_the_sentence_says_where_the_tool_points(name: str, kind: str, axis: str
     robot = rp.Robot.load(name)
     task = robot.task(robot.default_frame, kind)
 
-    def told(sign: int, approach: str = axis, **more: float) -> str:
-        tool = approach_axis(task, approach)
-        R = np.diag([1.0, sign, sign]) @ tool.rotation.T
-        assert (R @ np.eye(3)["xyz".index(axis)])[2] == (sign if approach == axis else -sign)
+    def told(up: float, approach: str = axis, **more: float) -> str:
+        """Of a frame that is turned such that this axis is z, which points up or down."""
+        tool = BEST_CELL.approach_axis(task, approach)
+        R = np.diag([1.0, up, up])
         place = pin.SE3(R, np.array([0.5, 0.0, 0.3]))
-        at_flange = rp.Sector(task, place, radius=0.05, angle=0.5, **more)
-        place.rotation = R @ tool.rotation
-        turned = rp.Sector(with_approach(task, tool), place, radius=0.05, angle=0.5, **more)
-        said = [
-            PAGE.range_phrase(one, tool=PAGE.tool_direction(one)) for one in (at_flange, turned)
-        ]
+        at_flange = pin.SE3(R @ tool.rotation.T, place.translation)
+        turned = BEST_CELL.with_approach(task, tool)
+        said = []
+        for one, placement in ((turned, place), (task, at_flange)):
+            sector = rp.Sector(one, placement, radius=0.05, angle=0.5, **more)
+            said.append(PAGE.range_phrase(sector, tool=PAGE.tool_direction(sector)))
         assert said[0] == said[1] or approach != axis
-        return said[1]
+        return said[0]
 
     assert told(-1).endswith(", tool down") and told(1).endswith(", tool up")
     assert "tool" not in told(-1, half_angle=0.1)
