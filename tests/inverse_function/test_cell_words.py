@@ -7,12 +7,14 @@ from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from sectors import WIDTHS, found, sector_of
 
 import repctl_pin as rp
 
 PAGE = import_module("repctl_pin.extensions.cells.show.cell_page")
+BEST_CELL = import_module(rp.best_cell.__module__)
 
 
 def numbers(text: str) -> list[float]:
@@ -107,6 +109,41 @@ def test_a_full_turn_within_wider_limits_is_not_the_whole_range() -> None:
     said = str(PAGE.cell_headline(wide)).replace("\u00a0", " ")
     assert re.search(r"Joint limits kept by 0\.02[45] rad or more", said) and ends not in said
     assert f"0.025 rad of {turn.joint}, a full turn" in wide.summary()
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "axis"),
+    [
+        ("panda", "pose", "z"),
+        ("xarm7", "pose", "z"),  # the frame lies on the last joint
+        ("tiago", "pose", "x"),  # said nothing: its tool points along x
+        ("z1", "axis", "x"),
+        ("ur5", "axis", "z"),  # without a spin, the page was not written
+    ],
+)
+def test_the_sentence_says_where_the_tool_points(name: str, kind: str, axis: str) -> None:
+    """By the rule with which ``best_cell`` points it, also in a frame turned by it."""
+    robot = rp.Robot.load(name)
+    task = robot.task(robot.default_frame, kind)
+
+    def told(up: float, approach: str = axis, **more: float) -> str:
+        """Of a frame that is turned such that this axis is z, which points up or down."""
+        tool = BEST_CELL.approach_axis(task, approach)
+        R = np.diag([1.0, up, up])
+        place = pin.SE3(R, np.array([0.5, 0.0, 0.3]))
+        at_flange = pin.SE3(R @ tool.rotation.T, place.translation)
+        turned = BEST_CELL.with_approach(task, tool)
+        said = []
+        for one, placement in ((turned, place), (task, at_flange)):
+            sector = rp.Sector(one, placement, radius=0.05, angle=0.5, **more)
+            said.append(PAGE.range_phrase(sector, tool=PAGE.tool_direction(sector)))
+        assert said[0] == said[1] or approach != axis
+        return said[0]
+
+    assert told(-1).endswith(", tool down") and told(1).endswith(", tool up")
+    assert "tool" not in told(-1, half_angle=0.1)
+    # the user, who says otherwise, may know better
+    assert "tool" not in told(-1, f"-{axis}")
 
 
 def test_the_sentence_says_where_the_tool_points_and_what_is_left_out() -> None:

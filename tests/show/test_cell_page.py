@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,8 @@ import pinocchio as pin
 import pytest
 from browser import asleep, errors, only_pictures_asked_for, schemes, wait_until_drawn
 from commands import main
+from PIL import Image
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 
 import repctl_pin as rp
@@ -47,6 +51,17 @@ def box(driver: Any, selector: str) -> dict[str, float]:
     return found
 
 
+_TALL = """
+const { own } = repctl, { chain } = own;
+chain.place(chain.start, chain.all);
+return own.arms.map((_, k) => {
+  const points = [[0, 0, 0], ...chain.places.map(({ p }) => [...p]), chain.homes[0]];
+  const rows = points.map((p) => own.seen(k, p).y);
+  return Math.max(...rows) - Math.min(...rows); });
+"""
+"""How tall an arm is, from the base over its joints to the hand, px."""
+
+
 @pytest.mark.slow
 def test_the_first_screen_of_a_phone_shows_the_arm(page: Path, driver: Any) -> None:
     """The view began at 470 px, and the page was 6,500 px long; slices were cut."""
@@ -70,7 +85,13 @@ def test_the_first_screen_of_a_phone_shows_the_arm(page: Path, driver: Any) -> N
     stage = box(driver, "#stage")
     assert box(driver, "#legend")["top"] >= box(driver, "#panes")["bottom"]  # it covers no arm
     top = frame["top"] + stage["top"]
-    assert top < 260 and min(top + stage["height"], 844) - top > 0.45 * 844
+    assert top < 260 and min(top + stage["height"], 844) - top > 0.6 * 844
+    assert frame["height"] == pytest.approx(844 - 12)  # all of it in one window
+    assert min(driver.execute_script(_TALL)) > 130  # px; it was 110, and 65 in a whole table
+    bars, chart = box(driver, "#bars"), box(driver, "#chart")
+    assert bars["bottom"] <= chart["top"] + 1 and 0 <= bars["left"] < bars["right"] <= 374
+    words = driver.find_element("id", "bars").text.split("\n")
+    assert " ".join(words) == "Farthest part from its start Usual control One function"
     assert errors(driver) == []
 
 
@@ -89,6 +110,89 @@ def test_on_a_wide_screen_the_slices_leave_no_part_empty(page: Path, driver: Any
     assert driver.execute_script(
         "return [...document.querySelectorAll('section > .fold')].every((fold) => fold.open)"
     )
+
+
+@pytest.mark.slow
+def test_an_open_menu_closes_where_something_else_is_pressed(page: Path, driver: Any) -> None:
+    """Also in the page around it: it hid the bars until its own button was pressed again."""
+    opened(driver, page, **PHONE)
+    driver.execute_script("document.querySelector('iframe').scrollIntoView()")
+    open_ = "return document.getElementById('looks').open"
+    for beside in ("#chart", "#picture canvas", "#bars", None):
+        driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+        driver.find_element("css selector", "#looks summary").click()
+        assert driver.execute_script(open_)
+        # where the menu does not cover it
+        if beside:
+            target = driver.find_element("css selector", beside)
+            x, y = (target.rect[side] / 2 - 4 for side in ("width", "height"))
+            ActionChains(driver).move_to_element_with_offset(target, x, -y).click().perform()
+        driver.switch_to.default_content()
+        if not beside:
+            driver.execute_script("scrollTo(0, 0)")
+            driver.find_element("id", "verdict").click()
+        driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+        assert not driver.execute_script(open_), beside
+        driver.switch_to.default_content()
+
+
+@pytest.mark.slow
+def test_poses_that_f_does_not_cover_are_veiled(tmp_path: Path, driver: Any) -> None:
+    """A pale grey on light paper, a dark one on dark paper, where it glared."""
+    ranges = ["--radius", "0.3", "--height", "0.3", "--angle", "0.3"]
+    options = ["--degree", "1", "--held-out", "64", "--keep", "--out", str(tmp_path)]
+    assert main(["cell", "panda", "--sector", *ranges, *options]) == 0
+    file = tmp_path / "cell.html"
+    text = file.read_text("utf-8")
+    (share,) = re.findall(r"One function covers ([\d.]+)", text)
+    assert float(share) < 99
+    F, masks = rp.load_cell(tmp_path / "cell.json").function, []
+    for around, data in re.findall(
+        r'--around: polygon\(evenodd,(.*?)\)"><img src="data:image/png;base64,(.*?)"', text
+    ):
+        pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGBA"))
+        veiled = (pixels[..., 3] > 0) & (pixels[..., 3] < 255)
+        # F has no value at these radii and heights, which begin below on the left
+        corners = [one.replace("%", "").split() for one in around.split(",")]
+        low, high = np.array([corners[5], corners[7]], float) / 100 * veiled.shape[::-1]
+        assert 0.03 < veiled.sum() / np.prod(high - low) < 0.2
+        y, x = np.nonzero(veiled)
+        u, v = ((2 * np.stack([x, y], axis=1) + 1 - low - high) / (high - low)).T
+        step = 2 / 32  # of the grid of poses: a square of it is veiled where one corner is
+        sides = [step * np.array(sign) for sign in ((1, 0, 1), (1, 0, -1), (-1, 0, 1), (-1, 0, -1))]
+        U = np.stack([u, 0 * u, -v], axis=1)
+        near = [F.batch((U + side).clip(-1, 1), missing="nan")[:, 0] for side in sides]
+        assert np.isnan(near).any(axis=0).mean() > 0.99
+        assert veiled[int(low[1]) + 5, int(high[0]) - 5]  # far and high
+        masks.append(veiled)
+    assert len(masks) == 2
+    file.write_text(re.sub(' srcdoc="[^"]*"', "", text), "utf-8")
+    for dark in (False, True):
+        schemes(driver, width=1600, height=900, dark=dark)
+        driver.get(file.as_uri())
+        for k, mask in enumerate(masks):
+            node = driver.find_elements("css selector", ".maps .drawn")[k]
+            shot = Image.open(io.BytesIO(node.screenshot_as_png)).convert("RGB")
+            found = Image.fromarray(mask).resize(shot.size)
+            veil = np.median(np.asarray(shot)[np.asarray(found)], axis=0)
+            paper = driver.execute_script(
+                "return getComputedStyle(document.body).backgroundColor.match(/\\d+/g).map(Number)"
+            )
+            assert 1.2 < contrast(veil, paper) < 1.6, (veil, paper)
+
+
+def contrast(one: Any, other: Any) -> float:
+    """The contrast of two colours, 0 to 255, as WCAG 2 measures it."""
+
+    def light(colour: Any) -> float:
+        v = np.asarray(colour) / 255
+        return float(
+            np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+            @ (0.2126, 0.7152, 0.0722)
+        )
+
+    low, high = sorted([light(one), light(other)])
+    return (high + 0.05) / (low + 0.05)
 
 
 @pytest.mark.slow

@@ -3,6 +3,9 @@ written. What commands and pages print of motions is tested from outside."""
 
 from __future__ import annotations
 
+import json
+import shutil
+import subprocess
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from terminals import terminal_of
+from test_own_loop import NODE, SCRIPTS
 
 import repctl_pin as rp
 from repctl_pin.show.text import numbers
@@ -231,12 +235,135 @@ def test_what_is_not_checked_for_collisions_is_said() -> None:
     assert told.endswith("Collisions not checked: 1 body without a collision shape.")
 
 
-def test_a_collision_of_one_motion_is_a_note_that_no_page_hides() -> None:
-    """A phone showed it behind the button Notes only."""
-    hit = replace(USUAL, collision_cycle=3, near=("link 5", "link 7"), body_distance=-0.01)
-    note = next(one for one in headline_of([hit, CLOSED], 10).notes if "touch" in one.text)
-    assert note.text == "link 5 and link 7 touch in cycle 3 under the usual control."
-    assert note.tone == "bad collision"
+HIT = (3, ("link 5", "link 7"))
+BEYOND = "In a simulation that goes on, after 10 cycles "
+OFF = (
+    "the elbow is not back: 32 cm from its start under the usual control, "
+    "0 under the repeatable one."
+)
+
+
+@pytest.mark.parametrize(
+    ("usual", "closed", "expected"),
+    [
+        (
+            {"limit_violation": (7, "joint 2")},
+            {},
+            "Under the usual control, joint 2 leaves its range in cycle 7. ",
+        ),
+        (
+            {"limit_violation": (7, "joint 2"), "collision": HIT, "speed_ratio": 2.1},
+            {},
+            "Under the usual control, link 5 and link 7 collide in cycle 3, and joint 2 leaves its "
+            "range in cycle 7, and a joint reaches 2.1 times its speed limit. ",
+        ),
+        (
+            {"limit_violation": (1, "joint 2")},
+            {"limit_violation": (1, "joint 2")},
+            "Under either control, joint 2 leaves its range in cycle 1. ",
+        ),
+        (
+            {"limit_violation": (1, "joint 2")},
+            {"limit_violation": (4, "joint 2")},
+            "Under the usual control, joint 2 leaves its range in cycle 1. "
+            "Under the repeatable one, joint 2 leaves its range in cycle 4. ",
+        ),
+        (
+            {},
+            {"collision": HIT},
+            "Under the repeatable one, link 5 and link 7 collide in cycle 3; give another start or "
+            "path. ",
+        ),
+        (
+            {"collision": HIT},
+            {"collision": HIT},
+            "No motion without a collision was found: under either control, link 5 and link 7 "
+            "collide in cycle 3; give another start or path. ",
+        ),
+    ],
+)
+def test_what_breaks_a_limit_or_collides_is_said_first(
+    usual: dict[str, Any], closed: dict[str, Any], expected: str
+) -> None:
+    """It was said that the hand is back, of an arm past its limit from the first cycle on."""
+    pair = [replace(USUAL, **usual), replace(CLOSED, **closed)]
+    told = headline_of(pair, 10)
+    assert words(told)[0] == expected + BEYOND + OFF and told.sentence[0].tone == "bad"
+    assert "the hand is back" not in str(told)
+    broken = [one for one in pair if one.limit_violation]
+    assert ("Joint limits are kept." in words(told)[1]) == (not broken)
+
+
+def test_one_motion_and_arms_that_are_back_break_limits_too() -> None:
+    alone = words(headline_of([replace(USUAL, limit_violation=(7, "joint 2"))], 10))[0]
+    assert alone.startswith("In this motion, joint 2 leaves its range in cycle 7. " + BEYOND)
+    back = [replace(CLOSED, label=label, collision=HIT) for label in ("J⁺", CLOSED.label)]
+    assert words(headline_of(back, 10))[0].endswith(
+        f"{BEYOND}every part of the arm is back: 0 from its start."
+    )
+    stuck = headline_of(back[1:], 10, ["Usual control stopped: why."])
+    assert str(stuck).startswith("Under the repeatable control, link 5 and link 7 collide in cycle")
+
+
+LOOP = """
+import { readFileSync } from "node:fs";
+import { answer } from "./own/sentence.js";
+const chain = { frames: [{}], links: [["l4", "elbow"]], names: ["joint 2"], axis: {}, ends: [] };
+const run = ({ under, broken, off, turned, cycles }) => ({
+  data: { under, broken, lost: Infinity }, margin: 0.9, speeds: Array(cycles).fill(1),
+  ends: Array(cycles).fill([off]), turned: Array(cycles).fill([turned]),
+  others: Array(cycles).fill([]) });
+const told = JSON.parse(readFileSync("cases.json")).map(({ each, cycles, encloses }) => {
+  const arms = each.map((data) => ({ data, moving: [{ shape: 0 }] }));
+  const shape = { encloses, turns: 0, whose: "your loop" };
+  const { sentence, notes } = answer(chain, arms, { runs: each.map(run) }, cycles, shape);
+  return [sentence, notes].map((all) => all.map(([text]) => text).join("")); });
+console.log(JSON.stringify(told));
+"""
+PAST = {"cycle": 3, "name": "joint 2", "words": "joint 2 past its limit"}
+
+
+@pytest.mark.skipif(NODE is None, reason="node is not installed")
+def test_a_loop_past_a_limit_is_told_as_a_study_is(tmp_path: Path) -> None:
+    """By the page's own script: it said that the hand is back, too."""
+    pair = [
+        {"under": "the usual control", "off": 0.321, "turned": 0.4, "cycles": 10, "broken": PAST},
+        {"under": "the repeatable one", "off": 0.0, "turned": 0.0, "cycles": 10},
+    ]
+    little, turned = ([{**pair[0], "off": off}, pair[1]] for off in (0.0017, 0.0))
+    little[0]["turned"] = 0.0
+    both = [{**one, "off": 0.0, "turned": 0.0, "broken": PAST} for one in pair]
+    fast = {"cycle": 3, "words": "joint 2 past its speed limit"}
+    cases = [pair, little, turned, both, [{**pair[0], "broken": fast}, pair[1]], pair]
+    shutil.copytree(SCRIPTS.parent, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    (tmp_path / "loop.js").write_text(LOOP)
+    made = [
+        {"each": each, "cycles": 2 if k == len(cases) - 1 else 10, "encloses": True}
+        for k, each in enumerate(cases)
+    ]
+    (tmp_path / "cases.json").write_text(json.dumps(made))
+    found = subprocess.run([str(NODE), "loop.js"], cwd=tmp_path, capture_output=True, check=True)
+    *told, early = json.loads(found.stdout.decode().replace("\u00a0", " "))
+    for (sentence, notes), each in zip(told[:4], cases, strict=False):
+        studied = [
+            replace(
+                summary,
+                off=one["off"],
+                joint_displacement=(one["turned"], "joint 2"),
+                limit_violation=(3, "joint 2") if one.get("broken") else None,
+            )
+            for one, summary in zip(each, (USUAL, CLOSED), strict=True)
+        ]
+        study = words(headline_of(studied, 10))[0]
+        assert sentence == study.replace("in cycle 3.", "in cycle 3 of your loop.", 1)
+        assert "limits" not in notes and "leaves its range" not in notes
+    assert told[4][0].startswith(
+        "Under the usual control, joint 2 exceeds its speed limit in cycle 3 of your loop. In a "
+    )
+    # of fewer cycles, all is well, and what comes later is a note
+    assert early[0].startswith("After 2 cycles of your loop the hand is back. The elbow is not: ")
+    assert "In cycle 3, joint 2 leaves its range under the usual control." in early[1]
 
 
 def test_a_lost_path_is_not_called_back() -> None:
@@ -270,11 +397,6 @@ def test_a_stopped_motion_is_said_first() -> None:
 
 
 def test_limits_bodies_and_where_it_leads() -> None:
-    broken = replace(USUAL, limit_violation=(7, "joint 2"))
-    assert (
-        "joint 2 leaves its range in cycle 7 under the usual control."
-        in (words(headline_of([broken, CLOSED], 10))[1])
-    )
     leading = replace(USUAL, leaves=(17, "joint 2"))
     assert (
         "If every further cycle drifts like cycle 10, joint 2 leaves its range in cycle 17 "

@@ -227,7 +227,7 @@ def _links(summary: MotionSummary) -> Span:
     """Format the minimum body distance; ``not checked`` without bodies, ``collide!`` below 0."""
     if summary.body_distance is None:
         return Span("not checked", "near")
-    if summary.collision_cycle:
+    if summary.collision:
         return Span("collide!", "bad")
     return Span(metres(summary.body_distance))
 

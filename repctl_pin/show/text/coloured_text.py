@@ -26,8 +26,8 @@ class Span(NamedTuple):
     """Piece of text, its tone (``bad``, ``good``, ``near`` or none), exact value, and controller.
 
     A terminal and a page show a tone as colour; ``near`` marks small distances and gaps in checks,
-    and an empty tone is none. A page never hides a ``bad collision``, the tone of a collision.
-    The exact value belongs to a rounded text, such as ``elbow_link: 0.0321 m``; it can be empty.
+    and an empty tone is none. The exact value belongs to a rounded text, such as
+    ``elbow_link: 0.0321 m``; it can be empty.
     ``whose`` names the controller of a number, ``usual`` or ``repeatable``, or is ``ink`` if the
     number has no controller with a name; a page then shows that colour instead of the tone.
     """

@@ -1,8 +1,9 @@
 """Headline of a page and of a terminal: which part of the arm has drifted, and how far.
 
-Its notes give the extra joint speed of the repeatable controller, limits and body distances. The
-displacement of a part is the distance between its positions at the start and after all cycles; a
-part is back if its displacement is below 0.1 mm. The hand is the task's frame. A summary
+If a motion exceeds a limit or collides, the headline begins with that, and does not say that the
+hand is back. Its notes give the extra joint speed of the repeatable controller, and body distances.
+The displacement of a part is the distance between its positions at the start and after all cycles;
+a part is back if its displacement is below 0.1 mm. The hand is the task's frame. A summary
 (:class:`.MotionSummary`) has the numbers of one motion; a list ``summaries`` has one per
 controller, the reference first and the repeatable one last; the label of a controller is its name
 in a study, such as ``J⁺``. A :class:`.Span` is a piece of text with a tone (``bad``, ``good`` or
@@ -173,12 +174,12 @@ def headline_of(
     hands
         Number of frames that the task controls.
     """
-    times = counted(cycles, "cycle")
-    said = [
-        *_collide(summaries),
-        *_winds(summaries),
-        *(Span(f"{text} ", "bad") for text in stopped),
-    ]
+    times, after = counted(cycles, "cycle"), ""
+    whose = _EITHER.get(len(summaries), " under every control")
+    if stopped and len(summaries) == 1:
+        whose = f" under {_alone(summaries[0])}"
+    broken, lost = _violated(summaries, whose), _lost(summaries, times)
+    said = [*broken, *_winds(summaries), *(Span(f"{text} ", "bad") for text in stopped)]
     if not summaries:
         return Headline(tuple(said), ())
     notes = tuple(_notes(summaries, cycles))
@@ -186,35 +187,59 @@ def headline_of(
         way = _whole(metres(max(one.hand_off for one in summaries)))
         words = f"The path is not closed: the hand ends {way} from where it began."
         return Headline((*said, Span(words)), notes)
-    lost = _lost(summaries, times)
-    whose = _EITHER.get(len(summaries), " under every control")
-    if stopped and len(summaries) == 1:
-        whose = f" under {_alone(summaries[0])}"
-    said += lost or [Span(f"After {times} {hands_are(hands)} back{whose}. ")]
+    said += lost
+    if broken:
+        after = f"In a simulation that goes on, after {times} "
+    elif lost:
+        after = f"After {times} "
+    else:
+        said.append(Span(f"After {times} {hands_are(hands)} back{whose}. "))
     if all(one.back and not one.turned for one in summaries):
         every = f"every part of the {'arm' if hands == 1 else 'arms'}"
-        also = f"After {times} {every} is back: " if lost else f"So is {every}: "
+        also = f"{after}{every} is back: " if after else f"So is {every}: "
         worst = max(summaries, key=lambda one: one.off)
         said += [Span(also), Span("0", "good", _exact(worst), "ink"), Span(" from its start.")]
     else:
-        said += _drifted(summaries, times, again=bool(lost))
+        said += _drifted(summaries, times, after)
     return Headline((*said, *_ends(summaries)), notes, _ABOUT_DRIFT)
 
 
-def _collide(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """State which bodies collide, if the last motion has a collision, and whether all have one.
+def _violated(summaries: Sequence[MotionSummary], whose: str) -> list[Span]:
+    """State which limits are exceeded and which links collide, and in which cycle.
 
-    The last motion is the one that a user would run. The list is empty if it has no collision, or
-    if there is only one motion.
+    Controllers with equal violations share a sentence; ``whose`` names all of them, such as " under
+    either control". If the last of several motions collides, the one that a user would run, its
+    sentence asks for another start or path. The list is empty if there is no violation.
     """
-    hit = [one for one in summaries if one.collision_cycle and one.near]
-    if len(summaries) < 2 or summaries[-1] not in hit:
-        return []
-    pairs = dict.fromkeys(" and ".join(one.near) for one in hit)
-    words = f"{', '.join(pairs)} collide; give another start or path. "
-    if len(hit) == len(summaries):
-        return [Span(f"No motion without a collision was found: {words}", "bad")]
-    return [Span(f"Under {under(summaries[-1].label)}, {words}", "bad")]
+    found: dict[str, list[MotionSummary]] = {}
+    for one in summaries:
+        if words := _violations(one):
+            found.setdefault(words, []).append(one)
+    said = []
+    for words, those in found.items():
+        names = " and ".join(under(one.label) for one in those)
+        by = whose.strip() if len(those) == len(summaries) else f"under {names}"
+        runs = len(summaries) > 1 and those[-1] is summaries[-1]
+        remedy = "; give another start or path" if runs and summaries[-1].collision else ""
+        said.append(f"{capital(by or 'in this motion')}, {words}{remedy}. ")
+    if len(summaries) > 1 and all(one.collision for one in summaries):
+        said[0] = f"No motion without a collision was found: {said[0][:1].lower()}{said[0][1:]}"
+    return [Span(text, "bad") for text in said]
+
+
+def _violations(one: MotionSummary) -> str:
+    """Name the violations of a motion: ``joint4 leaves its range in cycle 2``; empty if none."""
+    found = []
+    if one.limit_violation:
+        cycle, joint = one.limit_violation
+        found.append((cycle, f"{joint} leaves its range in cycle {cycle}"))
+    if one.collision:
+        cycle, links = one.collision
+        found.append((cycle, f"{' and '.join(links)} collide in cycle {cycle}"))
+    said = [words for _, words in sorted(found)]
+    if one.speed_ratio > TOO_FAST:
+        said.append(f"a joint reaches {one.speed_ratio:.2g} times its speed limit")
+    return ", and ".join(said)
 
 
 def _whole(text: str) -> str:
@@ -230,15 +255,14 @@ def _is_open(one: MotionSummary) -> bool:
     return one.path_loss is None and one.hand_off > ON_PATH * one.size
 
 
-def _drifted(summaries: Sequence[MotionSummary], times: str, *, again: bool) -> list[Span]:
+def _drifted(summaries: Sequence[MotionSummary], times: str, after: str) -> list[Span]:
     """State which part or joint is displaced, and by how much under each controller.
 
     The part is the one that is displaced most under any controller. If no part is displaced by 1 cm
     or more, a joint is named instead that is displaced by 0.1 rad or more. ``times`` is the number
-    of cycles as text, "10 cycles", with which the sentence begins if ``again``; otherwise, the
-    sentence before has begun with it.
+    of cycles as text, "10 cycles". The sentence begins with ``after``, such as "After 10 cycles ";
+    it is empty if the sentence before has begun so.
     """
-    after = f"After {times} " if again else ""
     worst = max(summaries, key=lambda one: one.off)
     numbered = worst.part.removeprefix("link ").isdigit()
     named = worst.part if worst.part.startswith("link ") else f"the {worst.part}"
@@ -251,7 +275,7 @@ def _drifted(summaries: Sequence[MotionSummary], times: str, *, again: bool) -> 
         subject = f"the joint {joint}"
         offs = [_turned(one) for one in summaries]
     else:
-        verb = "has hardly drifted" if again else f"has hardly drifted in {times}"
+        verb = "has hardly drifted" if after else f"has hardly drifted in {times}"
         offs = _offs(summaries, "")
     said = [Span(f"{after}{subject} {verb}: " if after else capital(f"{subject} {verb}: "))]
     for one, off in zip(summaries, offs, strict=True):
@@ -410,7 +434,7 @@ def _turned(one: MotionSummary) -> Span:
 def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     """Make the notes of a headline: extra joint speed, limits, body distances, unchecked bodies.
 
-    Limits are named that are violated in ``cycles`` cycles, or will be if the drift continues.
+    Limits are named that will be violated after ``cycles`` cycles if the drift continues.
     """
     return [
         *_extra_speed(summaries[0], summaries[-1], cycles),
@@ -453,23 +477,15 @@ def _higher(cost: float) -> str:
 
 
 def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
-    """State which joint and speed limits are violated, or will be if the drift continues.
+    """State that the joint limits are kept, and when they will not be if the drift continues.
 
-    Without a violation in ``cycles`` cycles, the text says that the joint limits are kept.
+    A violation in ``cycles`` cycles is left to the sentence.
     """
-    said = []
-    for one in summaries:
-        by = _by(one, summaries)
-        if one.limit_violation:
-            cycle, joint = one.limit_violation
-            said.append(Span(f"{joint} leaves its range in cycle {cycle}{by}.", "bad"))
-        if one.speed_ratio > TOO_FAST:
-            times = f"{one.speed_ratio:.2g} times"
-            said.append(Span(f"{times} the speed limit{by}.", "bad"))
+    broken = any(one.limit_violation or one.speed_ratio > TOO_FAST for one in summaries)
     later = _outlook(summaries, cycles)
     times = "this cycle" if cycles == 1 else f"these {cycles} cycles"
     kept = f"Joint limits are kept{f' in {times}' if later else ''}."
-    return [*(said or [Span(kept)]), *later]
+    return [*([] if broken else [Span(kept)]), *later]
 
 
 def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
@@ -493,23 +509,13 @@ def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """State collisions and minimum body distances; the list is empty without bodies.
+    """State minimum body distances of motions without a collision; the list is empty if none has.
 
-    Links are named if they collide or come within 2 cm; if none do, one text gives the minimum
-    distance over all motions.
+    Links are named if they come within 2 cm; if none do, one text gives the minimum distance over
+    all motions.
     """
-    known = [one for one in summaries if one.body_distance is not None]
-    free = [one for one in known if not one.collision_cycle]
-    said = [
-        Span(
-            f"{' and '.join(one.near)} touch in cycle {one.collision_cycle} "
-            f"under {under(one.label)}.",
-            "bad collision",
-        )
-        for one in known
-        if one.collision_cycle
-    ]
-    said += _nearest([one for one in free if (one.body_distance or 0.0) < NEAR], summaries)
+    free = [one for one in summaries if one.body_distance is not None and not one.collision]
+    said = _nearest([one for one in free if (one.body_distance or 0.0) < NEAR], summaries)
     if said or len(free) < len(summaries):
         return said
     least = min(free, key=lambda one: one.body_distance or 0.0)

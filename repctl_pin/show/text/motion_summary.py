@@ -53,8 +53,8 @@ class MotionSummary:
         The cycle in which a joint first exceeds its limits, and that joint.
     body_distance : float or None
         Minimum distance between bodies, m; None without bodies.
-    collision_cycle : int
-        The cycle in which two bodies first collide; 0 if none do.
+    collision : (int, (str, str)) or None
+        The cycle in which two bodies first collide, and their two links.
     speed_ratio : float
         Maximum ratio of a joint's speed to its limit; above 1 the limit is violated.
     joint_displacement : (float, str)
@@ -94,7 +94,7 @@ class MotionSummary:
     mean_speed: float
     limit_violation: tuple[int, str] | None = None
     body_distance: float | None = None
-    collision_cycle: int = 0
+    collision: tuple[int, tuple[str, str]] | None = None
     speed_ratio: float = 0.0
     joint_displacement: tuple[float, str] = (0.0, "")
     path_loss: tuple[int, float, float] | None = None
@@ -155,7 +155,7 @@ def motion_summary(
         motion.rms_speed,
         None if violation is None else (motion.broken_cycle, violation[1]),
         body_distance if np.isfinite(body_distance) else None,
-        0 if collision is None else cycle_of(collision[0], motion.cycles),
+        None if collision is None else (cycle_of(collision[0], motion.cycles), collision[1]),
         motion.speed_ratio,
         (float(turned.max()), task.joint_names[int(turned.argmax())]),
         None if loss is None else (cycle_of(loss[0], motion.cycles), *loss[1:]),

@@ -14,20 +14,18 @@ from collections.abc import Mapping
 import numpy as np
 
 from ....base.arguments import Array
+from ....model.tool import ToolTask
+from .approach import tool_axis
 from .cell import Cell
 from .cell_arguments import VERTICAL
 from .sector import HEIGHT, RADIUS, Sector
-from .symmetry import NEAR, difference, last_axis
+from .symmetry import NEAR, difference
 
 _HEIGHTS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Heights at which a range of radius is given, as coordinates u."""
 
 _LARGEST_STEP = 0.01
 """Maximum step to which the phrase rounds a length, m; about a tenth of a range if that is less."""
-
-_ALONG = 0.9
-"""Cosine between the frame's z axis and the way from the last joint above which a tool points along
-this axis."""
 
 _AHEAD = 0.9
 """Cosine between the middle of a sector and the base's x axis above which the rest of the turn is
@@ -57,7 +55,8 @@ def range_rows(cell: Cell) -> dict[str, str]:
             rows[name] = f"±{w[i]:.3g} rad"
     rows = {name: text.replace("-", "−") for name, text in rows.items()}
     if cell.task.kind.turns:
-        rows["orientation"] = f"z axis of the frame {_pointing(cell)}, turns with the angle"
+        where = _pointing(cell.placement.rotation[:, 2])
+        rows["orientation"] = f"z axis of the frame {where}, turns with the angle"
     return rows
 
 
@@ -119,14 +118,16 @@ def gap_phrase(sector: Sector, reaches: Mapping[str, float] | None = None) -> st
 def tool_direction(sector: Sector) -> str | None:
     """Return ``down`` or ``up`` if the tool points there in all of a sector, or None.
 
-    A tool points along the line from the last joint to the frame. If this line is not along the
-    frame's z axis, the result is None, too.
+    The tool points along the axis that :func:`.tool_axis` finds. The result is None if there is
+    none, or if it is not the z axis of a frame that was given, whose z axis may be meant.
     """
-    fixed = sector.task.kind.turns and not sector.widths[3:5].any() and _is_upright(sector)
-    _, (origin, _) = last_axis(sector.task)
-    if not fixed or -origin[2] <= _ALONG * float(np.linalg.norm(origin)):
+    task, (tilt, _) = sector.task, difference(sector.axis, VERTICAL)
+    if not task.kind.turns or sector.widths[3:5].any() or tilt > NEAR:
         return None
-    where = _pointing(sector)
+    found = tool_axis(task)
+    if found is None or (isinstance(task, ToolTask) and found.axis != "z"):
+        return None
+    where = _pointing(sector.placement.rotation @ found.rotation[:, 2])
     return where if where in ("down", "up") else None
 
 
@@ -205,11 +206,8 @@ def _rounded_inward(low: float, high: float) -> tuple[str, str]:
     return first, last
 
 
-def _pointing(sector: Sector) -> str:
-    """Write where the z axis of the frame points in the middle of a sector.
-
-    The text is ``down``, ``up``, ``along x of the base``, or such as ``along (0.6, 0, -0.8)``.
-    """
-    z = sector.placement.rotation[:, 2]
-    named = (name for name, axis in _POINTS if z @ np.array(axis) > 1 - 1e-6)
-    return next(named, f"along ({', '.join(f'{v:.2g}' for v in np.round(z, 3) + 0.0)})")
+def _pointing(direction: Array) -> str:
+    """Write a direction (3,) in axes of the base: ``down``, or such as ``along (0.6, 0, -0.8)``."""
+    named = (name for name, axis in _POINTS if direction @ np.array(axis) > 1 - 1e-6)
+    numbers = ", ".join(f"{v:.2g}" for v in np.round(direction, 3) + 0.0)
+    return next(named, f"along ({numbers})")

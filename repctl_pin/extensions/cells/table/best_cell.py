@@ -46,11 +46,11 @@ from ..cell_design_result import CellDesign
 from ..evaluate.cell_failures import FailureReason, most_singular
 from ..evaluate.reach import SINGULAR, STEPS, Grown, drawn, grown, rays, unlike_rows
 from ..fit.cell_fit import CellFit
+from ..geometry.approach import Approach, approach_axis, with_approach
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import of_positions
 from ..geometry.kinematics import joined, placed, rows_of
 from ..place.posture_search import Candidate, judged, searched
-from .approach import Approach, approach_axis, with_approach
 from .middles import APART, ENOUGH, beside, collision_free, ordered
 from .whole_table import WholeTable, middles_in_floods, whole_table
 

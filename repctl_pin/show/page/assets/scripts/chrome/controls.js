@@ -29,9 +29,12 @@ export function connect(clock, view) {
   );
   byId("help").addEventListener("click", keys);
   const menus = ["looks", "save", "loops"].map(byId);
-  document.addEventListener("pointerdown", (event) => {
-    for (const menu of menus) if (!menu.contains(event.target)) menu.open = false;
-  });
+  const closeMenus = (pressed) => {
+    for (const menu of menus) if (!menu.contains(pressed)) menu.open = false;
+  };
+  document.addEventListener("pointerdown", ({ target }) => closeMenus(target));
+  // what is pressed in the page around this one is not seen here
+  window.addEventListener("blur", () => closeMenus(null));
   for (const menu of menus) menu.addEventListener("toggle", () => insideWindow(menu));
   window.addEventListener("resize", () => menus.forEach(insideWindow));
   byId("view").addEventListener("click", view.reset);

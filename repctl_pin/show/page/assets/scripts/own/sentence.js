@@ -36,9 +36,12 @@ export function answer(chain, arms, { runs }, cycles, shape) {
     times: cycles === 1 ? "one cycle" : `${cycles} cycles`,
     k: cycles - 1,
   };
-  const found = comparison(context, shape);
+  const violations = brokenLimits(context.runs).flatMap((data) =>
+    violationWords(data, cycles, shape.whose),
+  );
+  const found = comparison({ ...context, broken: violations.length > 0 }, shape);
   return {
-    sentence: [...sentence, ...found.sentence],
+    sentence: [...sentence, ...violations, ...found.sentence],
     notes: [...notesOf(context.arms, context.runs, cycles), ...(lost.length ? [NOT_KNOWN] : [])],
     part: found.part,
   };
@@ -120,9 +123,10 @@ function noneWords(runs, { whose }) {
   return `No arm can follow ${whose} to its end: ${each.join(", ")}, ${WHERE}.`;
 }
 
-// Who is back and who is not, of the arms that have gone all the way.
+// Who is back and who is not, of the arms that have gone all the way; after a limit is `broken`,
+// no hand is called back.
 function comparison(context, { encloses, turns, whose }) {
-  const { chain, arms, runs, alone, times, k } = context;
+  const { chain, arms, runs, alone, broken, times, k } = context;
   const worst = runs.map(({ ends }, i) => mostOff(chain, arms[i], ends[k]));
   const most = worst.reduce((a, b) => (b.off > a.off ? b : a));
   const joints = runs.map(({ turned }) => Math.max(...turned[k]));
@@ -137,7 +141,7 @@ function comparison(context, { encloses, turns, whose }) {
     ]);
   const hands = HANDS[chain.frames.length] || `all ${chain.frames.length} hands are`;
   const by = alone ? ` under ${aloneUnder(arms[0])}` : "";
-  if (alone && back && encloses)
+  if (alone && back && encloses && !broken)
     return {
       sentence: [
         [`${capitalized(aloneUnder(arms[0]))} brings every part back: `],
@@ -147,7 +151,12 @@ function comparison(context, { encloses, turns, whose }) {
       ],
       part: most.part,
     };
-  sentence.push([`After ${times} of ${whose} ${hands} back${by}. `]);
+  if (!broken) sentence.push([`After ${times} of ${whose} ${hands} back${by}. `]);
+  const is = (subject, verb) =>
+    broken
+      ? `In a simulation that goes on, after ${times} ${subject} ${verb}: `
+      : `${capitalized(subject)} ${verb}: `;
+  const not = broken ? "is not back" : "is not";
   const value = (i, unit) => {
     const { off, part } = worst[i];
     const zero = off < BACK;
@@ -162,23 +171,26 @@ function comparison(context, { encloses, turns, whose }) {
     );
   else if (back)
     sentence.push(
-      [`So is every part of the ${armWord(chain)}: `],
+      [
+        broken
+          ? is(`every part of the ${armWord(chain)}`, "is back")
+          : `So is every part of the ${armWord(chain)}: `,
+      ],
       ["0", "ink"],
       [" from its start."],
     );
   else if (most.off >= SMALL) {
     const offs = listed((i) => value(i, FROM));
-    sentence.push([`${capitalized(partWords(most.part))} is not: `], ...offs, ["."]);
+    sentence.push([is(partWords(most.part), not)], ...offs, ["."]);
   } else if (Math.max(...joints) >= TURNED) {
     const angles = listed((i) => [angleWords(joints[i]), arms[i].data.whose]);
-    sentence.push([`The joint ${mostTurned(chain, runs, k)} is not: `], ...angles, ["."]);
+    sentence.push([is(`the joint ${mostTurned(chain, runs, k)}`, not)], ...angles, ["."]);
   } else {
     const offs = listed((i) => value(i, ""));
-    const subject = capitalized(partWords(most.part));
     // the bars of later cycles may show more
     const later = runs.some(({ ends }) => Math.max(...ends.at(-1)) >= SMALL);
-    const verb = later ? "has drifted" : "has hardly drifted";
-    sentence.push([`${subject} ${verb} in ${times}: `], ...offs, ["."]);
+    const verb = `${later ? "has drifted" : "has hardly drifted"}${broken ? "" : ` in ${times}`}`;
+    sentence.push([is(partWords(most.part), verb)], ...offs, ["."]);
   }
   sentence.push(...othersOf(chain, arms, runs, k));
   return { sentence, part: most.part };
@@ -247,11 +259,9 @@ function mostOff(chain, arm, off) {
 
 function notesOf(arms, runs, cycles) {
   const notes = runs.length > 1 ? [[speedWords(runs.at(-1), runs[0], cycles)]] : [];
-  const broken = brokenLimits(runs);
-  const violations = broken.flatMap((data) => violationWords(data, cycles));
-  const later = broken.flatMap((data) => laterWords(data, cycles));
-  const limits = [...violations, ...later];
-  notes.push(...(limits.length ? limits : [[" Joint limits are kept."]]));
+  const later = brokenLimits(runs).flatMap((data) => laterWords(data, cycles));
+  const kept = runs.every(({ data }) => !data.broken || data.lost < Infinity);
+  notes.push(...(kept && !later.length ? [[" Joint limits are kept."]] : later));
   const margin = Math.min(...runs.map((run) => run.margin));
   const where = margin >= FAR ? "stays far from" : "comes near to";
   const scale = `${margin.toFixed(2)} (1 is best, 0 fails)`;
@@ -273,11 +283,13 @@ export function brokenLimits(runs) {
   return alike ? [{ ...first, under: "either control" }] : [first, ...others];
 }
 
-const limitWords = (broken) => (broken.name ? `${broken.name} leaves its range` : broken.words);
+const limitWords = ({ name, words }) =>
+  name ? `${name} leaves its range` : words.replace(" past ", " exceeds ");
 
-function violationWords({ broken, under, lost }, cycles) {
+function violationWords({ broken, under, lost }, cycles, whose) {
   if (!broken || lost < Infinity || broken.cycle > cycles) return [];
-  return [[` ${limitWords(broken)} in cycle ${broken.cycle} under ${under}.`, "bad"]];
+  const words = `${limitWords(broken)} in cycle ${broken.cycle} of ${whose}`;
+  return [[`Under ${under}, ${words}.`, "bad"], [" "]];
 }
 
 // What happens in a later cycle, whose bars may be missing.

@@ -15,7 +15,7 @@ from ....base.arguments import Array, require_choice
 from ....model.model import frame_id
 from ....model.task import Task
 from ....model.tool import turned_frame
-from ..geometry.symmetry import last_axis
+from .symmetry import last_axis
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 """Names of the axes of a frame."""
@@ -59,17 +59,28 @@ class Approach(NamedTuple):
 def approach_axis(task: Task, given: Any = None) -> Approach:
     """Find the approach axis of a task's frame, or check a given name such as ``"-z"``.
 
-    The end of the tool is the middle of its fingers or, without fingers, the frame's origin. The
-    tool points along the axis of the last joint, toward this end. If the end is at the origin of
-    the last joint, the tool points along this axis, away from the joint before the last. If the end
-    lies beside the axis, the tool points from the last joint to the end. The approach axis is the
-    axis of the frame that is nearly along the direction in which the tool points, or z if no axis
-    of the frame is. The result has the name of the axis, and a text on how it was found. If a name
-    is ``given``, it is checked and returned; InputError is raised if it names no axis.
+    It is the axis that :func:`tool_axis` finds, or z if there is none. The result has the name of
+    the axis, and a text on how it was found. With a ``given`` name, that is returned; InputError is
+    raised if it names no axis.
     """
     if given is not None:
         require_choice(given, AXES, "approach axis")
         return Approach(given, "as given")
+    found = tool_axis(task)
+    if found is None:
+        name, _ = last_axis(task)
+        return Approach("z", f"because the axis of {name} is along no axis of the frame")
+    return found
+
+
+def tool_axis(task: Task) -> Approach | None:
+    """Find the axis of a task's frame along which the tool points, or None.
+
+    The tool points along the axis of the last joint, toward the fingers or, without fingers, the
+    frame's origin; if this is the origin of the joint, away from the joint before it. If the
+    fingers or the frame lie beside that axis, the tool points from the joint to them. The axis of
+    the frame must be nearly along that direction.
+    """
     name, (origin, axis) = last_axis(task)
     fingers = _fingers(task)
     away = -origin if fingers is None else fingers - origin
@@ -80,7 +91,7 @@ def approach_axis(task: Task, given: Any = None) -> Approach:
     if far > _SHORT and np.abs(away).max() > _ROUGHLY * far:
         end = task.frame if fingers is None else "the fingers"
         return Approach(_named(away), f"the direction from {name} to {end}")
-    return Approach("z", f"because the axis of {name} is along no axis of the frame")
+    return None
 
 
 def with_approach(task: Task, approach: Approach) -> Task:
