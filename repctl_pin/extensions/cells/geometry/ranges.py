@@ -15,7 +15,7 @@ import numpy as np
 
 from ....base.arguments import Array
 from ....model.tool import ToolTask
-from .approach import tool_axis
+from .approach_axis import tool_axis
 from .cell import Cell
 from .cell_arguments import VERTICAL
 from .sector import HEIGHT, RADIUS, Sector

@@ -46,7 +46,7 @@ from ..cell_design_result import CellDesign
 from ..evaluate.cell_failures import FailureReason, most_singular
 from ..evaluate.reach import SINGULAR, STEPS, Grown, drawn, grown, rays, unlike_rows
 from ..fit.cell_fit import CellFit
-from ..geometry.approach import Approach, approach_axis, with_approach
+from ..geometry.approach_axis import Approach, approach_axis, with_approach
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import of_positions
 from ..geometry.kinematics import joined, placed, rows_of
