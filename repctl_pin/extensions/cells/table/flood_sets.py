@@ -33,7 +33,7 @@ from .flood import SPACING, Rectangles, Table, flooded, rectangles
 _DRAWN, _SEEDS, _LOCKED = 2048, 24, 128
 """Numbers of random configurations, of floods from them, and of floods with locked joints."""
 
-_MIDDLES, _TESTED = 12, 16
+_MIDDLES, _TESTED = 12, 8
 """Numbers of middles of locked floods from which others begin, and of floods whose bodies are
 tested."""
 
@@ -203,7 +203,7 @@ def free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: Floods)
 
 
 def unlike_floods(table: Table, floods: Floods) -> Floods:
-    """Select up to 16 floods with large rectangles and unlike configurations in their middles.
+    """Select up to eight floods with large rectangles and unlike configurations in their middles.
 
     Joints that do not move the task, such as the last one of an axis task, make no difference.
     """
