@@ -742,9 +742,7 @@ def _shaped_places(
             rating[k] = found.area * SPACING**2 * (0.5 + 0.5 * share)
             every[k], postures[k] = (table, found), Q[found.middle]
     cell = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
-    # where bodies are near, a flood over more nodes ends at others
-    some = _unlike(rating, postures) if limits.distance == _CLEAR else []
-    for k in map(int, some):
+    for k in map(int, _unlike(rating, postures)):
         found = every[k][1]
         angles = float(openings.middle[k]), float(openings.half[k])
         fine, inner, q = _refined(table, cell, found, postures[k], angles, limits)
