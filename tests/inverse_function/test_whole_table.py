@@ -407,7 +407,8 @@ def test_no_range_of_radius_exceeds_its_bound() -> None:
         ends = tables.largest_profile.runs(mask, found.first[0], found.last[0])
         area = tables.largest_profile.largest_between(ends).area
         assert area <= tables.largest_profile.most_between(mask) + 1e-9
-    assert area == tables.largest_profile.most_between(mask) - 19  # trapezoids: half at both ends
+    # trapezoids: half at both ends
+    assert area == pytest.approx(tables.largest_profile.most_between(mask) - 19, abs=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -961,3 +962,55 @@ def test_a_posture_that_repeats_another_is_left_out(panda_pose: rp.Task) -> None
     assert not best_cell._repeats(panda_pose, at(turned, 0.2), tried)
     assert not best_cell._repeats(panda_pose, at(unlike, 0.1), tried)
     assert best_cell._repeats(panda_pose, at(unlike, 0.1), [*tried, at(unlike, 0.1)])
+
+
+def test_a_finer_table_has_the_old_nodes_and_those_between(panda_pose: rp.Task) -> None:
+    line, symmetries = whole_table._symmetries(panda_pose)
+    sides = np.array([0.1, 0.5]), np.array([-0.2, 0.1])
+    down = np.diag([1.0, -1.0, -1.0])
+    table = tables.flood_sets.grid_around(panda_pose, down, line, symmetries, (-0.2, 0.1), *sides)
+    fine = table.finer()
+    assert table.spacing == pytest.approx(tables.flood.SPACING) == 2 * fine.spacing
+    for coarse, all_nodes in ((table.radii, fine.radii), (table.heights, fine.heights)):
+        assert np.allclose(all_nodes[::2], coarse)
+        assert np.allclose(np.diff(all_nodes), fine.spacing)
+
+
+def test_polynomials_follow_a_side_that_bends_three_times() -> None:
+    """Closed form: the largest radius is a polynomial of degree 6, which one of 4 cannot follow."""
+    i, j = np.arange(60)[:, None], np.arange(41)
+    z = j / 20 - 1
+    high = 40 - 12 * np.polynomial.chebyshev.chebval(z, [0, 0, 0, 0, 0, 0, 1])
+    mask = (i >= 5) & (i <= high)
+    ends = tables.largest_profile.runs(mask, np.array([5, 10]), np.array([27, 30]))
+    best = tables.largest_profile.largest_between(ends)
+    exact = float(np.trapezoid(high - 5, j))
+    assert exact - 2 * 40 < best.area < exact and mask[best.inside(mask.shape)].all()
+
+
+def test_nodes_with_half_the_spacing_move_the_sides_outward(panda_pose: rp.Task) -> None:
+    """Oracle: Newton's method finds the flood's poses. At each node of the larger sector, a
+    configuration has the pose of the node, within the limits, and bodies keep their distance."""
+    line, symmetries = whole_table._symmetries(panda_pose)
+    sides, heights = (np.array([0.1, 0.6]), np.array([0.0, 0.4])), (0.0, 0.4)
+    down = np.diag([1.0, -1.0, -1.0])
+    table = tables.flood_sets.grid_around(panda_pose, down, line, symmetries, heights, *sides)
+    start = np.array([[9, 5]])
+    q = np.array([[0, 0.2, 0, -2.3, 0, 2.5, 0.785]])
+    free = np.zeros((1, 7), bool)
+    q, good = table.solved(start, q, free, 40)
+    assert good.all()
+    (flood,) = tables.flood.flooded(table, start, q, free)
+    mask = np.isfinite(flood[..., 0])
+    first, last = (each[0] for each in tables.flood.rectangles(mask[None])[1:])
+    found = tables.largest_profile.largest_between(tables.largest_profile.runs(mask, first, last))
+    cell = whole_table._sector(table, line, symmetries, first, last)
+    limits, whole = whole_table.Required(np.inf, np.inf, 0.005), (0.0, np.pi)
+    fine, inner, middle = whole_table._refined(
+        table, cell, found, flood[found.middle], whole, limits
+    )
+    assert inner.area * fine.spacing**2 > found.area * table.spacing**2 > 0.1
+    on = np.array([inner.middle])
+    exact, good = fine.solved(on, middle[None], free, 9)
+    assert good.all() and np.abs(exact - middle).max() < 1e-5
+    assert rp.Bodies(panda_pose).distances(middle[None])[0] > 0.005

@@ -84,6 +84,18 @@ class Table(NamedTuple):
         """Numbers (I, J) of radii and heights."""
         return len(self.radii), len(self.heights)
 
+    @property
+    def spacing(self) -> float:
+        """Distance of neighbouring nodes, m."""
+        return float(self.heights[1] - self.heights[0])
+
+    def finer(self) -> Table:
+        """Return the table with half the spacing; its nodes (2 i, 2 j) are the nodes (i, j)."""
+        radii, heights = (
+            np.linspace(each[0], each[-1], 2 * len(each) - 1) for each in (self.radii, self.heights)
+        )
+        return self._replace(radii=radii, heights=heights)
+
     def goals(self, nodes: NDArray[np.intp]) -> tuple[Array, Array]:
         """Return the positions (K, 3), m, and rotations (K, 3, 3) of the frame at nodes (K, 2)."""
         rho, z = self.radii[nodes[:, 0]], self.heights[nodes[:, 1]]

@@ -27,17 +27,18 @@ from ....base.arguments import Array
 from ..fit.trimming import Required
 from ..geometry.cell import Cell
 from ..geometry.sector import HEIGHT, RADIUS, Sector
+from ..geometry.sector_profile import MOST_DEGREE
 from .flood import rectangles
 
-_DEGREE = 4
-"""Degree of the polynomials."""
+_DEGREE = MOST_DEGREE
+"""Maximum degree of the polynomials; it is at most half the number of spacings of their heights, so
+that the nodes bind them between the heights, too."""
 
 _NARROW = 2.0
 """Smallest difference of the two radii, in units of the spacing of the nodes."""
 
-_SHORT = 2 * _DEGREE
-"""Smallest number of spacings from the lowest to the highest height. With fewer, nothing would bind
-the polynomials between the nodes."""
+_SHORT = 8
+"""Smallest number of spacings from the lowest to the highest height."""
 
 _STRIDE = 2
 """Step of the lowest and the highest height that are tried, in nodes."""
@@ -46,7 +47,7 @@ DEAREST, SHARES = 6.0, 5
 """Largest extra joint speed at a node, relative to the maximum mean, from which on nodes are left
 out; and number of such maxima that are tried down to the mean itself."""
 
-SPARE = 0.85
+SPARE = 0.92
 """Share of the largest extra joint speed up to which nodes belong to a sector whose range of radius
 depends on the height: its function costs more than the minimum at some nodes."""
 
@@ -176,7 +177,8 @@ def _between(ends: Array, first: int, last: int) -> Between:
 
     ``ends`` (L, 2) has the runs at the L heights with the indices ``first`` to ``last``.
     """
-    V = chebyshev.chebvander(np.linspace(-1, 1, len(ends)), _DEGREE)
+    degree = min(_DEGREE, (len(ends) - 1) // 2)
+    V = chebyshev.chebvander(np.linspace(-1, 1, len(ends)), degree)
     weights = np.ones(len(ends))
     weights[[0, -1]] = 0.5
     none, most = np.zeros_like(V), weights @ V
@@ -190,7 +192,7 @@ def _between(ends: Array, first: int, last: int) -> Between:
     if found.status:
         return Between.none()
     low, high = (chebyshev.cheb2poly(c) for c in np.split(found.x, 2))
-    low, high = (np.pad(c, (0, _DEGREE + 1 - len(c))) for c in (low, high))
+    low, high = (np.pad(c, (0, degree + 1 - len(c))) for c in (low, high))
     return Between(-float(found.fun), first, last, low, high)
 
 

@@ -71,7 +71,7 @@ from ..geometry.cell_arguments import VERTICAL, Angle
 from ..geometry.sector import ANGLE, Sector
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from ..place.posture_search import given
-from .flood import SPACING, Rectangles, Table, rectangles
+from .flood import SPACING, Rectangles, Table, flooded, rectangles
 from .flood_sets import (
     ALIKE,
     NEAREST,
@@ -82,10 +82,18 @@ from .flood_sets import (
     unlike_floods,
 )
 from .joint_speeds import least_speeds
-from .largest_profile import DEAREST, SHARES, Between, affordable_between, area_of, most_between
+from .largest_profile import (
+    DEAREST,
+    SHARES,
+    Between,
+    affordable_between,
+    area_of,
+    more_between,
+    most_between,
+)
 from .locked_arms import LargerArm, LockedJoints, best_locked, larger_arm, with_middles
 from .outline import outlines
-from .windows import Shut, shut, windows
+from .windows import STEP, Shut, free_nodes, shut, windows
 
 _DESIGNED = 3
 """Number of postures for which functions are designed."""
@@ -667,12 +675,19 @@ def _places(
     turns)`` makes the sector of the opening k, turned by two angles, rad: about the arm's axis, and
     about the tool's.
     """
-    order = np.argsort(-rating, kind="stable")[: int((rating > 0).sum())]
-    order = order[unlike_rows(postures[order], ALIKE, _DESIGNED)]
     return [
         _place(table, openings, k, symmetries, postures[k], float(rating[k]), partial(sector, k))
-        for k in map(int, order)
+        for k in map(int, _unlike(rating, postures))
     ]
+
+
+def _unlike(rating: Array, postures: Array) -> NDArray[np.intp]:
+    """Select up to three rows of ``rating`` (K,) with unlike ``postures`` (K, n), the best first.
+
+    Rows with the rating 0 are left out.
+    """
+    order = np.argsort(-rating, kind="stable")[: int((rating > 0).sum())]
+    return order[unlike_rows(postures[order], ALIKE, _DESIGNED)]
 
 
 def _place(
@@ -714,10 +729,11 @@ def _shaped_places(
 
     The sectors contain only nodes at which joint speed can meet its limits. ``speeds`` (2, S, I, J)
     are the minimum squared joint speeds: ``speeds[0]`` of a function, ``speeds[1]`` of J⁺. Sectors
-    whose worth is below that of the best one by more than 5 % may be missed.
+    whose worth is below that of the best one by more than 5 % may be missed. The sides of those
+    that are found are then moved to nodes with half the spacing.
     """
     own, usual = speeds[:, openings.flood]
-    every = [Between.none()] * len(openings.mask)
+    every = [(table, Between.none())] * len(openings.mask)
     rating = np.zeros(len(every))
     postures = np.zeros((len(every), table.task.n))
     # worth of one unit of area, and of all nodes
@@ -730,12 +746,47 @@ def _shaped_places(
             Q, inside = floods.Q[openings.flood[k]], found.inside(table.shape)
             share = _turn_share(table.task, symmetries, Q[inside], openings.half[k] / np.pi)
             rating[k] = found.area * SPACING**2 * (0.5 + 0.5 * share)
-            every[k], postures[k] = found, Q[found.middle]
+            every[k], postures[k] = (table, found), Q[found.middle]
+    cell = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
+    for k in map(int, _unlike(rating, postures)):
+        found = every[k][1]
+        angles = float(openings.middle[k]), float(openings.half[k])
+        fine, inner, q = _refined(table, cell, found, postures[k], angles, limits)
+        if inner.area:
+            gain = inner.area / found.area * (fine.spacing / SPACING) ** 2
+            every[k], postures[k], rating[k] = (fine, inner), q, rating[k] * gain
 
     def sector(k: int, turns: tuple[float, float]) -> Cell:
-        return _shaped_sector(table, line, symmetries, every[k], turns)
+        return _shaped_sector(every[k][0], line, symmetries, every[k][1], turns)
 
     return _places(table, openings, symmetries, postures, rating, sector)
+
+
+def _refined(
+    table: Table,
+    cell: Cell,
+    found: Between,
+    q: Array,
+    window: tuple[float, float],
+    limits: Required,
+) -> tuple[Table, Between, Array]:
+    """Find a larger sector beside one of a flood, among nodes with half the spacing.
+
+    ``found`` is that of the flood, ``q`` (n,) the configuration in its middle, and ``window`` the
+    middle and the half-width, rad, of the angles at which bodies keep the distance of ``limits``.
+    Joint speeds are those along the coordinates of ``cell``. Return the table of these nodes, the
+    sector, and the configuration (n,) in its middle. The area is 0 if none is larger.
+    """
+    fine = table.finer()
+    flood = flooded(fine, 2 * np.array([found.middle]), q[None], np.zeros((1, len(q)), bool))[0]
+    middle, half = window[0], window[1] - STEP / 2
+    least = found.area * (table.spacing / fine.spacing) ** 2
+    enough = partial(more_between, least=least)
+    mask = free_nodes(fine, flood, limits.distance, (middle - half, middle + half), enough)
+    own, usual = np.full((2, *fine.shape), np.nan)
+    own[mask], usual[mask] = least_speeds(cell, flood[mask])
+    inner = affordable_between(mask, own, usual, limits, least)
+    return fine, inner, flood[inner.middle]
 
 
 def _best_shape(
@@ -1217,7 +1268,7 @@ def _sector(
     sector = Sector(
         table.task,
         pin.SE3(R, p),
-        radius=float(half[0]) if found is None else found.sides(table.radii[0], SPACING),
+        radius=float(half[0]) if found is None else found.sides(table.radii[0], table.spacing),
         height=float(half[1]),
         angle="all",
         spin=spin,
