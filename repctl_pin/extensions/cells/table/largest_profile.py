@@ -30,9 +30,9 @@ from ..geometry.sector import HEIGHT, RADIUS, Sector
 from ..geometry.sector_profile import MOST_DEGREE
 from .flood import rectangles
 
-_DEGREE = MOST_DEGREE
-"""Maximum degree of the polynomials; it is at most half the number of spacings of their heights, so
-that the nodes bind them between the heights, too."""
+SMOOTH = 4
+"""Degree of polynomials with smaller second derivatives. A function over a sector between such
+polynomials needs fewer cuts, which sometimes leave more of it than of a larger sector."""
 
 _NARROW = 2.0
 """Smallest difference of the two radii, in units of the spacing of the nodes."""
@@ -143,14 +143,15 @@ def _overlapping(edges: NDArray[np.intp], low: int, high: int) -> tuple[int, int
     return int(starts[best]), int(ends[best])
 
 
-def largest_between(ends: Array, least: float = 0.0) -> Between:
+def largest_between(ends: Array, least: float = 0.0, degree: int = MOST_DEGREE) -> Between:
     """Find the two polynomials with the largest area between them, inside the runs ``ends`` (J, 2).
 
     A row of ``ends`` has the first and the last index of the radius at one height, or −1 twice. The
     polynomials may extend over any range of heights. The area of the runs over a range is an upper
     bound of the area between polynomials. Ranges are tried in descending order of this bound, until
     the bound is at most the best area found or ``least``. So a result with an area of at most
-    ``least``, in units of the spacing squared, may be missed.
+    ``least``, in units of the spacing squared, may be missed. ``degree`` is the maximum degree of
+    the polynomials.
     """
     there = np.flatnonzero(ends[:, 0] >= 0)
     if len(there) <= _SHORT:
@@ -167,17 +168,19 @@ def largest_between(ends: Array, least: float = 0.0) -> Between:
     for bound, i, j in sorted(pairs, reverse=True):
         if bound <= max(best.area, least):
             break
-        found = _between(ends[i : j + 1].astype(float), i, j)
+        found = _between(ends[i : j + 1].astype(float), i, j, degree)
         best = max(best, found, key=lambda one: one.area)
     return best
 
 
-def _between(ends: Array, first: int, last: int) -> Between:
+def _between(ends: Array, first: int, last: int, degree: int) -> Between:
     """Find the two polynomials inside runs, with the largest area between them.
 
-    ``ends`` (L, 2) has the runs at the L heights with the indices ``first`` to ``last``.
+    ``ends`` (L, 2) has the runs at the L heights with the indices ``first`` to ``last``. The degree
+    is at most ``degree`` and half the number of spacings of the heights, so that the nodes bind the
+    polynomials between the heights, too.
     """
-    degree = min(_DEGREE, (len(ends) - 1) // 2)
+    degree = min(degree, (len(ends) - 1) // 2)
     V = chebyshev.chebvander(np.linspace(-1, 1, len(ends)), degree)
     weights = np.ones(len(ends))
     weights[[0, -1]] = 0.5
@@ -207,7 +210,12 @@ def area_of(cell: Cell) -> float:
 
 
 def affordable_between(
-    mask: NDArray[np.bool_], own: Array, usual: Array, limits: Required, least: float = 0.0
+    mask: NDArray[np.bool_],
+    own: Array,
+    usual: Array,
+    limits: Required,
+    least: float = 0.0,
+    degree: int = MOST_DEGREE,
 ) -> Between:
     """Find the largest part of one opening, between two polynomials, that keeps speed limits.
 
@@ -215,7 +223,8 @@ def affordable_between(
     the nodes of the opening; ``own`` and ``usual`` (I, J) are the squared joint speeds of a
     function and of J⁺ at the nodes. Nodes with the largest extra joint speed are left out until the
     mean over the part meets its limit. A part of at most the area ``least``, in units of the
-    spacing squared, may be missed. The area of the result is 0 if nothing is found.
+    spacing squared, may be missed. ``degree`` is the maximum degree of the polynomials. The area of
+    the result is 0 if nothing is found.
     """
     best = Between.none()
     with np.errstate(invalid="ignore"):
@@ -225,7 +234,7 @@ def affordable_between(
             if most_between(good) <= least:
                 break
             (first,), (last,) = rectangles(good[None])[1:]
-            found = largest_between(runs(good, first, last), least)
+            found = largest_between(runs(good, first, last), least, degree)
             inside = found.inside(mask.shape)
             if found.area and np.sqrt(own[inside].sum() / usual[inside].sum()) < 1 + limits.mean:
                 best = max(best, found, key=lambda one: one.area)

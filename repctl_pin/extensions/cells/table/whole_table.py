@@ -69,6 +69,7 @@ from ..fit.trimming import Required, Window, covered_share, trimmed, turned
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
 from ..geometry.sector import ANGLE, Sector
+from ..geometry.sector_profile import MOST_DEGREE
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from ..place.posture_search import given
 from .flood import SPACING, Rectangles, Table, flooded, rectangles
@@ -85,6 +86,7 @@ from .joint_speeds import least_speeds
 from .largest_profile import (
     DEAREST,
     SHARES,
+    SMOOTH,
     Between,
     affordable_between,
     area_of,
@@ -404,13 +406,15 @@ def whole_table(
     sectors = _sectors(table, tested, openings, within, line, symmetries)
     straight = Straight(fit, sectors, limits, float(rectangle * SPACING**2))
     report("a range of radius for each height", 0.4)
-    shaped = _shaped_places(table, tested, openings, speeds, limits, line, symmetries)
+    shapes = partial(_shaped_places, table, tested, openings, speeds, line, symmetries)
+    shaped, smooth = shapes(limits), shapes(limits, smooth=True)
     report("the function", 0.5)
-    shaped = _begun(fit, shaped, limits)
+    smooth = _begun(fit, smooth, limits)
     search = _LockedSearch(fit, table, locked, line, symmetries)
-    first = search.before_others(shaped, limits, straight)
+    first = search.before_others(smooth, limits, straight)
     if first is None:
         design, limits = _best_shape(fit, shaped, limits, straight)
+        design = _or_better(fit, smooth, limits, design)
         report("locked joints", 0.95)
         design, larger = search.at_least_locked(design, limits)
     else:
@@ -721,39 +725,43 @@ def _shaped_places(
     floods: Floods,
     openings: _Openings,
     speeds: Array,
-    limits: Required,
     line: Array,
     symmetries: tuple[Symmetry, ...],
+    limits: Required,
+    *,
+    smooth: bool = False,
 ) -> list[_Place]:
     """Choose the best sectors whose range of radius depends on the height, the best first.
 
     The sectors contain only nodes at which joint speed can meet its limits. ``speeds`` (2, S, I, J)
     are the minimum squared joint speeds: ``speeds[0]`` of a function, ``speeds[1]`` of J⁺. Sectors
     whose worth is below that of the best one by more than 5 % may be missed. The sides of those
-    that are found are then moved to nodes with half the spacing.
+    that are found are then moved outward, to nodes with half the spacing. If ``smooth``, the sides
+    are polynomials of degree 4 instead, and are not moved.
     """
     own, usual = speeds[:, openings.flood]
     every = [(table, Between.none())] * len(openings.mask)
     rating = np.zeros(len(every))
     postures = np.zeros((len(every), table.task.n))
+    degree = SMOOTH if smooth else MOST_DEGREE
     # worth of one unit of area, and of all nodes
     unit = SPACING**2 * (0.5 + 0.5 * openings.half / np.pi)
     most = unit * [most_between(mask) for mask in openings.mask]
     for k in map(int, np.argsort(-most, kind="stable")):
         least = _AS_GOOD * rating.max() / unit[k]
-        found = affordable_between(openings.mask[k], own[k], usual[k], limits, least)
+        found = affordable_between(openings.mask[k], own[k], usual[k], limits, least, degree)
         if found.area:
             Q, inside = floods.Q[openings.flood[k]], found.inside(table.shape)
             share = _turn_share(table.task, symmetries, Q[inside], openings.half[k] / np.pi)
             rating[k] = found.area * SPACING**2 * (0.5 + 0.5 * share)
             every[k], postures[k] = (table, found), Q[found.middle]
     cell = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
-    for k in map(int, _unlike(rating, postures)):
+    for k in map(int, () if smooth else _unlike(rating, postures)):
         found = every[k][1]
         angles = float(openings.middle[k]), float(openings.half[k])
         fine, inner, q = _refined(table, cell, found, postures[k], angles, limits)
-        if inner.area:
-            gain = inner.area / found.area * (fine.spacing / SPACING) ** 2
+        gain = inner.area / found.area * (fine.spacing / SPACING) ** 2
+        if gain > 1:
             every[k], postures[k], rating[k] = (fine, inner), q, rating[k] * gain
 
     def sector(k: int, turns: tuple[float, float]) -> Cell:
@@ -775,7 +783,8 @@ def _refined(
     ``found`` is that of the flood, ``q`` (n,) the configuration in its middle, and ``window`` the
     middle and the half-width, rad, of the angles at which bodies keep the distance of ``limits``.
     Joint speeds are those along the coordinates of ``cell``. Return the table of these nodes, the
-    sector, and the configuration (n,) in its middle. The area is 0 if none is larger.
+    sector, and the configuration (n,) in its middle. A sector that is not larger may be missed; its
+    area is then 0.
     """
     fine = table.finer()
     flood = flooded(fine, 2 * np.array([found.middle]), q[None], np.zeros((1, len(q)), bool))[0]
@@ -842,6 +851,21 @@ def _larger_of(found: CellDesign, design: CellDesign) -> CellDesign:
     """Return ``found`` if both its area and its worth are larger, else ``design``."""
     larger = _worth(found) > _worth(design) and area_of(found.cell) > area_of(design.cell)
     return found if larger else design
+
+
+def _or_better(
+    fit: CellFit, places: list[_Place], limits: Required, design: CellDesign
+) -> CellDesign:
+    """Design the places in turn until a design succeeds; return this design if its worth is larger.
+
+    Otherwise return the given design. Places that cannot have a larger worth are left out.
+    """
+
+    def useful(place: _Place, part: Cell) -> bool:
+        return _most_of(place, part) > _worth(design)
+
+    found = _first_design(fit, places, limits, useful)
+    return design if found is None else max(design, found, key=_worth)
 
 
 def _first_design(
