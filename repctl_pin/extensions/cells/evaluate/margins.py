@@ -76,10 +76,11 @@ _SURELY = 1e-5
 nearer are accurate to 1e-6."""
 
 
-_SAMPLED, _EDGES, _LIKELY = 4096, 1 / 3, 128
-"""Number of poses at which the distances of pairs of bodies are bounded; share of their coordinates
-that are at an end; and number of poses with small bounds, and of others, at which the distance of a
-pair is computed."""
+_SAMPLED, _BETWEEN, _EDGES, _LIKELY = 4096, 4096, 1 / 3, 128
+"""Number of poses at which the distances of pairs of bodies are bounded, and of further ones, of
+which all coordinates but two are at an end; share of coordinates of the former that are at an end;
+and number of poses with small bounds, and of others, at which the distance of a pair is computed.
+"""
 
 _STARTS, _SPREAD = 3, 0.3
 """Number of poses per pair from which nearer ones are searched for, and their least difference."""
@@ -455,12 +456,23 @@ def with_edges(cell: Cell, count: int, seed: int, rng: np.random.Generator) -> A
     """Sample poses of a cell, many of them at its edges, where bodies are nearest: (K, k).
 
     The first ``count`` are Sobol points drawn with ``seed``. About a third of the coordinates of
-    these points, selected by ``rng``, is moved to the nearer end, −1 or 1. The other poses are the
-    corners.
+    these points, selected by ``rng``, is moved to the nearer end, −1 or 1. At the poses after them,
+    all coordinates but two are −1 or 1. The last poses are the corners.
     """
     U = cell.sample(count, seed)
     U = np.where(rng.random(U.shape) < _EDGES, np.sign(U), U)
-    return np.concatenate([U, cell.corners()])
+    return np.concatenate([U, _between_corners(cell, rng), cell.corners()])
+
+
+def _between_corners(cell: Cell, rng: np.random.Generator) -> Array:
+    """Sample 4096 poses of which all coordinates but two are −1 or 1: (4096, k).
+
+    The two coordinates are selected at random, and have random values. At a corner of radius and
+    height, bodies may be near in a small range of the others, which fewer poses would miss.
+    """
+    U = np.sign(rng.uniform(-1, 1, (_BETWEEN, cell.k)))
+    free = rng.random(U.shape).argsort(axis=1) < 2
+    return np.where(free, rng.uniform(-1, 1, U.shape), U)
 
 
 def _inside(candidate: CandidateFunction, U: Array) -> tuple[Points, NDArray[np.bool_]]:
