@@ -94,7 +94,7 @@ class JointLog:
     read : str
         Description of the columns that were read; empty for arrays.
     levels : (T, k) array
-        Commanded levels of the self-motion, rad or m; k is 0 if none were named.
+        Commanded levels of the self-motion, rad or m; k is 0 if no levels were named.
     """
 
     name: str
@@ -435,10 +435,11 @@ def _checked(
 ) -> JointLog:
     """Make a log without rows that lack a number or repeat the time of the preceding row.
 
-    ``values`` (T, n + k) are the joints, times ``units`` (n,) in rad or m, and k levels.
-    ``by_name``, True if the joints were found by their names, is an attribute of the log. ``table``
-    is the file that was read, with which an error names the line; None for arrays. InputError is
-    raised if time runs backwards, or fewer than three rows remain.
+    The columns of ``values`` (T, n + k) are n joints, then k levels. ``units`` (n,) are the units
+    of the joints in rad or m, such as π/180. ``by_name``, True if the joints were found by their
+    names, is an attribute of the log. ``table`` is the file that was read, with which an error
+    names the line; None for arrays. InputError is raised if time runs backwards, or fewer than
+    three rows remain.
     """
     rows = np.flatnonzero(np.isfinite(t) & np.isfinite(values).all(axis=1))
     steps = np.diff(t[rows])

@@ -213,8 +213,9 @@ class Recording:
         task
             Task; the poses are those of its frame.
         joints : sequence of str, optional
-            Names of the numbers in such an array, in order, needed if it also has other joints or a
-            gripper. The numbers of the task's joints are used. For HDF5, the name of the array.
+            Names of the numbers in a row of an array of joints, in order. They are needed if the
+            array has numbers of other joints or of a gripper, too, which are not used. For HDF5, a
+            single name is that of the array.
         action : str, optional
             For a data set, ``joints`` if its actions are joint positions in the joints' order, or
             ``hand`` if they command the hand and are kept. By default, the data set says which.
@@ -274,7 +275,7 @@ class Recording:
 def thinned(recording: Recording, most: int) -> Recording:
     """Select at most ``most`` frames of a recording, evenly spaced in their order.
 
-    This serves steps whose time grows with the number of frames, but whose result hardly changes.
+    This saves time in steps whose result hardly depends on the number of frames.
     """
     some = np.linspace(0, len(recording) - 1, min(most, len(recording))).astype(int)
     other = object.__new__(Recording)

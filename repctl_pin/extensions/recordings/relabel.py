@@ -333,10 +333,10 @@ def relabel(
         Design of a cell's function to use; by default, a function is designed over a cell that
         contains the frames.
     leaf : (r,) array, optional
-        Level c, rad or m. By default, the level between 0 and the median of the recorded levels
-        that is nearest to the median and as good as c = 0: it must relabel as many frames, with a
-        joint-limit margin that is as large, or at least 0.05 rad or m. Without recorded
-        configurations, c = 0.
+        Level c, rad or m. By default, levels between the median of the recorded levels and 0 are
+        tried, and the one nearest to the median that is as good as c = 0 is used. A level is as
+        good if it relabels as many frames, and its joint-limit margin is as large, or at least 0.05
+        rad or m. Without recorded configurations, c = 0.
     options
         ``samples``, ``held_out`` and ``seed`` of the function's design, see :class:`FitOptions`.
     progress
@@ -462,7 +462,8 @@ def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | No
 def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, float]:
     """Return the number of recorded poses that F reaches at level c, and the smallest limit margin.
 
-    The margin, rad or m, is that of the configurations of F at these poses; inf if it reaches none.
+    The margin, rad or m, is that of the configurations of F at these poses; inf if F reaches no
+    pose.
     """
     Q = _labels(F, recording, c)
     Q = Q[np.isfinite(Q[:, 0])]
@@ -474,7 +475,8 @@ def _result(
 ) -> Relabeled:
     """Make the result from the new configurations Q (K, n), with gaps and ambiguity.
 
-    ``c`` (r,) is their level, and ``recorded`` (K, r) are the levels of the recorded ones.
+    ``c`` (r,) is the level of the new configurations, and ``recorded`` (K, r) are the levels of the
+    recorded configurations; None without recorded configurations.
     """
     before, found = recording.joints, np.isfinite(Q[:, 0])
     U, off = in_blocks(design.cell.coordinates, recording.positions, recording.rotations)

@@ -116,8 +116,9 @@ def _most_visited(
     """Find the row of X whose pose the hand visits most often.
 
     The rows of X (T, d) are points in m, ``steps`` (T - 1,) the distances between them; ``whole``
-    is False at gaps of the log. Return the index of the row, the passes of its pose within the
-    tolerance, and how near the hand comes to any tried pose at other times, m.
+    is False at gaps of the log. Return three values: the index of the row; the passes at which the
+    hand is within the tolerance of its pose; and the smallest distance, m, at which the hand
+    returns to any of the tried poses, within the tolerance or not.
     """
     radius = tolerance + float(np.quantile(steps, 0.95))
     tree = cKDTree(X)
@@ -337,8 +338,8 @@ def _second(X: Array, row: int, found: list[_Pass]) -> float:
     """Compute the smallest distance, m, at which the hand returns to the pose of a row of X (T, d).
 
     ``found`` are the passes of that pose. The distance is that of the nearest other pass. If the
-    only pass is that of the row itself, it is the distance of the nearest row outside it. The
-    result is inf if the hand never leaves the pose.
+    only pass is that of the row itself, the result is the distance of the nearest row outside this
+    pass, or inf if there is no such row.
     """
     others = [one.distance for one in found if row not in one.run]
     if others:
@@ -356,8 +357,9 @@ def _at(values: Array, at: float) -> Array:
 class _Estimate(NamedTuple):
     """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose, with data on its errors.
 
-    Before the correction, its task error is ``off`` (m,). ``A`` (n, n) maps the noise of one row of
-    the log to that of q. ``bend`` (n,) bounds the error of regression or interpolation, rad or m.
+    ``off`` (m,) is the task error before the correction. ``A`` (n, n) maps the noise of one row of
+    the log to the noise of q. ``bend`` (n,) bounds the error of regression or interpolation, rad or
+    m.
     """
 
     q: Array
@@ -430,9 +432,9 @@ def _average(
 
     Returns
     -------
-    Configuration (n,); a matrix A (n, n) such that independent errors of the rows change it as A
-    times the error of one row; and the error (n,) of the regression, which is at most the change
-    that it makes to the mean.
+    Configuration (n,); a matrix A (n, n); and the error (n,) of the regression, estimated as the
+    difference of the result from the mean of the rows. If the errors of the rows are independent,
+    the error of the configuration is distributed like A times the error of one row.
     """
     Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_ROWS)).astype(int)]
     E = np.array([task.error(q, target) for q in Q])
