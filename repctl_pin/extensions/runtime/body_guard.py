@@ -97,7 +97,8 @@ class BodyGuard:
     Attributes
     ----------
     nearest : (str, str) or None
-        Links of the two bodies that were too near along the last refused plan; None before one.
+        Links of the two bodies that were too near along the last refused plan; None if no plan was
+        refused yet.
     """
 
     def __init__(self, bodies: Bodies, task: Task, distance: float, *, unchecked: bool) -> None:
@@ -232,7 +233,7 @@ class BodyGuard:
     def _refuse_start(self, pair: int, distance: float) -> None:
         """Raise the InputError for a start at which the pair number ``pair`` is too near.
 
-        ``distance`` is that of its bodies, mm.
+        ``distance`` is the distance of the two bodies, mm.
         """
         one, other = self._model.names(pair)
         asked, remedy = 1e3 * (self._kept[pair] + _START), "start farther away"
@@ -297,8 +298,8 @@ class BodyGuard:
 def _bodies_of(bodies: Bodies, task: Task, unchecked: bool) -> Bodies:
     """Check that bodies are those of the task's robot and joints, and return them.
 
-    An InputError is raised otherwise, or if there is no pair of bodies. With ``unchecked``, links
-    without a body are accepted.
+    InputError is raised if they are not, or if there is no pair of bodies. With ``unchecked``,
+    links without a body are accepted.
     """
     require_type(bodies, Bodies, "bodies", "rp.Bodies(task)")
     own = bodies.task

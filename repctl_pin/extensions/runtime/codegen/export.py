@@ -215,13 +215,13 @@ def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
 
 
 def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
-    """Write the closed path of the example ``loop.c`` as C text: ``along`` (2 rows) and ``radii``.
+    """Write the closed path of the example ``loop.c`` as C text, by name: ``along`` and ``radii``.
 
     The path is an ellipse, ``p = p_0 + r_1 a_1 (cos s − 1) + r_2 a_2 sin s``, with the rows a_1 and
     a_2 of ``along`` and the radii r_1 and r_2, m; its orientation is constant. If Ω is a cell, the
-    path lies inside. In a sector, whose orientation turns with the angle, it is in the plane of
-    radius and height. A planar task, which leaves the orientation free, uses radius and angle
-    instead.
+    path lies inside. In a sector, a cell around the base whose orientation turns with the angle,
+    the path lies in the plane of radius and height. For a planar task, which leaves the orientation
+    free, it lies in the plane of radius and angle.
     """
     axes = [int(axis) for axis in inverse.task.rows if axis < 3]
     along, most = np.eye(3)[axes], np.full(len(axes), np.inf)

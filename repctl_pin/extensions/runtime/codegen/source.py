@@ -165,10 +165,11 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
 def _frame_sizes(arm: Any) -> dict[str, str | int]:
     """Return the sizes of one frame of the task for C, as numbers or C expressions.
 
-    They are its number of task coordinates, its number of joints, and the largest number of joints
-    of any frame. They are returned by the names of the template's placeholders. ``arm`` is the C
-    struct of the task's joint chains. For one frame, all are constants, so that the compiler can
-    unroll loops. For several frames, the first two are members of each frame's struct ``arm``.
+    The sizes are ``rows``, the number of task coordinates of the frame; ``joints``, its number of
+    joints; and ``most``, the largest number of joints of any frame. These names are placeholders of
+    the template. ``arm`` is the C struct of the task's joint chains. For a task of one frame, all
+    sizes are constants, so that the compiler can unroll loops. For several frames, ``rows`` and
+    ``joints`` are read from each frame's struct in C.
     """
     if arm.frames == 1:
         return {"rows": "M", "joints": arm.joints, "most": arm.joints}
@@ -177,7 +178,7 @@ def _frame_sizes(arm: Any) -> dict[str, str | int]:
 
 
 def _function_code(function: InverseFunction, name: str) -> str:
-    """Write the C code of a cell's function q = F(x; c), which follows that of its inverse.
+    """Write the C code of a cell's function q = F(x; c), to follow the code of its inverse.
 
     ``name`` is the prefix of all exported C names.
     """

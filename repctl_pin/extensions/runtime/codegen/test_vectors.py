@@ -92,10 +92,11 @@ def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) ->
 
 
 def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generator) -> Vector:
-    """Sample the valid test vector number k, with the configuration q (n,) or one away from q.
+    """Sample the valid test vector number k, at the configuration q (n,) or away from it.
 
-    Every sixth vector has a configuration away from q, by a random 1 rad or m or so per joint, so
-    that most of these lie outside the region. All random numbers are drawn from ``rng``.
+    In every sixth vector, a normal random number of standard deviation 1 rad or m is added to each
+    joint of q. Most of these configurations lie outside the region. All random numbers are drawn
+    from ``rng``.
     """
     task = inverse.task
     if k % 6 == 5:  # further outside
