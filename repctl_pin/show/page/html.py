@@ -172,7 +172,7 @@ def _joined(texts: Sequence[str]) -> str:
     """Join JavaScript modules into one script.
 
     Comments, indentation, line breaks at brackets, imports and exports are removed. A line that
-    begins with #, of GLSL in a template, stays a line.
+    begins with # keeps its line break: it is a directive of GLSL code in a string.
     """
     dropped = r"(?m)^(import [^;]*;\n|export |\s*//.*\n| +)|(?<=[;,{})\]]) // .*$"
     script = re.sub(dropped, "", "\n".join(texts))
@@ -198,9 +198,9 @@ def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
     """Encode (T, W) arrays as bytes that compress well; return the bytes and the resolution.
 
     Numbers are rounded to multiples of the resolution: 1e-7, or more if a number exceeds 100. The
-    third differences along the columns of each array, small for smooth motions, become integers of
-    32 bits, the lowest of which is the sign. The lowest bytes of all integers are written first,
-    the highest bytes last.
+    third differences along the columns of each array, which are small for smooth motions, become
+    integers of 32 bits, with the sign in the lowest bit. The lowest bytes of all integers are
+    written first, the highest bytes last.
     """
     most = max((np.abs(series).max(initial=0.0) for series in motion), default=0.0)
     unit = max(1e-7, float(most) / 2**30)

@@ -59,9 +59,12 @@ def own_loop(
         Proved closing radius of the repeatable controller: every closed path within this radius
         closes in joint space. None if no radius is proved.
 
-    Returns ------- dict or None         Numbers by the names that ``law.js`` reads. None if a
-    controller or a potential is user-defined, one of several frames has a ``base`` of
-        its own, or the potentials have more than 2000 terms. The visitor then cannot draw a loop.
+    Returns
+    -------
+    dict or None
+        Numbers by the names that ``law.js`` reads. None if a controller or a potential is
+        user-defined, if one of several frames has a ``base`` of its own, or if the potentials have
+        more than 2000 terms; the visitor then cannot draw a loop.
     """
     task, q0 = motion.task, motion.q[0]
     # the laws of the controllers, which the page evaluates in JavaScript
@@ -141,9 +144,9 @@ def _carried(frame: CarriedFrame) -> _Numbers:
 def study_loop(study: Study) -> _Numbers | None:
     """Collect the numbers for a visitor's own loop on the page of a study.
 
-    They describe J⁺ and the nearest repeatable inverse, each if it has a motion. Returns None if
-    the page cannot compute a controller, no motion is shown, or the page also shows a user-defined
-    controller.
+    The controllers are J⁺ and the nearest repeatable inverse; one without a motion is left out.
+    Returns None if the page cannot compute a controller, no motion is shown, or the page also shows
+    a user-defined controller.
     """
     laws: dict[str, Strategy] = {
         "pseudoinverse": Pseudoinverse(study.task),

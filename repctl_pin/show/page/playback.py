@@ -305,7 +305,7 @@ def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
 def _hand(name: str, kind: Kind) -> str:
     """Make the label of a hand on the page: its name, and which rotation its task leaves free.
 
-    For a task that controls the position only, it is ``hand, free to turn:``.
+    For a task that controls the position only, the label is ``hand, free to turn:``.
     """
     if kind.turns and not kind.tool_axes:
         return name
@@ -448,8 +448,8 @@ def _summary(
 
     ``played`` has the motion of each chain; ``moved`` is the most displaced link, and its
     displacement, m. For several chains, each quantity is that of the worst chain, but the joint
-    speed is a norm over the joints of all. Body distances and other end effectors are then left
-    out, because each chain moves bodies of the others.
+    speed is a norm over the joints of all chains. With several chains, body distances and other end
+    effectors are left out, because each chain moves bodies of the others.
     """
     alone = len(played) == 1
     summaries = [motion_summary(track.label, one, moved, bodies=alone) for one in played]

@@ -153,9 +153,9 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
     A page with all samples would be too large. If there are more than 24 cycles, only the first,
-    the last, and every k-th cycle before the last are shown. Within a cycle, the samples are evenly
-    spaced if a divisor of the number of steps is at least half of the maximum, and nearly evenly
-    otherwise.
+    the last, and every k-th cycle before the last are shown. Within a cycle, the number of samples
+    is at least half of ``per_cycle``, if there are enough steps. The samples are spaced as evenly
+    as whole steps allow.
 
     Parameters
     ----------

@@ -142,7 +142,7 @@ def _azimuth(stations: NDArray[np.float64]) -> float:
     """Choose the azimuth of the view, degrees, from the side on which the arm works.
 
     ``stations`` (P, 3) are points of the arm and, last, of the path. The side is the direction from
-    their mean to the last point.
+    the mean of all points to the last point.
     """
     tip = stations[-1]
     middle = stations.mean(axis=0)

@@ -187,7 +187,8 @@ class Viewer:
     def _placements(self, Q: Array) -> Array:
         """Compute the placements of all S shapes at Q (T, n): (T, S, 4, 4), m, in the base frame.
 
-        The base is the link relative to which the robot's frames are placed, or the root.
+        The base is the link ``task.robot.base``, which other joints can move; if it is None, the
+        base is the root link.
         """
         rows = self.task.to_robot(Q)
         placements = self._visuals.placements(rows)

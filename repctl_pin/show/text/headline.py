@@ -408,8 +408,8 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
     """Format the displacement of the most displaced part under each controller: one span each.
 
     ``unit`` is a text that follows each value, such as " from its start"; it is left out after a 0
-    that is not the first value. If the most displaced part differs between controllers, the values
-    of other parts than the one with the largest displacement name their part.
+    that is not the first value. If the most displaced part differs between controllers, each value
+    names its part, except values of the part with the largest displacement.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
@@ -529,7 +529,7 @@ def _nearest(near: Sequence[MotionSummary], summaries: Sequence[MotionSummary]) 
 
     ``summaries`` are all motions; if there are several, each distance names its controller.
     Distances between different links that round to the same number get a third digit, so that they
-    are not read as one. The list is empty if ``near`` is.
+    are not read as one. The list is empty if ``near`` is empty.
     """
     if not near:
         return []

@@ -231,7 +231,7 @@ def _desired(study: Study) -> str:
 
 
 def _unchecked(study: Study) -> list[tuple[str, list[str]]]:
-    """Make the table's row on bodies that are not checked for collisions, as they have no shape.
+    """Make the table's row on bodies without a shape, which are not checked for collisions.
 
     The list has one row, a name and its values; it is empty if all bodies are checked.
     """
