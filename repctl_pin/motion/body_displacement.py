@@ -34,9 +34,9 @@ def displacements(
 ) -> tuple[Array, NDArray[np.intp]]:
     """Compute how far each body moves between two placements: the maximum over its points.
 
-    This expresses drift in metres instead of joint angles. With the placements T before and T′
-    after, a point p of a body moves by ``(T′ − T) p̃`` with ``p̃ = (p, 1)``. Its length is a convex
-    function of p, so the maximum over a polytope is at a corner.
+    This expresses drift in metres instead of joint angles. If a body has the placements X before
+    and X′ after, a point p of the body moves by ``(X′ − X) p̃`` with ``p̃ = (p, 1)``. The length of
+    this vector is a convex function of p, so the maximum over a polytope is at a corner.
 
     Parameters
     ----------

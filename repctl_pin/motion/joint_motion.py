@@ -177,8 +177,8 @@ class JointMotion:
         """Minimum body distance and first collision, at the samples and between them.
 
         Between two samples, the joints move on a straight line. Distances are measured at about 100
-        samples per cycle. Bounds on the distances show where more are needed, and where pairs that
-        are checked for collisions only are tested.
+        samples per cycle. Bounds on the distances show where more samples are needed, and where
+        pairs that are only checked for collisions must be tested.
         """
         return self._clearance_from(_COARSE)
 
@@ -256,7 +256,7 @@ def cycle_of(moment: float, cycles: int) -> int:
 
 
 def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
-    """Select the indices (·,) of at most ``most`` rows per cycle of a motion, and of the last row.
+    """Select rows of a motion, at most ``most`` per cycle, and the last row: their indices.
 
     The ends of all cycles are included.
     """

@@ -126,8 +126,8 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) 
     """Yield the closed motions from starts along the self-motions of the start of ``given``.
 
     The search from each start begins at the motion from the preceding start. The rotation ``turn``
-    (r, r) of a null-space basis gives the r directions of the self-motions. They are followed
-    beyond joint limits, because later parts can be within them again.
+    (r, r) of a null-space basis gives the r directions of the self-motions. The self-motions are
+    followed beyond joint limits too, because they can come back within the limits.
     """
     start = given.q[0]
     target = path.placement(0.0)

@@ -124,8 +124,8 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
 def _regular_polygon(corners: float, radius: float, text: str, blend: float) -> _Drawn:
     """Create the function (task, q0, plane) → path of a regular polygon on a circle of a radius, m.
 
-    ``corners`` is their number, ``text`` the whole name, for messages, and ``blend`` the radius of
-    rounded corners, m.
+    ``corners`` is the number of corners, ``text`` the whole name, for messages, and ``blend`` the
+    radius of rounded corners, m.
     """
     if corners > MOST_POINTS:
         raise InputError(

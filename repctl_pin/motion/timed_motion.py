@@ -28,9 +28,9 @@ class TimedMotion:
         Time, s, from 0; the first samples lie shortly before the motion and the last ones shortly
         after it, at rest.
     q, qdot, qddot : (T, n) arrays
-        Positions, rad or m, velocities and accelerations, per s and s². Both rates are central
-        differences over a millisecond (or a sample, if shorter) to either side, because
-        time-optimal q̈ jumps.
+        Positions, rad or m, velocities and accelerations, per s and s². Velocities and
+        accelerations are central differences, because time-optimal q̈ jumps. The interval is a
+        millisecond to either side, or a sample if that is shorter.
     starts : (cycles + 1,) array
         Times at which the cycles begin and the last one ends, s.
     length, speed : (K,) arrays
@@ -102,7 +102,7 @@ class TimedMotion:
     def _shortest_part(self) -> tuple[float, str]:
         """Duration, s, of the shortest part that a file must resolve, and its noun in messages.
 
-        Here, this part is a cycle.
+        For a motion of several cycles, this part is a cycle.
         """
         return self.cycle_time, "cycle"
 
