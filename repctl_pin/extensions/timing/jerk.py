@@ -270,9 +270,9 @@ def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
     """Insert or remove stages next to both ends of ``grid``; return the new stages (K,).
 
     The arm is at rest at both ends, where x″ is not bounded. The first stage after rest is placed
-    at half the distance ``a³ / 6J²`` at which constant jerk J reaches the acceleration a, with the
-    limits a and J of s̈ and s⃛ there. If that is farther than one interval of the grid, up to ten
-    stages are removed; if it is nearer, stages are inserted. ``curve`` is q(s).
+    at half the distance ``a³ / 6J²`` at which constant jerk J reaches the acceleration a; a and J
+    are the limits of s̈ and s⃛ at this end. If that stage is farther away than one interval of the
+    grid, up to ten stages are removed; if it is nearer, stages are inserted. ``curve`` is q(s).
     """
     assert limits.jerk is not None
 
@@ -340,8 +340,8 @@ class _Path:
         """Evaluate x = ṡ² at the stages for the largest constant s⃛ from rest at either end: (K,).
 
         From one end, ``x = (9/2 j)^⅔ s^4/3`` with ``j = min J/|q′|`` over the joints, and s counted
-        from that end. The result is the smaller of the two values. It bounds the first guess, which
-        was computed without a limit of jerk.
+        from that end. The result is the smaller of the two values, from either end. It is a bound
+        on the first guess, which was computed without a limit of jerk.
         """
         assert limits.jerk is not None
         both = []
@@ -413,7 +413,7 @@ def _cubic(
 
     The interval has the length ``h`` and the duration ``T``, s. ``rest`` is the value of s at rest.
     ``since``, of any shape, is the time, s, since rest if ``sign`` is 1, or until rest if it is −1.
-    All results have this shape.
+    All results have the shape of ``since``.
     """
     since = np.clip(since, 0.0, T)
     jerk = 6 * h / T**3
