@@ -703,9 +703,9 @@ def _displacement(
 def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
     """Compute the offsets y of a placement X from the cell's middle: m arrays (K,), m and rad.
 
-    They are those components of the position, and of a rotation vector or the tilts of the tool,
-    that the task commands. For a sector, which is a cell around an axis, they are the radius, angle
-    and height about the axis, the tilts, and the spin of the tool.
+    In a box, the offsets are components of the position, and of a rotation vector or the tilts of
+    the tool: those that the task commands. In a sector, a cell around an axis, the offsets are the
+    radius, angle and height about the axis, the tilts, and the spin of the tool.
     """
     if not isinstance(cell, Sector):
         return _displacement(xp, cell.task.kind, _middle(xp, cell, X), X)
@@ -846,8 +846,8 @@ def _about_axis(
 def _from_middle(xp: Namespace, cell: Cell, v: Numbers) -> Numbers:
     """Convert vectors (3, K) to the axes of the tool in the middle of a cell.
 
-    In a box they are given in base axes, in a sector in the directions radial, tangential, and
-    along the axis.
+    For a box, the given vectors are in base axes; for a sector, they are in the directions radial,
+    tangential, and along the axis.
     """
     R_0 = cell.placement.rotation
     return _like(xp, (cell.directions @ R_0 if isinstance(cell, Sector) else R_0).T, v) @ v
@@ -873,8 +873,8 @@ def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
 def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
     """Remove full turns from ``away`` = q − q_ref (n, K), at the joints of the cell's symmetries.
 
-    Such a joint alone moves the frame along one coordinate of the cell. Return the differences
-    (n, K); those of these joints are from −π to π.
+    Such a joint alone moves the frame along one coordinate of the cell. Return the differences (n,
+    K), which are from −π to π for these joints.
     """
     turning = np.zeros((cell.task.n, 1))
     turning[[one.joint for one in cell.removed]] = 2 * np.pi
@@ -901,8 +901,9 @@ def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
 def _inside(xp: Namespace, cell: Cell, X: list[Numbers]) -> Numbers:
     """Test which of K placements X lie in a cell: (K,).
 
-    ``cell`` has all its coordinates (``cell.whole``). Coordinates of width 0, which are constant in
-    the cell, are also tested. The tolerance depends on the floating-point type.
+    ``cell`` is the attribute ``whole`` of a cell, which has all coordinates. So coordinates of
+    width 0, which are constant in the cell, are tested, too. The tolerance depends on the
+    floating-point type.
     """
     y, rounding = _measured(xp, cell, X), 8 * _eps(xp, X[3])
     most = (cell._bounds + max(EDGE, rounding)).tolist()
