@@ -215,11 +215,12 @@ def best_leaf(
     inverse, the joint path of all cycles is known after the first, so limits, body distances and
     leaf margin can be checked before the robot moves. Starts are sampled within the joint limits
     along the self-motion of the given start, in both directions; for r > 1, in several directions.
-    The best one is then refined by a pattern search. There are two kinds of violations, exceeded
+    The best start is then refined by a pattern search. There are two kinds of violations, exceeded
     joint limits and collisions; the result has at most as many kinds as the given start. For
     ``by="limits"``, the result's limit margin is never smaller than the given start's. With a
-    region, only starts whose cycle stays inside it replace the given one. Without a region, a cycle
-    can go far outside the region of the design, where the inverse is no longer close to G_d.
+    region, only starts whose cycle stays inside the region replace the given start. Without a
+    region, a cycle can go far outside the region of the design, where the inverse is no longer
+    close to G_d.
 
     Parameters
     ----------
@@ -537,8 +538,8 @@ def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Ar
 def _directions(task: Task, start: Array, seed: int) -> list[Array]:
     """Choose null vectors (n,) of J at the start along which to search.
 
-    They are an orthonormal basis of the null space and, if r > 1, eight random ones, drawn with the
-    random seed ``seed``.
+    The result is an orthonormal basis of the null space and, if r > 1, eight random null vectors,
+    drawn with the random seed ``seed``.
     """
     N = nullspace(task.jacobian(start))
     if task.r == 1:

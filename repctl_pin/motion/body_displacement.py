@@ -168,8 +168,9 @@ class LinkPoints:
 def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
     """Compute the displacements of the other end effectors from their start, by link: (T,) each, m.
 
-    Others are those that the task does not control but its joints move: on a robot with two arms on
-    one waist, the other hand drifts as well. The displacement is that of the origin of the link.
+    The other end effectors are links that the task does not control, but its joints move. On a
+    robot with two arms on one waist, for example, the other hand drifts as well. The displacement
+    is that of the origin of the link.
 
     Parameters
     ----------

@@ -99,9 +99,10 @@ def _run(
 def _law_of(strategy: Strategy) -> tuple[Any, dict[str, float], dict[str, Array]] | None:
     """Return the parts of the C struct LAW that depend on a strategy; None if C lacks its formula.
 
-    They are (struct :data:`ARM`, numbers by name, arrays by name). A repeatable inverse has the
-    number ``on_leaf`` = 1, by which C holds the potentials constant. A posture control has the
-    number ``gain``, 1/s, and the array ``posture`` (n,). For J⁺, both dicts are empty.
+    The result is the tuple (struct :data:`ARM`, numbers by name, arrays by name). A repeatable
+    inverse has the number ``on_leaf`` = 1, by which C holds the potentials constant. A posture
+    control has the number ``gain``, 1/s, and the array ``posture`` (n,). For J⁺, both dicts are
+    empty.
     """
     kind = type(strategy)
     if isinstance(strategy, RepeatableInverse) and kind is RepeatableInverse:

@@ -99,8 +99,8 @@ def follow(
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
     With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With a :class:`LeafLock`, Newton
-    steps from point to point of the path replace the integration. They remove the task error, and
-    the difference of a repeatable strategy's potentials h(q) from their level.
+    steps from point to point of the path replace the integration. These steps remove the task
+    error, and the difference of a repeatable strategy's potentials h(q) from the level c.
 
     Parameters
     ----------
@@ -228,9 +228,9 @@ def _locked(
 ) -> _Method:
     """Create the method of :func:`follow` with a leaf lock, ``lock``, for a motion from q0 (n,).
 
-    ``targets`` and ``grid`` are the placements and the values of s at which the steps of a cycle
-    begin and end, one more than steps, and ``period`` is in s. InputError is raised if the strategy
-    is not repeatable, or ``feedback`` is not 0.
+    ``grid`` are the values of s at which the steps of a cycle begin and end, one more than steps.
+    ``targets`` are the placements on the path at these values, and ``period`` is in s. InputError
+    is raised if the strategy is not repeatable, or ``feedback`` is not 0.
     """
     if feedback:
         raise InputError(

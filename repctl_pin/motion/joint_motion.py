@@ -71,7 +71,7 @@ class JointMotion:
         """Joint displacement per cycle, (cycles,), rad or m.
 
         ``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, … This displacement shows whether
-        the drift of a controller grows or fades. It is 0 for a repeatable controller.
+        the drift of a controller grows or fades. The displacement is 0 for a repeatable controller.
         """
         ends = self.q[:: self.steps]
         return np.linalg.norm(np.diff(ends, axis=0), axis=1)
@@ -196,7 +196,7 @@ class JointMotion:
     def first_touch(self) -> tuple[float, tuple[str, str]] | None:
         """First collision: (time in cycles, names of the two links), or None.
 
-        It may lie between two samples.
+        The collision may lie between two samples.
         """
         touch = self.clearance.touch
         return None if touch is None else (touch[0] / self.steps, touch[1])

@@ -352,8 +352,8 @@ def _on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
 def _descended(cost: _Cost, Q: Array) -> Array:
     """Minimise the cost, with constant multipliers, from Q (K, n); return the cycle (K, n).
 
-    Newton's method with a line search is used; where Newton's matrix is not positive definite, it
-    is replaced by one that is.
+    Newton's method with a line search is used; where Newton's matrix is not positive definite, a
+    positive definite matrix replaces it.
 
     Raises
     ------

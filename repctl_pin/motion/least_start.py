@@ -143,7 +143,7 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) 
 def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion | None:
     """Find the motion from a start q (n,); None if there is none, or q is outside the limits.
 
-    It is the better of two local minima, found from ``guess`` and from the motion of J⁺.
+    The result is the better of two local minima, found from ``guess`` and from the motion of J⁺.
     """
     found: list[Motion] = []
     if task.limit_margin(q).min() >= 0:
@@ -157,7 +157,7 @@ def _free(motion: Motion, margin: float) -> Motion | None:
     """Improve a motion by freeing its start; None if that fails.
 
     The first search optimises the start too, and keeps ``margin``, rad or m, from the joint limits.
-    The second one keeps the start found, and minimises the joint speed without that margin.
+    The second search keeps the start found, and minimises the joint speed without that margin.
     """
     try:
         found = least_closed_motion(

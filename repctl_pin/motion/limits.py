@@ -148,8 +148,8 @@ def _known(
     """Check limits of the user as far as that is possible without a robot, and return them.
 
     ``given`` is a number above 0, one per joint, a name in ``published``, or None. Numbers are
-    returned as an array. Other values raise an InputError that calls them ``name``. ``published``
-    maps names to (numbers, their source).
+    returned as an array. Other values raise an InputError whose message contains ``name``, the name
+    of the argument. ``published`` maps names to (numbers, their source).
     """
     if given is None:
         return None

@@ -326,8 +326,8 @@ def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) ->
 def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
     """Test whether Newton's method reaches all points (K, 3), m, each of them from q (n,).
 
-    The ``points`` are positions of the frame, such as the waypoints of the path in other units. Its
-    orientation at each point is the one at the start of the path.
+    The ``points`` are positions of the frame, such as the waypoints of the path in other units. The
+    orientation of the frame is that at the start of the path.
     """
     rotation = path.placement(0.0).rotation
     return not any(_shortfall(task, q, pin.SE3(rotation, point)) for point in points)

@@ -85,10 +85,10 @@ class TimedMotion:
 
     @property
     def cycle_time(self) -> float:
-        """Duration of a steady cycle, s, which is the second one.
+        """Duration of the second cycle, s, which is a steady cycle.
 
-        With fewer than three cycles, it is the mean duration of a cycle. The first and the last
-        cycle take longer, because they begin or end at rest.
+        With fewer than three cycles, the result is the mean duration of a cycle. The first and the
+        last cycle take longer, because they begin or end at rest.
         """
         times = np.diff(self.starts)
         return float(times[1] if len(times) > 2 else times.mean())
@@ -109,7 +109,7 @@ class TimedMotion:
     def cycle(self, k: int) -> tuple[Array, Array, Array, Array]:
         """Return the samples of cycle k, counted from 0: (t, q, q̇, q̈).
 
-        t (·,) is the time from the cycle's start, s; the others are (·, n).
+        The first index of all four arrays is the sample. t is the time from the cycle's start, s.
         """
         if as_int(k, "k") >= len(self.starts) - 1:
             raise InputError(

@@ -79,9 +79,10 @@ _A_FUNCTION = "a cell's function, such as found.function"
 def inverse_function(F: InverseFunction, xp: Namespace) -> Callable[..., Numbers]:
     r"""Convert ``q = F(x; c)`` to a pure function of arrays.
 
-    Newton's method finds q, in at most 12 steps. It begins at q_ref, a polynomial of F; n_ref
-    (n, r) are the directions in which the level c, the position along the self-motion, is measured.
-    The last two steps alone are differentiated. At a solution, this is the implicit derivative:
+    Newton's method finds q, in at most 12 steps. The method begins at q_ref, a polynomial of F;
+    n_ref (n, r) are the directions in which the level c, the position along the self-motion, is
+    measured. The last two steps alone are differentiated. At a solution, this is the implicit
+    derivative:
 
     .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} dq = \begin{bmatrix} dx \\
               dc + d(n_{ref}^T q_{ref}) - (dn_{ref}^T) q \end{bmatrix}
@@ -277,7 +278,7 @@ def _operator(function: Callable[..., Any]) -> Callable[..., Any]:
 def _operators() -> Callable[..., Any]:
     """Register torch's operator for all wrapped functions, with its derivative, and return it.
 
-    Its arguments are the number under which :func:`_operator` has stored a function in
+    The operator's arguments are the number under which :func:`_operator` has stored a function in
     ``_functions``, and the one or two arrays of that function.
     """
     import torch
@@ -472,7 +473,7 @@ def _eps(xp: Namespace, a: Numbers) -> float:
 def _solution(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbers]]:
     """Create the function (placement, levels c (r, K)) → (q (n, K), converged (K,)) of a chart.
 
-    It solves q = F(x; c) by Newton's method.
+    The function solves q = F(x; c) by Newton's method.
     """
     kind = chart.cell.task.kind
     kinematics, reference = _kinematics(xp, chart.cell.task), _reference(xp, chart)
@@ -559,8 +560,9 @@ def _jacobian(
 ) -> Numbers:
     """Evaluate Jᵀ (n, m, K) from the axes ``z`` of the joints and the vectors ``arm`` to the frame.
 
-    Both are (C, 3, K) in base axes, for the C joints of the chain, mimic joints included; ``arm``
-    leads from each joint to the frame, m. ``R`` are the columns of the frame's rotation.
+    ``z`` and ``arm`` are (C, 3, K) in base axes, for the C joints of the chain, mimic joints
+    included; ``arm`` leads from each joint to the frame, m. ``R`` are the columns of the frame's
+    rotation.
     """
     turns = _like(xp, chain.revolute[:, None, None], z)
     v, omega = z + turns * (_cross(xp, z, arm, 1) - z), turns * z
@@ -576,8 +578,8 @@ def _jacobian(
 def _reference(xp: Namespace, chart: Chart) -> Callable[[list[Numbers]], tuple[Any, ...]]:
     """Create the function from a placement to the polynomials of F there.
 
-    It returns the offsets y in the cell, a list of m arrays (K,); the monomials T (N, K) of the
-    coordinates u; and q_ref (n, K) and n_ref (n, r, K). q_ref includes the joint angles that
+    The function returns the offsets y in the cell, a list of m arrays (K,); the monomials T (N, K)
+    of the coordinates u; and q_ref (n, K) and n_ref (n, r, K). q_ref includes the joint angles that
     symmetries of the arm, such as a turn about its base, add to the polynomials.
     """
     cell, monomials = chart.cell, chart.monomials

@@ -202,7 +202,7 @@ class _ArmNode(Node):
         """Map the joint names that messages use to those of the design, in the design's order.
 
         ``given`` is the parameter ``joints``, or None for equal names. InputError is raised unless
-        it has one name per joint.
+        ``given`` has one name per joint.
         """
         own = self.servo.task.joint_names
         given = list(own) if given is None else given
@@ -350,8 +350,8 @@ def _numbers_of(message: PoseStamped) -> tuple[Sequence[float], Sequence[float]]
 def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any]:
     """Return the bodies that must keep a distance, as arguments of :class:`Servo`; may be empty.
 
-    The parameters ``surroundings``, a URDF, and ``body_distance``, m, request them. Links without a
-    body are refused, unless the parameter ``unchecked`` is ``allow``.
+    The result is not empty if the parameter ``surroundings``, a URDF, or ``body_distance``, m, is
+    set. Links without a body are refused, unless the parameter ``unchecked`` is ``allow``.
     """
     around, distance = given["surroundings"], given["body_distance"]
     if around is None and distance is None:
@@ -364,8 +364,8 @@ def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any
 def _hand_axes(given: dict[str, Any]) -> Array | None:
     """Read the rotation (3, 3) from the axes of the operator's tracker to those of the base.
 
-    It is the parameter ``hand_axes``, a quaternion x, y, z, w. Return None without this parameter:
-    the axes are then parallel.
+    The rotation is the parameter ``hand_axes``, a quaternion x, y, z, w. Return None without this
+    parameter: the axes are then parallel.
     """
     if given["hand_axes"] is None:
         return None

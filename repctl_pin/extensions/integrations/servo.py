@@ -256,8 +256,8 @@ class Servo:
     def hand_elbow(self, point: Sequence[float], *, age: float = 0.0) -> None:
         """Set the operator's elbow (3,), tracker's frame, m, with which the arm's elbow moves.
 
-        It has an effect only while the clutch is engaged. A point that is not finite releases the
-        elbow alone: the level then stays constant until the clutch is engaged again.
+        The point has an effect only while the clutch is engaged. A point that is not finite
+        releases the elbow alone: the level then stays constant until the clutch is engaged again.
         """
         if not self._clutch.engaged or not self._usable("elbow", "", age):
             return
@@ -574,8 +574,9 @@ def _levels_of(design: Design | CellDesign) -> Callable[[pin.SE3, Array], ElbowL
     """Return the function (pose x, point p_e) → level whose elbow is nearest to the point.
 
     The point p_e (3,) is in the base frame, m. The function searches along the self-motion at x. If
-    the design is that of a cell's function F, it begins at F(x); else at the configuration with the
-    pose x on the leaf through the centre of Ω. So the level depends on x and p_e alone.
+    the design is that of a cell's function F, the search begins at F(x). Otherwise, it begins at
+    the configuration with the pose x on the leaf through the centre of Ω. So the level depends on x
+    and p_e alone.
     """
     if isinstance(design, CellDesign):
         F = design.function

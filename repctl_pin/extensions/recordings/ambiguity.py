@@ -135,10 +135,10 @@ def _scaled(U: Array) -> Array:
 def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slice]) -> Array:
     """Compute ``q − q̂`` for all labellings, an array like Q, with q̂ fitted to the other folds.
 
-    The rows of Q are the frames. Its columns are the joints of the first labelling, then those of
-    the second, and so on; ``parts`` has the columns of each labelling. ``fold`` (K,) is the index
-    of each frame's fold, and ``terms`` are the monomials of q̂ in the coordinates U (K, k). The
-    frames are processed in blocks, to save memory.
+    The rows of Q are the frames. The columns of Q are the joints in the first labelling, then the
+    joints in the second, and so on; ``parts`` has the columns of each labelling. ``fold`` (K,) is
+    the index of each frame's fold, and ``terms`` are the monomials of q̂ in the coordinates U (K,
+    k). The frames are processed in blocks, to save memory.
     """
     folds, N = int(fold.max()) + 1, terms.size
     gram, right = np.zeros((folds, N, N)), np.zeros((folds, N, Q.shape[1]))

@@ -115,7 +115,7 @@ class Audit:
     def repeats(self) -> bool:
         """True if the verdict is ``repeats``.
 
-        It is False for all others, also for ``inconclusive`` and ``no return``.
+        It is False for all other verdicts, also for ``inconclusive`` and ``no return``.
         """
         return self.verdict == REPEATS
 

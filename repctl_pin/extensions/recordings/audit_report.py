@@ -182,7 +182,7 @@ def _headline(audit: Audit) -> Headline:
 def _distance(audit: Audit) -> str:
     """Write the end of the sentence "The log does not repeat": how near the hand came to a return.
 
-    It is written if there is no verdict, because no pose was visited often enough.
+    This sentence is written if there is no verdict, because no pose was visited often enough.
     """
     level = " and level" if audit.log.levels.shape[1] else ""
     if audit.returns > 0:
@@ -246,14 +246,14 @@ def _time_span(seconds: float) -> str:
 
 
 def _number(value: float) -> str:
-    """Format a change of a joint, rad or m, as a number; one below 1e-9 is written as 0."""
+    """Format a change of a joint, rad or m, as a number; a change below 1e-9 is written as 0."""
     return "0" if abs(value) < 1e-9 else number(value)
 
 
 def _table(audit: Audit) -> str:
     """Format the table of drift: the most displaced link, then the joints, the largest first.
 
-    Its columns are the largest difference, the drift per return and per unit of time, and the
+    The columns are the largest difference, the drift per return and per unit of time, and the
     half-width of the 95 % interval.
     """
     joints, visits = audit.joints, audit.visits

@@ -51,11 +51,12 @@ def design_for(
 ) -> CellDesign:
     """Design a function over a box or a sector that is just large enough for the recorded frames.
 
-    Both are cells; the function of a cell gives one configuration per pose. The cell contains all
-    frames or, if no function covers it, 98 or 90 % of them. If no function covers such a cell
-    either, the function that covers most frames is returned. In the middle of the cell, the
-    function has a typical recorded configuration, unless the design with that configuration fails.
-    ``options`` are those of the design, and ``report`` is the progress callback (step, fraction).
+    The box or sector is called the cell of the function, which gives one configuration per pose.
+    The cell contains all frames or, if no function covers that cell, 98 % or 90 % of the frames. If
+    no function covers such a cell either, the function that covers most frames is returned. In the
+    middle of the cell, the function has a typical recorded configuration, unless the design with
+    that configuration fails. ``options`` are those of the design, and ``report`` is the progress
+    callback (step, fraction).
 
     Raises
     ------

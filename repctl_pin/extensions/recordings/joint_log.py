@@ -298,7 +298,7 @@ def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> Inpu
 
 
 def joint_log(t: Any, q: Any, units: Array, levels: Any = None) -> JointLog:
-    """Make a log from times t (T,), s, and joint positions q (T, n), after checking them.
+    """Check times t (T,), s, and joint positions q (T, n), and make a log of them.
 
     ``units`` (n,) are the units of q in rad or m, such as π/180 for degrees. ``levels``, (T,) or
     (T, k), are the commanded levels, rad or m.
@@ -335,7 +335,7 @@ def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], b
 
     Returns
     -------
-    Names of the columns, empty if not found; and True if these name the joints.
+    Names of the columns, empty if not found; and True if these names contain those of the joints.
 
     Raises
     ------

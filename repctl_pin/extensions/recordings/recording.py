@@ -451,10 +451,11 @@ def _joint_columns(
 ) -> tuple[list[str] | None, tuple[int, ...] | None]:
     """Find the columns of the joints, and the index of each joint in a row of an array of them.
 
-    ``array`` has one name, that of the column of such an array, used if no joint has a column of
-    its own; None if the table lacks it. ``given`` are the names of the numbers in the array. The
-    indices are None if each joint has its own column; both results are None if there are no joints.
-    InputError is raised for only some of the joints, and for names without an array.
+    ``array`` is a list of one name, that of a column with an array of all joints; None if the table
+    has no such column. This column is used if no joint has a column of its own. ``given`` are the
+    names of the numbers in the array. The indices are None if each joint has its own column; both
+    results are None if there are no joints. InputError is raised for only some of the joints, and
+    for names without an array.
     """
     missing = [name for name in task.joint_names if name not in table.widths]
     if not missing:

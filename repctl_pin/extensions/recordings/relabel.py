@@ -126,7 +126,7 @@ class Relabeled:
     def margins_before(self) -> Array | None:
         """Joint-limit margin of the recorded configurations: (K,), rad or m.
 
-        It is negative beyond a limit, and None if no configurations were recorded.
+        A margin is negative beyond a limit. The result is None if no configurations were recorded.
         """
         before = self.recording.joints
         return None if before is None else self._margins(before)
@@ -404,9 +404,9 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 def _with_further(recording: Recording) -> Recording:
     """Copy a recording, without its times, and append each further column of joints as K frames.
 
-    Further columns are those in ``recording.further``, such as commanded joints. With their frames,
-    the cell contains their poses, too, and the level is chosen such that F reaches them. If there
-    are none, the recording itself is returned.
+    Further columns are those in ``recording.further``, such as commanded joints. With these frames,
+    the cell also contains the poses of the further columns, and the level is chosen such that F
+    reaches these poses. Without further columns, the recording itself is returned.
     """
     if not recording.further:
         return recording

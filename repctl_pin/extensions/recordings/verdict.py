@@ -182,7 +182,7 @@ class _Visits(NamedTuple):
         return _steady(self.t[first:], self.q[first:], self.r[first:], line)
 
     def later(self, groups: NDArray[np.intp]) -> int:
-        """Find the index of the visit at which a drift begins after equal visits; 0 without one.
+        """Find the index of the visit at which a drift begins after equal visits; 0 if none does.
 
         ``groups`` (N,) has the number of each visit's group. The result is the index of the first
         visit that is not in group 0. From that visit on, a joint must drift steadily, and so fast

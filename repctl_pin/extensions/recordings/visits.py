@@ -144,10 +144,11 @@ def find_visits(
 
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
     The pose with the most visits within a quarter of the tolerance is chosen, so passages farther
-    away do not count; among equals, the pose at which the hand stayed longest. If nearly all visits
-    of a pose are rests of 0.2 s, they count twice, because the hand passes other poses twice, on
-    its way there and back. Nearby poses are found in a k-d tree of points ``(p, ℓ R / √2)``, m,
-    with up to 12 coordinates per hand; a rotation by 1 rad counts like the length ℓ.
+    away do not count; among equals, the pose at which the hand stayed longest. If the hand rests
+    for 0.2 s at nearly all visits of a pose, the visits of this pose count twice: the hand passes a
+    pose on its way twice per cycle, there and back. Nearby poses are found in a k-d tree of points
+    ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand; a rotation by 1 rad counts like the
+    length ℓ.
 
     Parameters
     ----------
@@ -243,8 +244,8 @@ def _quantum(Q: Array) -> Array:
 def _features(task: Task, Q: Array, radian: float) -> Array:
     """Convert configurations Q (T, n) to points (T, d), m, whose distances are those of the poses.
 
-    A k-d tree then finds nearby poses. Poses of several hands are near each other only if those of
-    every hand are.
+    A k-d tree then finds nearby poses. With several hands, two points are near each other only if
+    every hand has nearby poses.
     """
     placements = zip(*(task.placements(q) for q in Q), strict=True)
     kinds = [one.kind for one in task.single_tasks]
@@ -337,9 +338,9 @@ def _closest(
 def _second(X: Array, row: int, found: list[_Pass]) -> float:
     """Compute the smallest distance, m, at which the hand returns to the pose of a row of X (T, d).
 
-    ``found`` are the passes of that pose. The distance is that of the nearest other pass. If the
-    only pass is that of the row itself, the result is the distance of the nearest row outside this
-    pass, or inf if there is no such row.
+    ``found`` are the passes of that pose. The result is the distance of the nearest other pass. If
+    the only pass is that of the row itself, the result is the distance of the nearest row outside
+    this pass, or inf if there is no such row.
     """
     others = [one.distance for one in found if row not in one.run]
     if others:
@@ -387,9 +388,9 @@ def _errors(task: Task, made: list[_Estimate], noise: Array, quantum: Array) -> 
     """Compute the standard deviations and biases, (N, n) each, rad or m, of N estimates ``made``.
 
     ``quantum`` (n,) is the resolution of the log. The correction by J⁺ removes the part of an error
-    that moves the hand, and leaves the part in the null space, by ``P = I − J⁺ J``. It does not
-    remove a self-motion between the pose and the position of the hand; the bias must bound that
-    motion.
+    that moves the hand, and leaves the part in the null space, by ``P = I − J⁺ J``. The correction
+    does not remove a self-motion between the pose and the position of the hand; the bias must bound
+    that motion.
     """
     off = np.array([one.off for one in made])
     off = off - np.median(off, axis=0)
@@ -425,10 +426,11 @@ def _average(
     """Average the configurations (K, n) of a visit.
 
     The rows need not lie evenly around the pose ``target``. A linear regression of q on the task
-    error e, along the directions in which the hand moves most, gives the configuration at
-    ``e = 0``. If the arm also moves in other ways during the visit, by more than the noise, only
-    the first half of the rows is used, or the last half if ``late``. Otherwise a motion between two
-    configurations would have the same mean in both directions, and hide their difference.
+    error e, along the directions in which the hand moves most, gives the configuration at ``e =
+    0``. If the arm also moves in other ways during the visit, by more than the noise, only the
+    first half of the rows is used, or the last half if ``late``. The mean of all rows would be the
+    same for a motion from one configuration to another and for the reverse motion, and so would
+    hide a difference.
 
     Returns
     -------

@@ -92,7 +92,7 @@ class BodyGuard:
         Distance to keep, m; pairs that are only checked for collisions keep 0.
     unchecked
         True to accept links without a body, whose collisions are not detected; False to raise an
-        InputError for them.
+        InputError for such links.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class BodyGuard:
         self._native = required_library("a governor with bodies", holds=True)
 
     def _arrays(self) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Create the arrays of the C struct, by name: those of integers, and those of floats."""
+        """Create the arrays of the C struct by name: a dict of integer arrays, a dict of float ones."""
         pairs, joints = self._reach.shape
         most = min(pairs, _OPEN)
         ints = {"best": np.zeros(pairs), "open": np.zeros(pairs), "which": np.zeros(most)}

@@ -203,7 +203,7 @@ def _point(value: ArrayLike, name: str) -> Array:
 
 
 def _axes(value: ArrayLike) -> Array:
-    """Convert the argument ``axes`` to a rotation (3, 3); InputError if it is not one."""
+    """Convert the argument ``axes`` to a rotation (3, 3); InputError for any other matrix."""
     axes = as_numbers(value)
     if axes is None or axes.shape != (3, 3):
         raise InputError(f"must be a 3 × 3 rotation matrix; got {shown(value)}", argument="axes")

@@ -314,8 +314,8 @@ class Governor:
     def keeps_distance(self, Q: ArrayLike) -> bool:
         """Test whether the bodies keep ``body_distance`` on a motion that another program plans.
 
-        The result is True without ``bodies=``. It can be False although the distance is kept: if it
-        is kept by less than 1 mm, or if successive configurations are far apart.
+        The result is True without ``bodies=``. The result can be False although the distance is
+        kept, if it is kept by less than 1 mm, or if successive configurations are far apart.
 
         Parameters
         ----------

@@ -144,8 +144,8 @@ class _JerkSegment(Segment):
     def excess(self, limits: JointLimits) -> float:
         """Compute the factor, at least 1, by which to stretch time so that all limits hold.
 
-        It is above 1 if a limit, which the linear program imposes at the stages, is exceeded
-        between them.
+        The factor is above 1 if a limit is exceeded between two stages: the linear program imposes
+        limits at the stages only.
         """
         return most_used(limits, self.derivatives(self.between()))
 
@@ -340,7 +340,7 @@ class _Path:
         """Evaluate x = ṡ² at the stages for the largest constant s⃛ from rest at either end: (K,).
 
         From one end, ``x = (9/2 j)^⅔ s^4/3`` with ``j = min J/|q′|`` over the joints, and s counted
-        from that end. The result is the smaller of the two values, from either end. It is a bound
+        from that end. The result is the smaller of the two values, from either end. This is a bound
         on the first guess, which was computed without a limit of jerk.
         """
         assert limits.jerk is not None

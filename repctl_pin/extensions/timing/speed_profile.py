@@ -194,7 +194,7 @@ class Course:
         return int(self.segments[0].curve.c.shape[2])
 
     def _parts(self, t: Array) -> Iterator[tuple[NDArray[np.intp], Segment, Array, float]]:
-        """Assign the times ``t`` (T,), s, to segments: yield one item per segment that has any.
+        """Assign times ``t`` (T,), s, to segments: yield one item per segment that has a time.
 
         A time belongs to the last segment that has begun, or to the first one if none has. An item
         is (indices of its times, the segment, these times on the segment's own clock, the factor by

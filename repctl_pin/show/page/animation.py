@@ -83,8 +83,8 @@ class Animation:
 def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = None) -> Animation:
     """Show motions of one robot side by side, with paths, traces and the drift after each cycle.
 
-    Motions named as in a study, such as J⁺, have the colours of a study. Others have a warm colour
-    if they drift, and a cool one if they are closed.
+    Motions named as in a study, such as J⁺, have the colours of a study. Other motions have a warm
+    colour if they drift, and a cool colour if they are closed.
 
     Parameters
     ----------

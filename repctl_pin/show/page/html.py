@@ -161,7 +161,7 @@ def _left_out(scene: dict[str, Any]) -> tuple[str, ...]:
 def _script(left_out: tuple[str, ...] = ()) -> str:
     """Join the page's JavaScript modules, in the order of ``SCRIPTS``, into one script.
 
-    The modules ``left_out`` are not among them. All modules share one scope.
+    The modules ``left_out`` are not included. All modules share one scope.
     """
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS if name not in left_out]

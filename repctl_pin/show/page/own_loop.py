@@ -213,12 +213,13 @@ def _first_axis(task: Task) -> _Numbers | None:
 
 
 def _law(strategy: Strategy) -> list[_Numbers] | None:
-    """Describe a controller by its potentials: one dictionary per map in their sum; empty for J⁺.
+    """Describe a controller by its potentials, in a list of dictionaries; empty for J⁺.
 
-    The keys are ``joints``, ``center``, ``scale`` and ``terms`` of a polynomial, or ``waves``,
-    ``sines`` and ``cosines`` of a Fourier series. The result is None if the page cannot compute the
-    controller: it is neither J⁺ nor a :class:`RepeatableInverse`, its potentials are user-defined,
-    or they have more than 2000 terms.
+    The potentials are a sum of polynomials and Fourier series, with one dictionary each. The keys
+    are ``joints``, ``center``, ``scale`` and ``terms`` of a polynomial, or ``waves``, ``sines`` and
+    ``cosines`` of a Fourier series. The result is None if the page cannot compute the controller:
+    it is neither J⁺ nor a :class:`RepeatableInverse`, its potentials are user-defined, or they have
+    more than 2000 terms.
     """
     if type(strategy) is Pseudoinverse:
         return []

@@ -375,8 +375,8 @@ def _arm(
 def _played(chain: TracedChain, track: Playback) -> JointMotion:
     """Return the motion of a chain's joints in a playback of the whole robot.
 
-    It is the playback's own motion if that is of the same task; else it is extracted from ``Q``. If
-    times are unknown, configurations are assumed to be 1 s apart.
+    The result is ``track.motion`` if that motion is of the same task; otherwise, it is extracted
+    from ``track.Q``. If times are unknown, configurations are assumed to be 1 s apart.
     """
     if track.motion is not None and _is_of(chain.task, track.motion.task):
         return track.motion
@@ -432,8 +432,8 @@ def _summaries(
 ) -> list[MotionSummary]:
     """Summarise every track, for the headline of the page.
 
-    ``played`` has, for each track, a list of one motion of the task or one per chain. ``links`` are
-    the links of the arms, of which the most displaced one is named.
+    ``played`` has a list of motions for each track: one motion of the whole task, or one motion per
+    chain. ``links`` are the links of the arms, of which the most displaced one is named.
     """
     return [
         _summary(done, track, farthest(arm.shapes, arm.off[-1], links))

@@ -28,7 +28,7 @@ _START = "#9aa4ae"
 def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute the points of a stick figure of the arm at q (n,): (n + 1, 3), m, base frame.
 
-    They are the origins of the joints and of the task's frame.
+    The points are the origins of the joints and of the task's frame.
     """
     return np.vstack([task.joint_origins(q), task.positions(q[None])])
 

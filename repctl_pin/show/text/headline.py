@@ -80,7 +80,7 @@ def hands_are(count: int) -> str:
 class Headline:
     """Sentence on the drift of the arm, and notes on joint speed, limits and bodies.
 
-    Both are tuples of spans, ``sentence`` and ``notes``; ``str()`` joins them without colours.
+    ``sentence`` and ``notes`` are tuples of spans; ``str()`` joins all spans without colours.
     ``about`` is an explanation of the sentence, which a page shows on request.
     """
 
@@ -447,9 +447,9 @@ def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list[Span]:
     """Format the extra joint speed, a root mean square, of the last motion relative to the first.
 
-    It is given for cycle 1, which both motions begin in the same configuration, and for all
-    ``cycles`` cycles. The list is empty if there is only one motion, or one of the two leaves its
-    path.
+    The extra speed is given for cycle 1, which both motions begin in the same configuration, and
+    for all ``cycles`` cycles. The list is empty if there is only one motion, or one of the two
+    leaves its path.
     """
     moves = first.speed > 0 and first.mean_speed > 0
     if last is first or not moves or first.path_loss or last.path_loss:

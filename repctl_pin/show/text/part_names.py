@@ -104,7 +104,7 @@ def _without_prefix(link: str, links: Sequence[str]) -> str:
 def _elbow_links(task: Task, q: Array) -> tuple[str, ...]:
     """Find the links before and after the elbow joint at q (n,), which are displayed as "elbow".
 
-    They are the parent and the child of that joint. The result is empty if no joint is in the
+    The links are the parent and the child of that joint. The result is empty if no joint is in the
     middle of the arm.
     """
     joint = elbow(task, q)

@@ -36,14 +36,14 @@ def joints_of(
 ) -> tuple[str, tuple[int, ...]]:
     """Find the column of joints of a data set, and the index of each of the task's joints in a row.
 
-    ``given`` are names of all numbers in a row of that column, in order. By default, they are those
-    in the data set. If the data set has no names, the column must have exactly one number per
+    ``given`` are names of all numbers in a row of that column, in order. By default, the names in
+    the data set are used. If the data set has no names, the column must have exactly one number per
     joint. A LeRobot data set must have names.
 
     Raises
     ------
     InputError
-        If there is no such column, or the names are missing or those of another arm.
+        If there is no such column, or the names are missing or belong to another arm.
     """
     name = table.joints
     if name is None:

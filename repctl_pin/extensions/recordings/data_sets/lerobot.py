@@ -303,7 +303,7 @@ def _json(file: Path) -> dict[str, Any]:
 def _updated(
     stats: dict[str, Any], columns: Mapping[str, Array], removed: Collection[str], file: Path
 ) -> dict[str, Any]:
-    """Compute the statistics of changed columns again, and return those of all columns, by name.
+    """Recompute the statistics of changed columns; return the statistics of all columns by name.
 
     ``columns`` are the changed columns, (K, w) each, by name, and ``stats`` the old statistics of
     all columns, from which those of the columns ``removed`` are left out. ``file`` is named in
@@ -372,7 +372,7 @@ def _require_rows(rows: Column, episode: object, file: Path) -> None:
 def _update_episodes(
     file: Path, columns: Mapping[str, Array], episodes: Column, removed: Collection[str]
 ) -> None:
-    """Compute statistics again, and rewrite the table of demonstrations, which has them.
+    """Recompute the statistics in the table of demonstrations, and rewrite the file of the table.
 
     ``columns`` are the changed columns of the data by name, with a row per frame of the recording;
     ``episodes`` has the number of the demonstration of each of these rows. ``removed`` are the

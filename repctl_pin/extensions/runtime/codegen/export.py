@@ -57,16 +57,17 @@ def export_c(
 ) -> list[Path]:
     """Export a repeatable inverse or a cell function as C99, with C++17 interfaces.
 
-    ``name`` stands for the argument. ``name.h`` and ``name.c`` depend on ``<math.h>`` only. They
-    define the functions placement, jacobian, inverse, leaf, velocity, step, torque and inside, with
-    the prefix ``name_``; ``step``, for example, is :meth:`RepeatableInverse.step`. The functions do
-    not allocate memory, keep no state, and return a status. ``name.hpp`` has these functions with
-    ``std::array``, and ``name_kdl.hpp`` has solvers of Orocos KDL. The program ``check.c`` compares
-    a build with Python's results in ``test_vectors.h``. ``loop.c`` is an example of a control loop
-    at 1 kHz, and ``CMakeLists.txt`` builds all. The output is deterministic.
+    ``name`` stands for the argument. ``name.h`` and ``name.c`` depend on ``<math.h>`` only. These
+    files define the functions placement, jacobian, inverse, leaf, velocity, step, torque and
+    inside, with the prefix ``name_``; ``step``, for example, is :meth:`RepeatableInverse.step`. The
+    functions do not allocate memory, keep no state, and return a status. ``name.hpp`` has these
+    functions with ``std::array``, and ``name_kdl.hpp`` has solvers of Orocos KDL. The program
+    ``check.c`` compares a build with Python's results in ``test_vectors.h``. ``loop.c`` is an
+    example of a control loop at 1 kHz, and ``CMakeLists.txt`` builds all. The output is
+    deterministic.
 
-    ``name_governor_step`` is :class:`Governor` in C, which stays within the limits at run time. Its
-    state is a struct that the caller owns.
+    ``name_governor_step`` is :class:`Governor` in C, which stays within the limits at run time. The
+    state of the governor is a struct that the caller owns.
 
     Parameters
     ----------

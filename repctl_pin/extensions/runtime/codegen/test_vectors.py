@@ -148,11 +148,11 @@ def _bad(task: Task, found: Sequence[Vector]) -> dict[int, tuple[str, Any]]:
 def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) -> dict[str, Any]:
     """Compute Python's results for a test vector, as a dict of statuses and outputs.
 
-    The statuses are ``usable`` (OK if q is finite), ``inside`` (OUTSIDE beyond the region), and
-    those of ``velocity`` and ``step`` of the inverse and of its torque law, ``torque``. The outputs
-    are ``placement``, ``J``, the level ``c`` of q, ``qdot`` (from ``velocity``), ``q_next`` (from
-    ``step``), ``tau`` and the ``observer``'s new state (from the torque law). The output of a
-    function that raises an error is 0.
+    The statuses are ``usable`` (OK if q is finite), ``inside`` (OUTSIDE beyond the region),
+    ``velocity`` and ``step`` (of these methods of the inverse), and ``torque`` (of the torque law).
+    The outputs are ``placement``, ``J``, the level ``c`` of q, ``qdot`` (from ``velocity``),
+    ``q_next`` (from ``step``), ``tau`` and the ``observer``'s new state (from the torque law). The
+    output of a function that raises an error is 0.
     """
     task, q = inverse.task, vector.q
     # numbers that are not finite are refused by all functions
