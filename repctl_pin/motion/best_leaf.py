@@ -495,7 +495,7 @@ def _fast_starts(
 def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
     """Move configurations Q (K, n) towards a target by up to ``iterations`` Newton steps with J⁺.
 
-    Return them (K, n), also those that do not reach the target.
+    Return the K configurations (K, n), also those that do not reach the target.
     """
 
     def correction(Q: Array, on: NDArray[np.intp]) -> Array:
@@ -512,7 +512,7 @@ def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
 def _inside(
     task: Task, Q: Array, target: Placement, margin: float, *, near: float = 1e-6
 ) -> NDArray[np.bool_]:
-    """Test which rows of Q (K, n) reach a target and keep a margin from the joint limits.
+    """Test which of K configurations Q (K, n) reach a target and keep a margin from joint limits.
 
     Return a mask (K,). The target is reached if no entry of the task error exceeds ``near``, m or
     rad. ``margin`` is the distance to keep from all joint limits, rad or m.

@@ -141,9 +141,9 @@ class LinkPoints:
 
     @classmethod
     def of(cls, task: Task, Q: Array) -> LinkPoints:
-        """Choose, on each link, the point that is displaced most from the first row of Q (K, n).
+        """Choose, on each link, the point that is displaced most at some configuration.
 
-        The displacement is the maximum over all rows of Q.
+        The K configurations Q (K, n) are compared with the first of them.
         """
         visuals = Visuals.of(task.robot)
         own = arm_links(task)

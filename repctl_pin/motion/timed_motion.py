@@ -25,8 +25,8 @@ class TimedMotion:
     joints : tuple of str
         Names of the joints.
     t : (T,) array
-        Time, s, from 0; the first samples lie shortly before the motion and the last ones shortly
-        after it, at rest.
+        Times of the T samples, s, from 0. The first samples lie shortly before the motion and the
+        last ones shortly after it, at rest.
     q, qdot, qddot : (T, n) arrays
         Positions, rad or m, velocities and accelerations, per s and s². Velocities and
         accelerations are central differences, because time-optimal q̈ jumps. The interval is a

@@ -7,9 +7,9 @@ counts as a length, ``radian``, m. A gap is a time step of the log that is too l
 (T − 1,) is False there. Levels are what was commanded beside the pose: positions along the
 self-motion, such as the position of the elbow. A pass is a run of consecutive rows near the pose.
 
-Letters: T rows of the log, K rows of one visit, n joints, N visits, d coordinates of a pose as a
-point, m task coordinates; e is the task error. ``noise`` (n,) is the standard deviation of a
-reading of each joint, rad or m.
+Letters: T rows of the log, K rows of one visit, n joints, k levels, N visits, d coordinates of a
+pose as a point, m task coordinates; e is the task error. ``noise`` (n,) is the standard deviation
+of a reading of each joint, rad or m.
 
 ``_Pass`` is consecutive rows of a log near one pose. ``Visits`` are the visits of the hand at one
 pose: their times and configurations. ``Kind`` is the kind of a task, such as ``pose``, with the

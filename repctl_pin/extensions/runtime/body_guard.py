@@ -123,7 +123,7 @@ class BodyGuard:
         self._native = required_library("a governor with bodies", holds=True)
 
     def _arrays(self) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Create the arrays of the C struct by name: a dict of integer arrays, a dict of float ones."""
+        """Create the arrays of the C struct: dicts of integer arrays and of float arrays, by name."""
         pairs, joints = self._reach.shape
         most = min(pairs, _OPEN)
         ints = {"best": np.zeros(pairs), "open": np.zeros(pairs), "which": np.zeros(most)}

@@ -106,7 +106,7 @@ def approach(
 
 
 def _check_bodies(task: Task, line: Array) -> None:
-    """Raise InputError if bodies collide on a joint path ``line`` (T, n), which is straight.
+    """Raise InputError if bodies collide on a straight joint path: T points ``line`` (T, n).
 
     Warn of links without a body.
     """

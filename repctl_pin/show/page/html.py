@@ -197,10 +197,10 @@ def pack(data: bytes) -> str:
 def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
     """Encode (T, W) arrays as bytes that compress well; return the bytes and the resolution.
 
-    Numbers are rounded to multiples of the resolution: 1e-7, or more if a number exceeds 100. The
-    third differences along the columns of each array, which are small for smooth motions, become
-    integers of 32 bits, with the sign in the lowest bit. The lowest bytes of all integers are
-    written first, the highest bytes last.
+    An array has W numbers for each of T samples. Numbers are rounded to multiples of the
+    resolution: 1e-7, or more if a number exceeds 100. The third differences along the columns of
+    each array, which are small for smooth motions, become integers of 32 bits, with the sign in the
+    lowest bit. The lowest bytes of all integers are written first, the highest bytes last.
     """
     most = max((np.abs(series).max(initial=0.0) for series in motion), default=0.0)
     unit = max(1e-7, float(most) / 2**30)

@@ -4,7 +4,8 @@ A playback, or track, is one motion of all joints of the robot, as the page show
 consists of the joints that move one frame; the page draws traces of that frame and of the chain's
 elbow, the joint in the middle of the arm that moves most during self-motion. The reference pose is
 the default configuration of a robot, from its SRDF or else mid-range. A potential is a function of
-the joints that a repeatable controller holds constant.
+the joints that a repeatable controller holds constant. Letters: P points of a path, n joints of a
+task, nq joints of the whole robot.
 
 ``TracedChain`` is a kinematic chain whose frame and elbow leave traces. ``Playback`` is one motion
 of a whole robot, as the page plays it: label, configurations, times. ``Dialog`` is the texts of a
@@ -396,10 +397,10 @@ def _is_of(chain: Task, task: Task) -> bool:
 def _broken(played: Sequence[JointMotion], track: Playback, rows: Array) -> FirstViolation | None:
     """Find the first limit violation or collision of a motion, which the page marks; else None.
 
-    ``played`` has the motion of each chain, ``rows`` (T, nq) the shown configurations of the robot.
-    Speed limits are checked if the motion has times; collisions, if there is one chain or one task
-    for all chains. The mark is at the origin of the violating joint's child link, or of one of the
-    colliding links.
+    ``played`` has the motion of each chain, ``rows`` (T, nq) the configurations of the robot at T
+    shown samples. Speed limits are checked if the motion has times; collisions, if there is one
+    chain or one task for all chains. The mark is at the origin of the violating joint's child link,
+    or of one of the colliding links.
     """
     description = played[0].task.robot.description
     child = {joint.name: joint.child for joint in description.joints}
@@ -472,7 +473,7 @@ def _summary(
 def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
     """Compute the positions of a chain's frame and of its elbow: (T, 3) each, m, in its base frame.
 
-    ``rows`` (T, nq) are configurations of the whole robot.
+    ``rows`` (T, nq) are T configurations of the whole robot.
     """
     part = np.ascontiguousarray(chain.task.from_robot(rows))
     return chain.task.positions(part), np.array(

@@ -4,7 +4,8 @@ A pane is the part of the page that shows one arm. A shape is a body of the arm 
 sample is a moment of the motion whose configuration the page holds; between samples it
 interpolates. The tip is the frame of the task. A chain consists of the joints that move one frame;
 its elbow joint is the joint in the middle that moves most in self-motions. A potential is a
-function of the joints that a repeatable controller holds constant.
+function of the joints that a repeatable controller holds constant. Letters: T shown samples, S
+shapes, K chains, P points of a path or a shape, nq joints of the whole robot.
 
 ``Frames`` are the samples of a motion that the page shows. ``Arm`` is the arm in one pane of the
 page, and its motion under one controller. ``Dialog`` is the texts of a page's dialog, by name.
@@ -240,8 +241,8 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
 
     Parameters
     ----------
-    motions : sequence of (T + 1, nq) arrays
-        Configurations of the whole robot, rad or m.
+    motions : sequence of (samples, nq) arrays
+        Configurations of the whole robot, all nq joints, rad or m.
     cycles
         Number of cycles of each motion.
 
@@ -262,7 +263,7 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
 def _missed(Q: Array, frames: Frames) -> float:
     """Evaluate the largest error, rad or m, of the cubics that the page draws between samples.
 
-    The error is evaluated half-way between neighbouring samples of ``frames``. ``Q`` (T + 1, nq)
+    The error is evaluated half-way between neighbouring samples of ``frames``. ``Q`` (samples, nq)
     has all configurations of the robot in the motion.
     """
     index = frames.index.reshape(-1, frames.per_cycle)
@@ -329,8 +330,8 @@ def animation_page(
         ``live``.
     own
         Numbers with which the page follows a closed path that its visitor draws: start, joints and
-        potentials; None if the visitor cannot draw a path. ``weights``, an array (1, W), is packed
-        with the motion.
+        potentials; None if the visitor cannot draw a path. ``weights``, an array of one row, is
+        packed with the motion.
     hands
         Display names of the traced frames.
     joints

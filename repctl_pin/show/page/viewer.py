@@ -185,10 +185,10 @@ class Viewer:
             self._loop.call_soon_threadsafe(self._send)
 
     def _placements(self, Q: Array) -> Array:
-        """Compute the placements of all S shapes at Q (T, n): (T, S, 4, 4), m, in the base frame.
+        """Compute the placements of S shapes at T configurations Q (T, n): (T, S, 4, 4), m.
 
-        The base is the link ``task.robot.base``, which other joints can move; if it is None, the
-        base is the root link.
+        They are relative to the link ``task.robot.base``, which other joints can move, or relative
+        to the root link if ``task.robot.base`` is None.
         """
         rows = self.task.to_robot(Q)
         placements = self._visuals.placements(rows)
@@ -198,7 +198,7 @@ class Viewer:
         return np.asarray(np.linalg.inv(base)[:, None] @ placements)
 
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
-        """Check that there is one configuration per controller; return them as an array (K, n).
+        """Check that there is one configuration per controller; return an array with one row each.
 
         InputError is raised if the number of configurations, or the size of one, is wrong.
         """
