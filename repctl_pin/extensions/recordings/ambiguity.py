@@ -33,7 +33,7 @@ _FRAMES_PER_TERM = 3
 @dataclass(frozen=True, eq=False)
 @read_only
 class Ambiguity:
-    """Misfit of smooth fits q̂(x) to several labellings of poses by configurations.
+    """Misfit of smooth functions q̂(u) of the pose, one fitted to each of several labellings.
 
     A labelling assigns one configuration to every frame: the recorded joints, or the new joints.
     The misfit is large if equal poses have different configurations.

@@ -203,7 +203,7 @@ def _unbroken(text: str) -> str:
 
 
 def _fastest(audit: Audit) -> tuple[str, str, str]:
-    """Write the drift of the most displaced link or, if it is not significant, of a joint.
+    """Write the drift of the most displaced link; if it is not significant, the drift of a joint.
 
     The joint is the one with the most significant drift. Returns three texts: the name of the link
     or joint, the rate per hour, minute or second, and the 95 % interval.

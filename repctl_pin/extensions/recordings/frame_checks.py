@@ -212,9 +212,9 @@ def _other_frame(
 ) -> _Explanation:
     """Fit another frame of the tool: ``p = p_own + R_own d``, ``R = R_own D``.
 
-    d (3,), m, and D (3, 3) are the frame's position and rotation in the frame of the task. p (K, 3)
-    and R (K, 3, 3) are the recorded poses, p_own and R_own those by forward kinematics. ``rows``
-    are the components of the position that the task commands.
+    d (3,), m, and D (3, 3) are the position and rotation of the other frame in the frame of the
+    task. p (K, 3) and R (K, 3, 3) are the recorded poses, p_own and R_own those by forward
+    kinematics. ``rows`` are the components of the position that the task commands.
     """
     d = np.linalg.lstsq(R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6)[0]
     D = mean_rotation(np.swapaxes(R_own, 1, 2) @ R) if task.kind.turns else np.eye(3)

@@ -111,9 +111,9 @@ def read_joint_log(file: Any, task: Task, units: Array, levels: Sequence[str] = 
 
     The file has a column of times, named ``time``, ``t`` or ``timestamp``, and a column for each
     joint. The name of the joint may be part of a longer name, such as ``panda_joint1.position``.
-    Columns with one name and a number, such as ``q1`` to ``q7``, are used in the order of the
-    numbers, and an array ``q`` in the order of its columns. Measured positions (actual, position,
-    measured) are preferred to desired ones. Velocities, efforts and errors are ignored.
+    Columns with the same name and a number, such as ``q1`` to ``q7``, are used in the order of the
+    numbers. An array ``q`` is used in the order of its columns. Measured positions (actual,
+    position, measured) are preferred to desired ones. Velocities, efforts and errors are ignored.
 
     The unit of time is the unit in the name of the column. Otherwise, it is the unit in which the
     times are dates from 1990 to 2100, or the only unit in which time steps and joint speeds are
@@ -195,7 +195,7 @@ def _require(table: Table, levels: Sequence[str]) -> None:
 
 
 def _of_data_set(path: Path, task: Task, units: Array, levels: Sequence[str]) -> JointLog:
-    """Read the joints of a data set; its demonstrations follow each other without pauses.
+    """Read the joints of a data set as one log: its demonstrations in turn, without pauses.
 
     ``units`` (n,) is the unit of each position in the file, in rad or m, such as π/180. ``levels``
     are the names of the k columns with levels.
@@ -402,7 +402,7 @@ def words_of(name: str, joints: Sequence[str]) -> set[str]:
 def _holds(name: str, joint: str) -> bool:
     """Test whether a joint's name is part of a column's name, as a word of its own.
 
-    No letter or digit may be next to it.
+    No letter or digit may be next to the joint's name.
     """
     return re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", name) is not None
 

@@ -197,8 +197,8 @@ class Recording:
         Columns are found by name:
 
         - joints: one column per joint of the task, or an array ``joints``, ``q``, ``qpos`` or
-          ``observation.state`` with one number per joint, in the order of the task or of the names
-          in LeRobot's ``meta/info.json``, which must include the task's joints
+          ``observation.state``. A row of the array has the task's joints in their order; or, for
+          LeRobot, the numbers that ``meta/info.json`` names, which must include the task's joints
         - poses: ``x, y, z, qx, qy, qz, qw``, or an array ``poses``
         - time: ``time``, ``t`` or ``timestamp``
         - session: ``session`` or ``episode``

@@ -252,7 +252,7 @@ class Relabeled:
     def recomputed(self) -> tuple[str, ...]:
         """Names of the columns of the pose that are computed from the new joints.
 
-        A task that commands only a part of the pose leaves the rest to change with the joints.
+        If the task commands only a part of the pose, the rest of the pose changes with the joints.
         """
         return self._columns.recomputed
 

@@ -124,7 +124,8 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
     deviation, bias : (N, n) arrays
         Standard deviation and largest bias of each value, rad or m.
     scale : (n,) array
-        Scale of each joint, 1 rad or the arm length, m. Differences below 1e-5 of it do not count.
+        Scale of each joint, 1 rad or the arm length, m. Differences below 1e-5 times this scale do
+        not count.
     """
     (N, n), floor = q.shape, CLOSED * scale
     z = -ndtri((1 - _SURE) / (N * (N - 1) * n))

@@ -145,10 +145,10 @@ def find_visits(
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
     The pose with the most visits within a quarter of the tolerance is chosen, so passages farther
     away do not count; among equals, the pose at which the hand stayed longest. If the hand rests
-    for 0.2 s at nearly all visits of a pose, the visits of this pose count twice: the hand passes a
-    pose on its way twice per cycle, there and back. Nearby poses are found in a k-d tree of points
-    ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand; a rotation by 1 rad counts like the
-    length ℓ.
+    for 0.2 s at nearly all visits of a pose, the visits of this pose count twice, because the hand
+    passes the poses on its way twice, there and back. Nearby poses are found in a k-d tree of
+    points ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand; a rotation by 1 rad counts like
+    the length ℓ.
 
     Parameters
     ----------

@@ -123,7 +123,7 @@ class BodyGuard:
         self._native = required_library("a governor with bodies", holds=True)
 
     def _arrays(self) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Create the arrays of the C struct: dicts of integer arrays and of float arrays, by name."""
+        """Create the arrays of the C struct by name: one dict for integers, and one for floats."""
         pairs, joints = self._reach.shape
         most = min(pairs, _OPEN)
         ints = {"best": np.zeros(pairs), "open": np.zeros(pairs), "which": np.zeros(most)}
@@ -216,8 +216,9 @@ class BodyGuard:
     def _keeps_part(self, Q: Array, S: Array) -> bool:
         """Test whether all distances are kept along at most 32 samples of a motion.
 
-        If the test of all samples has too much to compute, the two halves are tested. Q (K, n) are
-        the samples, S (K, n) the travel of each joint from the first sample on, rad or m.
+        If it is too much work to test all samples at once, the two halves of the motion are tested.
+        Q (K, n) are the samples, S (K, n) the travel of each joint from the first sample on, rad or
+        m.
         """
         self._own.left = _ENDLESS
         if self.allows(Q, S):

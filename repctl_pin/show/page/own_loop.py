@@ -179,7 +179,7 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
 
 
 def _path(motion: Motion) -> list[int | None] | None:
-    """Number the paths of the frames, in the frames' order; a frame that stands still has None.
+    """List the index of each frame's path, in the order of the frames; None for a frame at rest.
 
     If a visitor changes the start, the page follows these paths from the new start. The result is
     None if a frame rotates along its path, which the page cannot compute.

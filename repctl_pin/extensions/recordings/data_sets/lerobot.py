@@ -240,7 +240,7 @@ def _opened(file: Path) -> Any:
 
 
 def _part(new: Mapping[str, NewCells], rows: slice) -> dict[str, NewCells]:
-    """Select the same rows, such as the rows of one file, of each new column, by its name."""
+    """Select rows, such as those of one file, from every new column; return them by column name."""
     return {name: NewCells(c.values[rows], c.at, c.rows[rows]) for name, c in new.items()}
 
 
@@ -305,9 +305,9 @@ def _updated(
 ) -> dict[str, Any]:
     """Recompute the statistics of changed columns; return the statistics of all columns by name.
 
-    ``columns`` are the changed columns, (K, w) each, by name, and ``stats`` the old statistics of
-    all columns, from which those of the columns ``removed`` are left out. ``file`` is named in
-    error messages.
+    ``columns`` are the changed columns by name, (K, w) each. ``stats`` are the old statistics of
+    all columns. The statistics of the columns ``removed`` are left out. ``file`` is named in error
+    messages.
     """
     made = {name: value for name, value in stats.items() if name not in removed}
     for name, X in columns.items():

@@ -126,8 +126,8 @@ def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generato
 def _bad(task: Task, found: Sequence[Vector]) -> dict[int, tuple[str, Any]]:
     """Choose invalid inputs: a dict ``{number of the vector: (name of the input, its value)}``.
 
-    For q and ẋ, the value is to replace the last entry, else the whole input. ``found`` are the
-    valid vectors.
+    For q and ẋ, the value replaces the last entry; for other inputs, it replaces the whole input.
+    ``found`` are the valid vectors.
     """
     bad: dict[int, tuple[str, Any]] = {
         7: ("q", np.nan),
