@@ -334,7 +334,7 @@ def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
-    """Try to reach the target from q (n,); return the error's message, empty if it is reached."""
+    """Try to reach a target from q (n,); return the error message, empty without an error."""
     try:
         solve_near(task, q, target, tolerance=_THERE)
     except InputError as error:

@@ -221,7 +221,7 @@ def _noise_of(Q: Array) -> Array:
 
     Differences of order k of white noise σ have the variance ``(2k choose k) σ²``; the differences
     of a smooth motion vanish as k grows. The result is the smallest estimate of orders 3 to 6. Each
-    comes from the median size of the differences, which pauses and gaps hardly change.
+    estimate comes from the median size of the differences, which pauses and gaps hardly change.
     """
     if len(Q) < 16:
         return np.zeros(Q.shape[1])
@@ -277,9 +277,9 @@ def _tolerance(
     """Compute the default tolerance of a hand pose, m, without the 1e-4 arm lengths added to it.
 
     The result is four times the noise of the distance between two poses, plus the sagitta of the
-    path between two rows: a quick hand can pass a pose at that distance between two rows. ``X`` (T,
-    d) are the poses as points, whose distances are those of the poses, m; ``noise`` (n,) is that of
-    the joints.
+    path between two rows, because a quick hand can pass a pose between two rows. ``X`` (T, d) are
+    the poses as points, whose distances are those of the poses, m; ``noise`` (n,) is that of the
+    joints.
     """
     some = Q[np.linspace(0, len(Q) - 1, min(len(Q), 32)).astype(int)]
     J = task.jacobians(some)
@@ -462,8 +462,8 @@ def _interpolated(
 
     Returns
     -------
-    Configuration (n,); its derivative A (n, n) with respect to an error that all rows share, which
-    also shifts the time; and the error (n,) of interpolation.
+    Configuration (n,); its derivative A (n, n) with respect to an error that all rows share,
+    including the effect of the error on the time of the visit; and the error (n,) of interpolation.
     """
     low = min(int(at), len(Q) - 2)
     step = t[low + 1] - t[low]

@@ -165,11 +165,11 @@ class BodyGuard:
         return {"known": known, "nearest": self.nearest} | numbers
 
     def recall(self, remembered: dict[str, Any]) -> None:
-        """Return to the state that :meth:`remembered` copied, a dictionary with these keys.
+        """Return to the state ``remembered``, which :meth:`remembered` copied.
 
-        ``known`` has the remembered distances by name of their array, ``nearest`` the links of
-        :attr:`nearest`, ``next`` the index of the remembered configuration to replace next, and
-        ``left`` the work that is left in the tick, in measured distances.
+        This dict has four keys: ``known`` has the remembered distances by name of their array,
+        ``nearest`` the links of :attr:`nearest`, ``next`` the index of the remembered configuration
+        to replace next, and ``left`` the work that is left in the tick, in measured distances.
         """
         for name, values in remembered["known"].items():
             self._own.held[name][...] = values

@@ -73,8 +73,8 @@ class Dialog(NamedTuple):
     Attributes
     ----------
     uses, words : dict
-        How to use the result, and what the words of the page mean: for each heading or word, the
-        text behind it.
+        ``uses`` are texts on how to use the result, by heading. ``words`` are the meanings of the
+        words of the page, by word.
     """
 
     uses: Mapping[str, str]

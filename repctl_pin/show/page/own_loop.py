@@ -51,8 +51,8 @@ def own_loop(
     Parameters
     ----------
     motion
-        A motion that the page shows. The visitor's loop is followed from its start, at its speed
-        along the path, and with its number of steps per cycle.
+        A motion that the page shows. The visitor's loop is followed from the start of this motion,
+        at the speed of this motion along its path, and with the same number of steps per cycle.
     strategies
         Controllers, one per pane of the page, in order.
     closes

@@ -204,8 +204,8 @@ def playback_page(
     dialog
         Texts of the page's dialog; by default those of a study.
     cover
-        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads;
-        its edges are then the first path. None for no surface.
+        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads.
+        The edges of the surface are then the first path. None for no surface.
     """
     cycles = _common_cycles(tracks)
     visuals = Visuals.of(chains[0].task.robot)
@@ -336,9 +336,9 @@ def _arm(
     """Make the arm of one pane of the page, which shows one motion.
 
     ``played`` has the motion of each chain, and ``frames`` the samples to show. ``drawn`` has the
-    robot's visuals, the corners of each, m, and the links of the arm, the only ones whose
-    displacement is shown. ``start`` (4, 4) is the base's placement at the start, where the paths
-    are drawn. ``any_way`` is True if the visitor can draw a path; more corners are then kept.
+    robot's visuals, the corners of each shape, m, and the links of the arm. Displacement is shown
+    for these links only. ``start`` (4, 4) is the base's placement at the start, where the paths are
+    drawn. ``any_way`` is True if the visitor can draw a path; more corners are then kept.
     """
     (visuals, bodies, own), rows = drawn, track.Q[frames.index]
     placements = visuals.placements(rows)

@@ -339,8 +339,8 @@ def animation_page(
     dialog
         Texts of the page's dialog; by default those of a study.
     cover
-        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads;
-        its edges are then the first path. None for no surface.
+        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads.
+        The edges of the surface are then the first path. None for no surface.
 
     Returns
     -------
@@ -412,10 +412,10 @@ def _describe(
     move in this motion. The keys of the result are the names by which the script reads them, such
     as ``label``, ``drift`` (one number per cycle) and ``shapes`` (a list of dictionaries).
 
-    The first appended array has the poses of the M moving shapes (T, M, 7), then that of a moving
-    workpiece: x, y, z, qx, qy, qz, qw. Tips and elbows (T, K, 3) of K chains follow, then, if a
-    limit is violated or bodies collide, the origin (T, 3) of the link that is marked for it. Last
-    comes an array for each moving shape: its points (P, 3), as one row.
+    The first appended array has the poses of the M moving shapes (T, M, 7), then the pose of the
+    workpiece if it moves. A pose is x, y, z, qx, qy, qz, qw. Tips and elbows (T, K, 3) of K chains
+    follow, then, if a limit is violated or bodies collide, the origin (T, 3) of the link that is
+    marked for it. Last comes an array for each moving shape: its points (P, 3), as one row.
     """
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)

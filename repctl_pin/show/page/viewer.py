@@ -243,8 +243,8 @@ class Viewer:
     def _page(self, q0: Array, path: TaskPath | None) -> str:
         """Make the HTML page of the viewer, and set ``_moving``: the mask (S,) of moving shapes.
 
-        A shape moves if its placement differs between the start q0 (n,) and two configurations
-        that are shifted by 0.3 rad or m in each joint. Only placements of these shapes are sent.
+        A shape moves if its placement differs between the start q0 (n,) and two configurations that
+        are shifted by 0.3 rad or m in each joint. Only placements of moving shapes are sent.
         ``path`` is the path to draw, if any.
         """
         task = self.task

@@ -153,7 +153,7 @@ _LEAST = 1e-17
 
 
 def _top(curves: Sequence[_Curve]) -> float | None:
-    """Choose the upper end of a linear axis, in its unit, so that the curves below are not flat.
+    """Choose the upper end of a linear axis, in its unit, so that small drifts remain visible.
 
     The axis leaves out the curves that :func:`_near` does: they jump in cycle 1, far above all
     others, and then stay. The result is None if there are no such curves.
@@ -320,8 +320,9 @@ _INSET = (0.38, 0.3)
 def _free_corner(ax: Axes, curves: Sequence[_Curve]) -> tuple[float, float] | None:
     """Find a place for the inset in the figure of the drift where it covers no line.
 
-    The place is the highest one on the left, or else on the right. Returns the inset's lower left
-    corner, as fractions of the axes; None, for no inset, if there is no such place.
+    The highest free place on the left is chosen or, if there is none, the highest on the right.
+    Returns the inset's lower left corner, as fractions of the axes; None, for no inset, if there is
+    no such place.
     """
     to_axes = ax.transData + ax.transAxes.inverted()
     shares = np.linspace(0, 1, 101)

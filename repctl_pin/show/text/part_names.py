@@ -23,7 +23,7 @@ _WORD = 3
 def redundant_part(task: Task) -> str:
     """State what can drift under a task: "elbow position" for a pose task with r = 1.
 
-    For any other task, it is "configuration", because more than the elbow can move.
+    For any other task, the text is "configuration", because more than the elbow can move.
     """
     return "elbow position" if (task.m, task.r) == (6, 1) else "configuration"
 

@@ -57,14 +57,14 @@ def export_c(
 ) -> list[Path]:
     """Export a repeatable inverse or a cell function as C99, with C++17 interfaces.
 
-    ``name`` stands for the argument. ``name.h`` and ``name.c`` depend on ``<math.h>`` only. These
-    files define the functions placement, jacobian, inverse, leaf, velocity, step, torque and
-    inside, with the prefix ``name_``; ``step``, for example, is :meth:`RepeatableInverse.step`. The
-    functions do not allocate memory, keep no state, and return a status. ``name.hpp`` has these
-    functions with ``std::array``, and ``name_kdl.hpp`` has solvers of Orocos KDL. The program
-    ``check.c`` compares a build with Python's results in ``test_vectors.h``. ``loop.c`` is an
-    example of a control loop at 1 kHz, and ``CMakeLists.txt`` builds all. The output is
-    deterministic.
+    In the names below, ``name`` stands for the argument ``name``. ``name.h`` and ``name.c`` depend
+    on ``<math.h>`` only. These files define the functions placement, jacobian, inverse, leaf,
+    velocity, step, torque and inside, with the prefix ``name_``; ``step``, for example, is
+    :meth:`RepeatableInverse.step`. The functions do not allocate memory, keep no state, and return
+    a status. ``name.hpp`` has these functions with ``std::array``, and ``name_kdl.hpp`` has solvers
+    of Orocos KDL. The program ``check.c`` compares a build with Python's results in
+    ``test_vectors.h``. ``loop.c`` is an example of a control loop at 1 kHz, and ``CMakeLists.txt``
+    builds all. The output is deterministic.
 
     ``name_governor_step`` is :class:`Governor` in C, which stays within the limits at run time. The
     state of the governor is a struct that the caller owns.
@@ -98,8 +98,7 @@ def export_c(
     InputError
         If the name is not an identifier; if the inverse or the region contains user-defined
         functions; or if the folder cannot be written to, contains the export of another inverse, or
-        contains a file of one of these names that repctl_pin did not write or that was edited
-        since.
+        contains a file of one of these names that was edited, or that repctl_pin did not write.
 
     Examples
     --------
@@ -187,7 +186,7 @@ def _checksum(text: bytes) -> str:
 
 
 def _refuse_foreign(path: Path) -> None:
-    """Raise InputError for a file that repctl_pin did not write, or that was edited since.
+    """Raise InputError for a file that repctl_pin did not write, or that was edited afterwards.
 
     The export would overwrite such a file. The first line of each exported file has a checksum of
     its other lines.

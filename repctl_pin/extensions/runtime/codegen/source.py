@@ -140,8 +140,8 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
     """Check that an inverse and its region can be written as C, and return the region.
 
     The region None stands for the region Ω of the inverse. The result is None if the inverse has no
-    region either; every q is then inside. An InputError is raised if one of them cannot be written
-    as C, or if they do not fit each other.
+    region either; every q is then inside. An InputError is raised if the inverse or the region
+    cannot be written as C, or if they do not fit each other.
     """
     task = inverse.task
     if task.r < 1:
@@ -195,7 +195,7 @@ def _native_files(
     """Name the headers and the sources of the native library that a chart requires.
 
     A chart consists of the polynomials of a cell's function. Both lists are empty unless the
-    inverse belongs to such a function, or its region is a cell.
+    inverse belongs to a cell's function, or the region is a cell.
     """
     if isinstance(inverse.potentials, CellPotentials) or isinstance(region, Cell):
         return ["chart.h"], ["chart.c"]
@@ -235,7 +235,8 @@ def _closing_source(closes: ClosingRadius | None, task: Task, name: str) -> tupl
 def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | None:
     """Return the region that ``name_inside`` checks in C.
 
-    For None, it is the inverse's own region, which can be None, too: every q is then inside.
+    If ``region`` is None, the result is the inverse's own region. If that is None, too, every q is
+    inside.
     """
     return inverse.region if region is None else region
 
