@@ -133,7 +133,7 @@ class JointMotion:
     def speed_ratio(self) -> float:
         """Maximum ratio of a joint's speed to its limit.
 
-        If it is above 1, the duration must be multiplied by it; see :meth:`Motion.slowed`.
+        If the ratio is above 1, the duration must be multiplied by it; see :meth:`Motion.slowed`.
         """
         return float(self._speed_shares.max())
 

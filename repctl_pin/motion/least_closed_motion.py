@@ -100,8 +100,8 @@ def least_closed_motion(
     limit_margin
         Minimum margin from every joint limit, rad or m; a fixed start may have less.
     guess
-        Motion whose first cycle is the initial one of the search; by default the motion of J⁺,
-        deformed until it closes.
+        Motion with whose first cycle the search begins; by default the motion of J⁺, deformed until
+        it closes.
 
     Returns
     -------

@@ -1,10 +1,10 @@
 """Search for the start whose closed motion needs minimum joint speed, before a design is made.
 
 Other starts with the frame at the same placement lie on the self-motions of the given start. The
-closed motion of :mod:`least_motion` from each start shows what the best controller could reach. All
-motions here are such closed motions of minimum joint speed, of 24 points. A start is *freed* if it
-is optimised together with the motion, along its self-motions. J⁺ is the pseudoinverse of the
-Jacobian J.
+closed motion of :mod:`least_closed_motion` from each start shows what the best controller could
+reach. All motions here are such closed motions of minimum joint speed, of 24 points. A start is
+*freed* if it is optimised together with the motion, along its self-motions. J⁺ is the pseudoinverse
+of the Jacobian J.
 
 ``_LeastStart`` is three closed motions on one path: of lowest joint speed, from the given start,
 and with the largest limit margin.
@@ -178,7 +178,7 @@ def _free(motion: Motion, margin: float) -> Motion | None:
 def _better(motion: Motion, given: Motion, margin: float) -> bool:
     """Test whether a motion needs less joint speed than ``given``, and has no collision.
 
-    Its joint-limit margin must be at least ``margin``, rad or m.
+    The joint-limit margin of the motion must be at least ``margin``, rad or m.
     """
     fast = motion.rms_speed < given.rms_speed
     return fast and _margin(motion) >= margin and motion.clearance.touch is None

@@ -71,7 +71,7 @@ def solve_ik(
 
     The first start is q0. If it leads to no solution, 40 more follow. Start k lies on the line from
     q0 to the k-th of 40 random configurations inside the joint limits, at the fraction k / 40 of
-    it. The first solution is returned; the random numbers are the same in each call.
+    this line. The first solution is returned; the random numbers are the same in each call.
 
     Parameters
     ----------
