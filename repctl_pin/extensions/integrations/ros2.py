@@ -80,15 +80,16 @@ class _ArmNode(Node):
     """Node ``repctl``: connects the topics, services and parameters of ROS 2 to a :class:`Servo`.
 
     Subscribes to ``target_pose``, ``target_twist``, ``hand_pose``, ``hand_elbow``, ``~/elbow``,
-    ``~/leaf`` and ``joint_states``; publishes ``joint_trajectory`` or, with the parameter
-    ``output:=positions``, ``commands``, and ``/diagnostics``. Services: ``~/hold``, ``~/resume``,
-    ``~/clutch`` and, for a cell where moveit_msgs is installed, ``compute_ik``. The parameter
-    ``leaf`` can be set at any time; all other parameters are read once.
+    ``~/leaf`` and ``joint_states``; publishes ``/diagnostics`` and ``joint_trajectory``. With the
+    parameter ``output:=positions``, ``commands`` replaces ``joint_trajectory``. Services:
+    ``~/hold``, ``~/resume``, ``~/clutch`` and, for a cell where moveit_msgs is installed,
+    ``compute_ik``. The parameter ``leaf`` can be set at any time; all other parameters are read
+    once.
 
     ``hand_pose`` and ``hand_elbow`` are the pose of the operator's hand and the point of the
-    operator's elbow, in the tracker's frame. They move the arm's target and elbow from the time at
-    which ``~/clutch`` engages the clutch (True) until it releases the clutch (False). ``~/elbow``
-    is a point for the arm's elbow, in the base frame, and ``~/leaf`` is a level c.
+    operator's elbow, in the tracker's frame. These messages move the arm's target and elbow from
+    the time at which ``~/clutch`` engages the clutch (True) until it releases the clutch (False).
+    ``~/elbow`` is a point for the arm's elbow, in the base frame, and ``~/leaf`` is a level c.
 
     Commands and time-outs follow a steady clock, which is never set, or with ``use_sim_time`` the
     clock of the simulation. Stamps are compared with the node's ROS clock.
@@ -226,8 +227,8 @@ class _ArmNode(Node):
     def _set_leaf(self, value: Any) -> str:
         """Pass a level c, which moves the elbow along the self-motion, to the servo.
 
-        ``value`` is a number, a list of r numbers, or None for no change. Return the reason if it
-        is refused, else an empty text.
+        ``value`` is a number, a list of r numbers, or None for no change. Return the reason if the
+        level is refused, else an empty text.
         """
         if value is None:
             return ""

@@ -99,8 +99,8 @@ class Servo:
         Maximum distance of a measured joint from its command, rad or m. If it is exceeded, the arm
         does not follow its commands, and is stopped.
     bodies, body_distance, unchecked
-        Bodies that must keep a distance, this distance, m, and whether links without a body are
-        accepted; as for :class:`Governor`.
+        Bodies that must keep a distance; the distance, m; and ``"allow"`` to accept links without a
+        body. See :class:`Governor`.
     tool
         Placement of the tool in the frame of the design; targets and twists are then the tool's.
     clutch

@@ -154,7 +154,7 @@ def _exponentials(z: Array) -> tuple[Array, Array]:
     """Evaluate (``sinh(√z)/√z``, ``(cosh √z − 1)/z``) at an array z of any shape and either sign.
 
     For z < 0 these are ``sin(√|z|)/√|z|`` and ``(1 − cos √|z|)/|z|``, and their limits for z = 0
-    are 1 and ½. They describe a motion whose acceleration is linear in the distance.
+    are 1 and ½. Both functions describe a motion whose acceleration is linear in the distance.
     """
     root = np.sqrt(np.abs(z))
     small = root < 1e-2
@@ -181,8 +181,8 @@ def with_jerk(
         Limits to respect, jerk included.
     seams
         Empty, or two points that get equal ṡ and s̈, so that the profile between them can be
-        repeated. They are indices among the points from which the curve was made, whose times are
-        ``first.passed``.
+        repeated. The seams are indices among the points from which the curve was made, whose times
+        are ``first.passed``.
     weight
         Number of times that the profile between the seams will be traversed; the total duration is
         minimised.
