@@ -259,9 +259,9 @@ def _drifted(summaries: Sequence[MotionSummary], times: str, after: str) -> list
     """State which part or joint is displaced, and by how much under each controller.
 
     The part is the one that is displaced most under any controller. If no part is displaced by 1 cm
-    or more, a joint is named instead that is displaced by 0.1 rad or more. ``times`` is the number
-    of cycles as text, "10 cycles". The sentence begins with ``after``, such as "After 10 cycles ";
-    it is empty if the sentence before has begun so.
+    or more, the sentence names a joint instead, which is displaced by 0.1 rad or more. ``times`` is
+    the number of cycles as text, "10 cycles". The sentence begins with ``after``, such as "After 10
+    cycles "; it is empty if the sentence before has begun so.
     """
     worst = max(summaries, key=lambda one: one.off)
     numbered = worst.part.removeprefix("link ").isdigit()
