@@ -5,9 +5,9 @@ potentials h keeps the arm on a leaf, the set h(q) = c. Each start selects a lea
 path of all cycles. The leaf margin ``σ_min(Nᵀ V̂)`` is the distance from a singularity of the
 inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised. Ω is the region of
 joint space for which the inverse was designed, and the desired inverse G_d the one that it
-approximates, usually the pseudoinverse J⁺. A cycle has three relative margins, the minima over it
-of the joint-limit margin divided by half the joint's range, of the body distance divided by a tenth
-of the arm length, and of the leaf margin.
+approximates, usually the pseudoinverse J⁺. A cycle has three relative margins, each a minimum over
+the cycle: the joint-limit margin divided by half the joint's range, the body distance divided by a
+tenth of the arm length, and the leaf margin.
 
 ``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.
 ``_LeafCandidate`` is a start configuration, with the margins of the cycle that begins there.
@@ -146,9 +146,10 @@ class _LeafCandidate:
         """Sort key: of two candidates, the better one has the larger key.
 
         First, a candidate without violations is better than one with joint-limit violations or
-        collisions, or both. Then the smallest relative margins are compared, rounded to 0.01; if
-        they are equal, the next smallest ones. Otherwise two wrist links that are always close
-        would hide all other margins. Last, the smallest margins are compared unrounded.
+        collisions, or both. Then the smallest relative margins, rounded to 0.01, are compared. If
+        these are equal, the next smallest ones are compared, because two wrist links that are
+        always close would hide the other margins. Last, the smallest margins are compared
+        unrounded.
         """
         broken = (self.limit_margin < -1e-9) + (self.body_distance < 0)
         relative_margins = np.rint(np.sort(list(self.relative_margins.values())) / _ALIKE)
@@ -214,11 +215,12 @@ def best_leaf(
     inverse, the joint path of all cycles is known after the first, so limits, body distances and
     leaf margin can be checked before the robot moves. Starts are sampled within the joint limits
     along the self-motion of the given start, in both directions; for r > 1, in several directions.
-    The best one is then refined by a pattern search. The result has no more kinds of violations, of
-    joint limits or by collisions, than the given start; for ``by="limits"``, its limit margin is
-    never smaller. With a region, only starts whose cycle stays inside it replace the given one.
-    Without a region, a cycle can go far outside the region of the design, where the inverse is no
-    longer close to G_d.
+    The best start is then refined by a pattern search. There are two kinds of violations, exceeded
+    joint limits and collisions; the result has at most as many kinds as the given start. For
+    ``by="limits"``, the result's limit margin is never smaller than the given start's. With a
+    region, only starts whose cycle stays inside the region replace the given start. Without a
+    region, a cycle can go far outside the region of the design, where the inverse is no longer
+    close to G_d.
 
     Parameters
     ----------
@@ -361,10 +363,11 @@ class _Search:
     def improved(
         self, best: _LeafCandidate | None, starts: Iterable[Array | None], better: _Better
     ) -> _LeafCandidate | None:
-        """Return the best candidate: ``best``, if any, or one of the ``starts`` (n,) allowed.
+        """Return the best candidate: ``best``, if it is not None, or an allowed one of ``starts``.
 
-        None in ``starts`` is a start that cannot be reached. ``better`` is a function: it tells
-        whether its first candidate is better than its second.
+        The ``starts`` are configurations (n,). None in ``starts`` is a start that cannot be
+        reached. ``better`` is a function: it tells whether its first candidate is better than its
+        second.
         """
         for candidate in self.allowed(starts):
             best = candidate if best is None or better(candidate, best) else best
@@ -492,7 +495,7 @@ def _fast_starts(
 def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
     """Move configurations Q (K, n) towards a target by up to ``iterations`` Newton steps with J⁺.
 
-    Return them (K, n), also those that do not reach the target.
+    Return the K configurations (K, n), also those that do not reach the target.
     """
 
     def correction(Q: Array, on: NDArray[np.intp]) -> Array:
@@ -509,7 +512,7 @@ def _reached(task: Task, Q: Array, target: Placement, iterations: int) -> Array:
 def _inside(
     task: Task, Q: Array, target: Placement, margin: float, *, near: float = 1e-6
 ) -> NDArray[np.bool_]:
-    """Test which rows of Q (K, n) reach a target and keep a margin from the joint limits.
+    """Test which of K configurations Q (K, n) reach a target and keep a margin from joint limits.
 
     Return a mask (K,). The target is reached if no entry of the task error exceeds ``near``, m or
     rad. ``margin`` is the distance to keep from all joint limits, rad or m.
@@ -535,8 +538,8 @@ def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Ar
 def _directions(task: Task, start: Array, seed: int) -> list[Array]:
     """Choose null vectors (n,) of J at the start along which to search.
 
-    They are an orthonormal basis of the null space and, if r > 1, eight random ones, drawn with the
-    random seed ``seed``.
+    The result is an orthonormal basis of the null space and, if r > 1, eight random null vectors,
+    drawn with the random seed ``seed``.
     """
     N = nullspace(task.jacobian(start))
     if task.r == 1:

@@ -34,9 +34,9 @@ def displacements(
 ) -> tuple[Array, NDArray[np.intp]]:
     """Compute how far each body moves between two placements: the maximum over its points.
 
-    This expresses drift in metres instead of joint angles. With the placements T before and T′
-    after, a point p of a body moves by ``(T′ − T) p̃`` with ``p̃ = (p, 1)``. Its length is a convex
-    function of p, so the maximum over a polytope is at a corner.
+    This expresses drift in metres instead of joint angles. If a body has the placements X before
+    and X′ after, a point p of the body moves by ``(X′ − X) p̃`` with ``p̃ = (p, 1)``. The length of
+    this vector is a convex function of p, so the maximum over a polytope is at a corner.
 
     Parameters
     ----------
@@ -141,9 +141,9 @@ class LinkPoints:
 
     @classmethod
     def of(cls, task: Task, Q: Array) -> LinkPoints:
-        """Choose, on each link, the point that is displaced most from the first row of Q (K, n).
+        """Choose, on each link, the point that is displaced most at some configuration.
 
-        The displacement is the maximum over all rows of Q.
+        The K configurations Q (K, n) are compared with the first of them.
         """
         visuals = Visuals.of(task.robot)
         own = arm_links(task)
@@ -168,8 +168,9 @@ class LinkPoints:
 def end_displacements(task: Task, Q: Array) -> dict[str, Array]:
     """Compute the displacements of the other end effectors from their start, by link: (T,) each, m.
 
-    Others are those that the task does not control but its joints move: on a robot with two arms on
-    one waist, the other hand drifts as well. The displacement is that of the origin of the link.
+    The other end effectors are links that the task does not control, but its joints move. On a
+    robot with two arms on one waist, for example, the other hand drifts as well. The displacement
+    is that of the origin of the link.
 
     Parameters
     ----------

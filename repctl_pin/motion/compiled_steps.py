@@ -3,7 +3,7 @@
 The same steps in Python would take most of the time of a study. A controller (a map from q and ẋ to
 q̇) that has no C code is integrated in Python by :mod:`follow`. J⁺ is the pseudoinverse of the
 Jacobian. The steps of all cycles are counted from 0: step k leads from row k of Q (T + 1, n), the
-configurations, to row k + 1, and row k of Qdot (T + 1, n) is q̇ at its start.
+configurations, to row k + 1, and row k of Qdot (T + 1, n) is q̇ at the start of step k.
 
 ``ARM`` is the C struct of a task and its potentials. ``LAW`` is the C struct of a controller, a
 Runge–Kutta method and the steps of a cycle.
@@ -83,9 +83,10 @@ def _run(
 ) -> int:
     """Take the steps ``step`` to ``end`` − 1 in C, and return the first step that was not taken.
 
-    ``native`` is the library, and ``law`` the struct :data:`LAW`; ``held`` keeps its memory alive.
-    The results are written to the rows of Q and Qdot. C stops at a step that fails or is too long;
-    the caller then repeats the step in Python, which raises the error.
+    ``native`` is the library, and ``law`` the struct :data:`LAW`. ``held`` are the arrays and
+    structs to which ``law`` points, so that their memory is not freed. The results are written to
+    the rows of Q and Qdot. C stops at a step that fails or is too long; the caller then repeats the
+    step in Python, which raises the error.
     """
     rows = [ctypes.c_void_p(array.ctypes.data) for array in (Q, Qdot)]
     while step < end:
@@ -99,9 +100,10 @@ def _run(
 def _law_of(strategy: Strategy) -> tuple[Any, dict[str, float], dict[str, Array]] | None:
     """Return the parts of the C struct LAW that depend on a strategy; None if C lacks its formula.
 
-    They are (struct :data:`ARM`, numbers by name, arrays by name). A repeatable inverse has the
-    number ``on_leaf`` = 1, by which C holds the potentials constant. A posture control has the
-    number ``gain``, 1/s, and the array ``posture`` (n,). For J⁺, both dicts are empty.
+    The result is the tuple (struct :data:`ARM`, numbers by name, arrays by name). A repeatable
+    inverse has the number ``on_leaf`` = 1, by which C holds the potentials constant. A posture
+    control has the number ``gain``, 1/s, and the array ``posture`` (n,). For J⁺, both dicts are
+    empty.
     """
     kind = type(strategy)
     if isinstance(strategy, RepeatableInverse) and kind is RepeatableInverse:

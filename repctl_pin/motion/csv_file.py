@@ -184,7 +184,8 @@ def read_motions(
 def _rows_by_key(table: CsvTable, count: int) -> dict[str, list[int]]:
     """Group the indices of the ``count`` rows of a table by motion: {name: indices}.
 
-    The name is that in the column ``strategy`` or, if it is missing or empty, the file's.
+    The name of a motion is the entry in the column ``strategy`` or, if this is missing or empty,
+    the name of the file.
     """
     stem = table.file.stem
     keys = [stem] * count

@@ -46,12 +46,12 @@ def fitting_circle(
 ) -> TaskPath:
     """Find a circle that a controller can follow for a cycle, within joint limits and a region.
 
-    The circle stays away from singularities, and one without collisions is preferred. The frame
-    starts on it at q0 (n,). ``control`` is the controller, by default J⁺, and ``radius`` is in m.
-    By default, the radius is the largest possible one of some round numbers, up to a seventh of the
-    reach of the arm. The motion stays inside ``region``, if one is given. ``plane`` is ``"xy"``,
-    ``"yz"`` or ``"xz"``, by default the first possible. Four positions of the start on the circle
-    are tried.
+    The circle stays away from singularities, and one without collisions is preferred. At q0 (n,),
+    the frame is on the circle. ``control`` is the controller, by default J⁺, and ``radius`` is in
+    m. By default, the radius is the largest possible one of some round numbers, up to a seventh of
+    the reach of the arm. The motion stays inside ``region``, if one is given. ``plane`` is
+    ``"xy"``, ``"yz"`` or ``"xz"``, by default the first possible. Four positions of the start on
+    the circle are tried.
 
     Raises
     ------

@@ -99,8 +99,8 @@ def follow(
     """Integrate ``q̇ = strategy(q, ẋ)`` along a closed path, cycle after cycle.
 
     With feedback, ``ẋ = ẋ_path + K e`` with e the task error. With a :class:`LeafLock`, Newton
-    steps from point to point of the path replace the integration. They remove the task error, and
-    the difference of a repeatable strategy's potentials h(q) from their level.
+    steps from point to point of the path replace the integration. These steps remove the task
+    error, and the difference of a repeatable strategy's potentials h(q) from the level c.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def follow(
         Joint positions ``q`` and velocities ``qdot`` at the times ``t``, and their evaluation:
         ``drift`` after each cycle, ``tracking_error`` and ``turning_error`` of the frame, ``speed``
         (``rms_speed``, ``peak_speed``), ``limit_margin`` and ``first_violation``. ``retimed()``
-        slows it down to the speed limits.
+        slows the motion down to the speed limits.
 
     Raises
     ------
@@ -228,9 +228,9 @@ def _locked(
 ) -> _Method:
     """Create the method of :func:`follow` with a leaf lock, ``lock``, for a motion from q0 (n,).
 
-    ``targets`` and ``grid`` are the placements and the values of s at which the steps of a cycle
-    begin and end, one more than steps, and ``period`` is in s. InputError is raised if the strategy
-    is not repeatable, or ``feedback`` is not 0.
+    ``grid`` are the values of s at which the steps of a cycle begin and end, one more than steps.
+    ``targets`` are the placements on the path at these values, and ``period`` is in s. InputError
+    is raised if the strategy is not repeatable, or ``feedback`` is not 0.
     """
     if feedback:
         raise InputError(
@@ -246,7 +246,7 @@ def _locked(
 
 
 def unresolved(strategy: Strategy, motion: Motion) -> str:
-    """Return a text that says in which cycle a motion's drift is not resolved; else empty.
+    """Return a text that says in which cycle a motion's drift is not resolved; empty if it is.
 
     A study shows the text instead of a drift. The motion, which must be without feedback, is
     integrated again with twice the steps per cycle. The drift is resolved if the two runs differ at
@@ -295,9 +295,9 @@ def _run(
     """Take all T steps from q (n,); return q and q̇, (T + 1, n) each, and the maximum damping λ.
 
     ``counts`` are (number of cycles, steps per cycle), whose product is T, and ``size`` is the
-    path's size, m. A SingularityError names the cycle if a joint moves by more than 1 rad in one
-    step, or a prismatic joint by more than the arm's length and the path's size. The result would
-    be meaningless.
+    path's size, m. SingularityError is raised if a revolute joint moves by more than 1 rad in one
+    step, or a prismatic joint by more than the larger of the arm's length and the path's size. The
+    message names the cycle.
     """
     (cycles, n_steps), used = counts, 0.0
     # largest credible motion of a joint in one step
@@ -416,7 +416,7 @@ def _velocity(
 def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
     """Return the function ``sample`` of a path, without its cache if the path can change.
 
-    ``sample`` has an ``lru_cache``. It is kept for the paths of this package, those with a
+    ``sample`` has an ``lru_cache``. The cache is used for the paths of this package, which have a
     ``spec``. A path that the user defines by functions can change between two calls.
     """
     return sample if path.spec else sample.__wrapped__  # type: ignore[attr-defined]
@@ -426,9 +426,10 @@ def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
 def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
     """Evaluate a path's twists at the P fractions ``places`` of each step: (steps, P, 6 F).
 
-    A twist is (v, ω) of each of the F frames, m and rad per cycle. At a corner, it is the twist on
-    the step's side. The last results are cached, because several strategies follow the same path.
-    InputError is raised if a twist that the user computes is not finite.
+    A twist is (v, ω) of each of the F frames, m and rad per cycle. At a corner of the path, where
+    the twist jumps, the value inside the step is taken. The last results are cached, because
+    several strategies follow the same path. InputError is raised if a twist that the user computes
+    is not finite.
     """
     found = [
         [path.twist(min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE)) for c in places]

@@ -71,7 +71,7 @@ class JointMotion:
         """Joint displacement per cycle, (cycles,), rad or m.
 
         ``‖q(after cycle k) − q(after cycle k − 1)‖``, k = 1, 2, … This displacement shows whether
-        the drift of a controller grows or fades. It is 0 for a repeatable controller.
+        the drift of a controller grows or fades. The displacement is 0 for a repeatable controller.
         """
         ends = self.q[:: self.steps]
         return np.linalg.norm(np.diff(ends, axis=0), axis=1)
@@ -133,7 +133,7 @@ class JointMotion:
     def speed_ratio(self) -> float:
         """Maximum ratio of a joint's speed to its limit.
 
-        If it is above 1, the duration must be multiplied by it; see :meth:`Motion.slowed`.
+        If the ratio is above 1, the duration must be multiplied by it; see :meth:`Motion.slowed`.
         """
         return float(self._speed_shares.max())
 
@@ -177,8 +177,8 @@ class JointMotion:
         """Minimum body distance and first collision, at the samples and between them.
 
         Between two samples, the joints move on a straight line. Distances are measured at about 100
-        samples per cycle. Bounds on the distances show where more are needed, and where pairs that
-        are checked for collisions only are tested.
+        samples per cycle. Bounds on the distances show where more samples are needed, and where
+        pairs that are only checked for collisions must be tested.
         """
         return self._clearance_from(_COARSE)
 
@@ -196,7 +196,7 @@ class JointMotion:
     def first_touch(self) -> tuple[float, tuple[str, str]] | None:
         """First collision: (time in cycles, names of the two links), or None.
 
-        It may lie between two samples.
+        The collision may lie between two samples.
         """
         touch = self.clearance.touch
         return None if touch is None else (touch[0] / self.steps, touch[1])
@@ -256,7 +256,7 @@ def cycle_of(moment: float, cycles: int) -> int:
 
 
 def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
-    """Select the indices (·,) of at most ``most`` rows per cycle of a motion, and of the last row.
+    """Select rows of a motion, at most ``most`` per cycle, and the last row: their indices.
 
     The ends of all cycles are included.
     """

@@ -38,13 +38,13 @@ class LeafLock:
     Attributes
     ----------
     corrections : int
-        Number k of Newton corrections per step. Newton's method leaves an error of the order
-        ``2ᵏ`` in the length of the step. It does not accumulate.
+        Number k of Newton corrections per step. Newton's method leaves an error of the order ``2ᵏ``
+        in the length of the step. This error does not accumulate.
     leaf : (r,) array, optional
         Level c; by default h(q0).
     velocity_limit : float or (n,) array, optional
-        Joint speed limits, rad/s or m/s. A step that would exceed them is shortened, and then does
-        not reach its point of the path. By default, there are none.
+        Joint speed limits, rad/s or m/s. A step that would exceed them is shortened, and so does
+        not reach its point of the path. By default, there are no limits.
     damping : float
         Maximum damping λ_max near singularities, see :meth:`RepeatableInverse.step`.
 

@@ -100,8 +100,8 @@ def least_closed_motion(
     limit_margin
         Minimum margin from every joint limit, rad or m; a fixed start may have less.
     guess
-        Motion whose first cycle is the initial one of the search; by default the motion of J⁺,
-        deformed until it closes.
+        Motion with whose first cycle the search begins; by default the motion of J⁺, deformed until
+        it closes.
 
     Returns
     -------
@@ -177,9 +177,9 @@ def _closed(cost: _Cost, Q: Array, grid: Array) -> Array:
 def _sampled(cost: _Cost, guess: Motion, start: Array, grid: Array) -> Array:
     """Convert the first cycle of a motion to K configurations (K, n) on the path.
 
-    They are interpolated at the values of s in ``grid`` (K + 1,), and moved onto the path. If the
-    start is fixed, ``start`` (n,) is the first of them. InputError is raised for another number of
-    joints, or for a guess too far from the path.
+    The motion ``guess`` is interpolated at the values of s in ``grid`` (K + 1,), and the
+    configurations are moved onto the path. If the start is fixed, the first of them is ``start``
+    (n,). InputError is raised for another number of joints, or for a guess too far from the path.
     """
     cycle = guess.cycle(0)
     t = guess.t[: guess.steps + 1]
@@ -247,8 +247,8 @@ class _Cost:
     def excess(self, Q: Array, *, shifted: bool = True) -> Array:
         """Compute how far Q (K, n) exceeds the joint limits, narrowed by ``margin``: (K, n).
 
-        The unit is rad or m, negative below the lower limits. With ``shifted``, Q + λ/ρ is compared
-        instead of Q: the result is e_k of the cost.
+        The result is in rad or m, and negative below the lower limits. With ``shifted``, Q + λ/ρ is
+        compared instead of Q: the result is e_k of the cost.
         """
         lower, upper = self.task.lower, self.task.upper
         if shifted:
@@ -272,14 +272,13 @@ class _Cost:
         return None if moved is None else np.vstack([Q[: self.first], moved])
 
     def step(self, Q: Array, *, exact: bool) -> tuple[Array, float]:
-        """Compute a Newton step (K, n) at Q (K, n) along the null space, and predict its decrease.
+        """Compute a Newton step (K, n) along the null space; predict the decrease of the cost.
 
-        The decrease is that of the cost. N spans the null space of J, and H = ∂J/∂q. With a (r,),
-        ``q(a) = q + N a − ½ J⁺ (H N a) N a + …`` is a self-motion, so Newton's matrix is the
-        Gauss–Newton matrix plus one block (r, r) per configuration, the curvature of the
-        self-motion times the gradient. If ``exact`` is False, the positive semidefinite parts of
-        these blocks are used, so that the matrix is positive definite. The step of a fixed start
-        is 0.
+        The step begins at Q (K, n). N spans the null space of J, and H = ∂J/∂q. With a (r,), ``q(a)
+        = q + N a − ½ J⁺ (H N a) N a + …`` is a self-motion, so Newton's matrix is the Gauss–Newton
+        matrix plus one block (r, r) per configuration, the curvature of the self-motion times the
+        gradient. If ``exact`` is False, the positive semidefinite parts of these blocks are used,
+        so that the matrix is positive definite. The step of a fixed start is 0.
 
         Raises
         ------
@@ -353,8 +352,8 @@ def _on_path(task: Task, targets: list[Placement], Q: Array) -> Array | None:
 def _descended(cost: _Cost, Q: Array) -> Array:
     """Minimise the cost, with constant multipliers, from Q (K, n); return the cycle (K, n).
 
-    Newton's method with a line search is used; where Newton's matrix is not positive definite, it
-    is replaced by one that is.
+    Newton's method with a line search is used; where Newton's matrix is not positive definite, a
+    positive definite matrix replaces it.
 
     Raises
     ------

@@ -1,10 +1,10 @@
 """Search for the start whose closed motion needs minimum joint speed, before a design is made.
 
 Other starts with the frame at the same placement lie on the self-motions of the given start. The
-closed motion of :mod:`least_motion` from each start shows what the best controller could reach. All
-motions here are such closed motions of minimum joint speed, of 24 points. A start is *freed* if it
-is optimised together with the motion, along its self-motions. J⁺ is the pseudoinverse of the
-Jacobian J.
+closed motion of :mod:`least_closed_motion` from each start shows what the best controller could
+reach. All motions here are such closed motions of minimum joint speed, of 24 points. A start is
+*freed* if it is optimised together with the motion, along its self-motions. J⁺ is the pseudoinverse
+of the Jacobian J.
 
 ``_LeastStart`` is three closed motions on one path: of lowest joint speed, from the given start,
 and with the largest limit margin.
@@ -126,8 +126,8 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) 
     """Yield the closed motions from starts along the self-motions of the start of ``given``.
 
     The search from each start begins at the motion from the preceding start. The rotation ``turn``
-    (r, r) of a null-space basis gives the r directions of the self-motions. They are followed
-    beyond joint limits, because later parts can be within them again.
+    (r, r) of a null-space basis gives the r directions of the self-motions. The self-motions are
+    followed beyond joint limits too, because they can come back within the limits.
     """
     start = given.q[0]
     target = path.placement(0.0)
@@ -143,7 +143,7 @@ def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) 
 def _least(task: Task, path: TaskPath, q: Array, guess: Motion | None) -> Motion | None:
     """Find the motion from a start q (n,); None if there is none, or q is outside the limits.
 
-    It is the better of two local minima, found from ``guess`` and from the motion of J⁺.
+    The result is the better of two local minima, found from ``guess`` and from the motion of J⁺.
     """
     found: list[Motion] = []
     if task.limit_margin(q).min() >= 0:
@@ -157,7 +157,7 @@ def _free(motion: Motion, margin: float) -> Motion | None:
     """Improve a motion by freeing its start; None if that fails.
 
     The first search optimises the start too, and keeps ``margin``, rad or m, from the joint limits.
-    The second one keeps the start found, and minimises the joint speed without that margin.
+    The second search keeps the start found, and minimises the joint speed without that margin.
     """
     try:
         found = least_closed_motion(
@@ -178,7 +178,7 @@ def _free(motion: Motion, margin: float) -> Motion | None:
 def _better(motion: Motion, given: Motion, margin: float) -> bool:
     """Test whether a motion needs less joint speed than ``given``, and has no collision.
 
-    Its joint-limit margin must be at least ``margin``, rad or m.
+    The joint-limit margin of the motion must be at least ``margin``, rad or m.
     """
     fast = motion.rms_speed < given.rms_speed
     return fast and _margin(motion) >= margin and motion.clearance.touch is None

@@ -148,8 +148,8 @@ def _known(
     """Check limits of the user as far as that is possible without a robot, and return them.
 
     ``given`` is a number above 0, one per joint, a name in ``published``, or None. Numbers are
-    returned as an array. Other values raise an InputError that calls them ``name``. ``published``
-    maps names to (numbers, their source).
+    returned as an array. Other values raise an InputError whose message contains ``name``, the name
+    of the argument. ``published`` maps names to (numbers, their source).
     """
     if given is None:
         return None
@@ -192,8 +192,8 @@ class JointLimits:
         Effort limits (n,), N m or N, and the function (q, q̇, q̈) → efforts (n,); None if efforts
         are not limited.
     tool
-        Function (q, q̇), (K, n) each, → speed of the frame as a fraction of its limit (K,); None
-        without a limit.
+        Function from q and q̇ at K samples, (K, n) each, to the speed of the frame as a fraction of
+        its limit, (K,); None without a limit.
     """
 
     velocity: Array
@@ -302,8 +302,8 @@ def _per_joint(
 def _tool_share(task: Task, most: ArrayLike) -> Callable[[Array, Array], Array]:
     """Create the function (q, q̇) → ``max(|v| / v_max, |ω| / ω_max)`` (K,) of the frame.
 
-    q and q̇ are (K, n). ``most`` is v_max, m/s, or (v_max, ω_max), m/s and rad/s; a single number
-    does not limit ω.
+    q and q̇ (K, n) are those of K samples. ``most`` is v_max, m/s, or (v_max, ω_max), m/s and
+    rad/s; a single number does not limit ω.
     """
     v_max, omega_max = per_joint(most, 2, "tool_speed", "m/s and rad/s")
     if np.size(np.asarray(most)) == 1:  # m/s alone

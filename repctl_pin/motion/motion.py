@@ -177,9 +177,10 @@ def motion_along(
 ) -> Motion:
     """Create a motion along a path from its samples, and evaluate its drift and its errors.
 
-    ``t`` (T + 1,), ``q`` and ``qdot`` (T + 1, n) are the samples of whole cycles. ``targets`` are
-    the placements on the path at the samples of one cycle, both ends included; their number gives
-    the steps per cycle. ``damping`` is the maximum damping λ that was used.
+    ``t`` (T + 1,), ``q`` and ``qdot`` (T + 1, n) are the samples of whole cycles, which have T
+    steps. ``targets`` are the placements on the path at the samples of one cycle, both ends
+    included; their number gives the steps per cycle. ``damping`` is the maximum damping λ that was
+    used.
     """
     steps = len(targets) - 1
     cycles = (len(q) - 1) // steps

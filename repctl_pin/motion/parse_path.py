@@ -39,8 +39,8 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
     ----------
     text
         Name of the path, such as ``circle:RADIUS`` or ``circle:RADIUS:DEGREES``. In the first form,
-        the circle lies where the arm can follow it, see :func:`fitting_circle`; DEGREES is the
-        angle of the start on the circle, from the first axis of the plane.
+        the circle lies where the arm can follow it, see :func:`fitting_circle`. In the second form,
+        DEGREES is the angle of the start on the circle, from the first axis of the plane.
     plane
         ``xy``, ``yz`` or ``xz``; by default the first plane that the task allows or, for
         ``circle:RADIUS``, in which the arm can follow the circle.
@@ -124,8 +124,8 @@ def _drawn(kind: str, parts: list[str], text: str, blend: float) -> _Drawn:
 def _regular_polygon(corners: float, radius: float, text: str, blend: float) -> _Drawn:
     """Create the function (task, q0, plane) → path of a regular polygon on a circle of a radius, m.
 
-    ``corners`` is their number, ``text`` the whole name, for messages, and ``blend`` the radius of
-    rounded corners, m.
+    ``corners`` is the number of corners, ``text`` the whole name, for messages, and ``blend`` the
+    radius of rounded corners, m.
     """
     if corners > MOST_POINTS:
         raise InputError(

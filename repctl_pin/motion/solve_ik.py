@@ -71,7 +71,7 @@ def solve_ik(
 
     The first start is q0. If it leads to no solution, 40 more follow. Start k lies on the line from
     q0 to the k-th of 40 random configurations inside the joint limits, at the fraction k / 40 of
-    it. The first solution is returned; the random numbers are the same in each call.
+    this line. The first solution is returned; the random numbers are the same in each call.
 
     Parameters
     ----------
@@ -326,15 +326,15 @@ def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) ->
 def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
     """Test whether Newton's method reaches all points (K, 3), m, each of them from q (n,).
 
-    The points are given, such as the waypoints of the path in other units; only the orientation is
-    that at the start of the path.
+    The ``points`` are positions of the frame, such as the waypoints of the path in other units. The
+    orientation of the frame is that at the start of the path.
     """
     rotation = path.placement(0.0).rotation
     return not any(_shortfall(task, q, pin.SE3(rotation, point)) for point in points)
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
-    """Try to reach the target from q (n,); return the error's message, empty if it is reached."""
+    """Try to reach a target from q (n,); return the error message, empty without an error."""
     try:
         solve_near(task, q, target, tolerance=_THERE)
     except InputError as error:

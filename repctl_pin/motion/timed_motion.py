@@ -25,12 +25,12 @@ class TimedMotion:
     joints : tuple of str
         Names of the joints.
     t : (T,) array
-        Time, s, from 0; the first samples lie shortly before the motion and the last ones shortly
-        after it, at rest.
+        Times of the T samples, s, from 0. The first samples lie shortly before the motion and the
+        last ones shortly after it, at rest.
     q, qdot, qddot : (T, n) arrays
-        Positions, rad or m, velocities and accelerations, per s and s². Both rates are central
-        differences over a millisecond (or a sample, if shorter) to either side, because
-        time-optimal q̈ jumps.
+        Positions, rad or m, velocities and accelerations, per s and s². Velocities and
+        accelerations are central differences, because time-optimal q̈ jumps. The interval is a
+        millisecond to either side, or a sample if that is shorter.
     starts : (cycles + 1,) array
         Times at which the cycles begin and the last one ends, s.
     length, speed : (K,) arrays
@@ -85,10 +85,10 @@ class TimedMotion:
 
     @property
     def cycle_time(self) -> float:
-        """Duration of a steady cycle, s, which is the second one.
+        """Duration of the second cycle, s, which is a steady cycle.
 
-        With fewer than three cycles, it is the mean duration of a cycle. The first and the last
-        cycle take longer, because they begin or end at rest.
+        With fewer than three cycles, the result is the mean duration of a cycle. The first and the
+        last cycle take longer, because they begin or end at rest.
         """
         times = np.diff(self.starts)
         return float(times[1] if len(times) > 2 else times.mean())
@@ -102,14 +102,14 @@ class TimedMotion:
     def _shortest_part(self) -> tuple[float, str]:
         """Duration, s, of the shortest part that a file must resolve, and its noun in messages.
 
-        Here, this part is a cycle.
+        For a motion of several cycles, this part is a cycle.
         """
         return self.cycle_time, "cycle"
 
     def cycle(self, k: int) -> tuple[Array, Array, Array, Array]:
         """Return the samples of cycle k, counted from 0: (t, q, q̇, q̈).
 
-        t (·,) is the time from the cycle's start, s; the others are (·, n).
+        The first index of all four arrays is the sample. t is the time from the cycle's start, s.
         """
         if as_int(k, "k") >= len(self.starts) - 1:
             raise InputError(

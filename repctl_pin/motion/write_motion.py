@@ -109,9 +109,10 @@ def refuse_coarse(motion: TimedMotion) -> None:
 def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> None:
     """Raise InputError if a sample of a timed motion exceeds a joint limit, or bodies collide.
 
-    A timed motion is a smooth curve through the samples of the motion that was timed, which is
-    straight between them. So it can collide where that motion does not. ``remedy`` ends the
-    message. A timed motion with the same samples as its ``motion`` is not checked again.
+    A timed motion is a smooth curve through the samples of ``motion.motion``, the motion that was
+    timed. That motion is straight between the samples, so the timed motion can collide where that
+    motion does not. ``remedy`` ends the message. A timed motion with the same samples as its
+    ``motion`` is not checked again.
     """
     if motion._is_its_motion:
         return

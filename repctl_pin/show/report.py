@@ -197,8 +197,8 @@ def framed(picture: bytes, text: str) -> dict[str, object]:
 def _in_full(study: Study) -> dict[str, str]:
     """Collect the settings with which the study can be repeated exactly, as text by label.
 
-    They are the start and the smallest box around the design's region Ω, to ten digits, the names
-    of the joints, and the URDF's checksum.
+    The settings are the start, and the smallest box around the design's region Ω, both to ten
+    digits; the names of the joints; and the URDF's checksum.
     """
     center, width = study.region.bounds.center, study.region.bounds.half_width
     return {

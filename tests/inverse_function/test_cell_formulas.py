@@ -1218,3 +1218,21 @@ def test_twenty_random_starts_find_nothing_better() -> None:
     finite = np.array(ended)[np.isfinite(ended)]
     print(best, np.sort(finite))
     assert len(finite) >= 15 and finite.min() > 0.99 * best
+
+
+def test_bodies_are_sought_beside_every_corner() -> None:
+    """A sector whose bodies met in 4 % of the spin, at one corner of radius and height alone, was
+    called free of collisions. Every plane of two coordinates through every corner has poses."""
+    task = panda()
+    cell = rp.Cell(task, task.placement(Q_PANDA), 0.1, (0.1, 0.0, 0.0))
+    count, k = 64, cell.k
+    U = margins.with_edges(cell, count, 0, np.random.default_rng(0))
+    corners = cell.corners()
+    between = U[count : -len(corners)]
+    assert np.array_equal(U[-len(corners) :], corners)
+    inside = np.abs(between) < 1
+    assert k == 4 and (inside.sum(axis=1) == 2).all()
+    kinds = {tuple(np.where(row, 0, np.sign(u))) for row, u in zip(inside, between, strict=True)}
+    assert len(kinds) == 6 * 4
+    wide = np.abs(between[inside]) < 0.5
+    assert 0.4 < wide.mean() < 0.6

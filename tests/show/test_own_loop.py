@@ -497,6 +497,12 @@ def test_it_asks_to_be_dragged_and_points_at_the_elbow(driver: Any, page: Path) 
     assert beginning == [2, True, False] and walked == [2, True, True]
     assert rests == [*walked, False]
     assert 0.2 < running[0] < 1 and not running[1]
+    held = driver.execute_script(  # who takes the words takes the ring
+        "const { left, right, top, bottom } = document.querySelector('.ring:not(.mute) .drag-me')"
+        ".getBoundingClientRect(); return Boolean(document.elementFromPoint("
+        "(left + right) / 2, (top + bottom) / 2).closest('.ring'));"
+    )
+    assert held
     spots, elbows = np.array(
         driver.execute_script(
             "return ['spot', 'elbow'].map((what) => repctl.own.arms.map((arm) => (what === 'spot' "

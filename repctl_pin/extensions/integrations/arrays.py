@@ -79,9 +79,10 @@ _A_FUNCTION = "a cell's function, such as found.function"
 def inverse_function(F: InverseFunction, xp: Namespace) -> Callable[..., Numbers]:
     r"""Convert ``q = F(x; c)`` to a pure function of arrays.
 
-    Newton's method finds q, in at most 12 steps. It begins at q_ref, a polynomial of F; n_ref
-    (n, r) are the directions in which the level c, the position along the self-motion, is measured.
-    The last two steps alone are differentiated. At a solution, this is the implicit derivative:
+    Newton's method finds q, in at most 12 steps. The method begins at q_ref, a polynomial of F;
+    n_ref (n, r) are the directions in which the level c, the position along the self-motion, is
+    measured. The last two steps alone are differentiated. At a solution, this is the implicit
+    derivative:
 
     .. math:: \begin{bmatrix} J \\ n_{ref}^T \end{bmatrix} dq = \begin{bmatrix} dx \\
               dc + d(n_{ref}^T q_{ref}) - (dn_{ref}^T) q \end{bmatrix}
@@ -277,7 +278,7 @@ def _operator(function: Callable[..., Any]) -> Callable[..., Any]:
 def _operators() -> Callable[..., Any]:
     """Register torch's operator for all wrapped functions, with its derivative, and return it.
 
-    Its arguments are the number under which :func:`_operator` has stored a function in
+    The operator's arguments are the number under which :func:`_operator` has stored a function in
     ``_functions``, and the one or two arrays of that function.
     """
     import torch
@@ -472,7 +473,7 @@ def _eps(xp: Namespace, a: Numbers) -> float:
 def _solution(xp: Namespace, chart: Chart) -> Callable[..., tuple[Numbers, Numbers]]:
     """Create the function (placement, levels c (r, K)) → (q (n, K), converged (K,)) of a chart.
 
-    It solves q = F(x; c) by Newton's method.
+    The function solves q = F(x; c) by Newton's method.
     """
     kind = chart.cell.task.kind
     kinematics, reference = _kinematics(xp, chart.cell.task), _reference(xp, chart)
@@ -559,8 +560,9 @@ def _jacobian(
 ) -> Numbers:
     """Evaluate Jᵀ (n, m, K) from the axes ``z`` of the joints and the vectors ``arm`` to the frame.
 
-    Both are (C, 3, K) in base axes, for the C joints of the chain, mimic joints included; ``arm``
-    leads from each joint to the frame, m. ``R`` are the columns of the frame's rotation.
+    ``z`` and ``arm`` are (C, 3, K) in base axes, for the C joints of the chain, mimic joints
+    included; ``arm`` leads from each joint to the frame, m. ``R`` are the columns of the frame's
+    rotation.
     """
     turns = _like(xp, chain.revolute[:, None, None], z)
     v, omega = z + turns * (_cross(xp, z, arm, 1) - z), turns * z
@@ -576,8 +578,8 @@ def _jacobian(
 def _reference(xp: Namespace, chart: Chart) -> Callable[[list[Numbers]], tuple[Any, ...]]:
     """Create the function from a placement to the polynomials of F there.
 
-    It returns the offsets y in the cell, a list of m arrays (K,); the monomials T (N, K) of the
-    coordinates u; and q_ref (n, K) and n_ref (n, r, K). q_ref includes the joint angles that
+    The function returns the offsets y in the cell, a list of m arrays (K,); the monomials T (N, K)
+    of the coordinates u; and q_ref (n, K) and n_ref (n, r, K). q_ref includes the joint angles that
     symmetries of the arm, such as a turn about its base, add to the polynomials.
     """
     cell, monomials = chart.cell, chart.monomials
@@ -703,9 +705,9 @@ def _displacement(
 def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
     """Compute the offsets y of a placement X from the cell's middle: m arrays (K,), m and rad.
 
-    They are those components of the position, and of a rotation vector or the tilts of the tool,
-    that the task commands. For a sector, which is a cell around an axis, they are the radius, angle
-    and height about the axis, the tilts, and the spin of the tool.
+    In a box, the offsets are components of the position, and of a rotation vector or the tilts of
+    the tool: those that the task commands. In a sector, a cell around an axis, the offsets are the
+    radius, angle and height about the axis, the tilts, and the spin of the tool.
     """
     if not isinstance(cell, Sector):
         return _displacement(xp, cell.task.kind, _middle(xp, cell, X), X)
@@ -846,8 +848,8 @@ def _about_axis(
 def _from_middle(xp: Namespace, cell: Cell, v: Numbers) -> Numbers:
     """Convert vectors (3, K) to the axes of the tool in the middle of a cell.
 
-    In a box they are given in base axes, in a sector in the directions radial, tangential, and
-    along the axis.
+    For a box, the given vectors are in base axes; for a sector, they are in the directions radial,
+    tangential, and along the axis.
     """
     R_0 = cell.placement.rotation
     return _like(xp, (cell.directions @ R_0 if isinstance(cell, Sector) else R_0).T, v) @ v
@@ -873,8 +875,8 @@ def _shift(xp: Namespace, cell: Cell, y: list[Numbers]) -> Numbers | float:
 def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
     """Remove full turns from ``away`` = q − q_ref (n, K), at the joints of the cell's symmetries.
 
-    Such a joint alone moves the frame along one coordinate of the cell. Return the differences
-    (n, K); those of these joints are from −π to π.
+    Such a joint alone moves the frame along one coordinate of the cell. Return the differences (n,
+    K), which are from −π to π for these joints.
     """
     turning = np.zeros((cell.task.n, 1))
     turning[[one.joint for one in cell.removed]] = 2 * np.pi
@@ -901,8 +903,9 @@ def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
 def _inside(xp: Namespace, cell: Cell, X: list[Numbers]) -> Numbers:
     """Test which of K placements X lie in a cell: (K,).
 
-    ``cell`` has all its coordinates (``cell.whole``). Coordinates of width 0, which are constant in
-    the cell, are also tested. The tolerance depends on the floating-point type.
+    ``cell`` is the attribute ``whole`` of a cell, which has all coordinates. So coordinates of
+    width 0, which are constant in the cell, are tested, too. The tolerance depends on the
+    floating-point type.
     """
     y, rounding = _measured(xp, cell, X), 8 * _eps(xp, X[3])
     most = (cell._bounds + max(EDGE, rounding)).tolist()

@@ -36,7 +36,7 @@ class ElbowSearch:
     Attributes
     ----------
     point : (3,) array or None
-        Point p_e for the elbow, base frame, m; None while there is none.
+        Point p_e for the elbow, base frame, m; None without a point.
     said : str
         Display text: the distance of the last level's elbow from its point, or the reason why no
         level was found; empty before the first search has ended.

@@ -110,8 +110,8 @@ class RepeatableTask(PinkTask):
     def _find(self, model: pin.Model) -> None:
         """Find the design's joints in pink's model by name, and store their indices in q and v.
 
-        Continuous joints, which are (cos, sin) pairs in q, are stored as such. InputError is raised
-        if a joint is missing.
+        It is also stored which joints are continuous, because these are (cos, sin) pairs in q.
+        InputError is raised if a joint is missing.
         """
         missing = [name for name in self._names if not model.existJointName(name)]
         if missing:

@@ -80,15 +80,16 @@ class _ArmNode(Node):
     """Node ``repctl``: connects the topics, services and parameters of ROS 2 to a :class:`Servo`.
 
     Subscribes to ``target_pose``, ``target_twist``, ``hand_pose``, ``hand_elbow``, ``~/elbow``,
-    ``~/leaf`` and ``joint_states``; publishes ``joint_trajectory`` or, with the parameter
-    ``output:=positions``, ``commands``, and ``/diagnostics``. Services: ``~/hold``, ``~/resume``,
-    ``~/clutch`` and, for a cell where moveit_msgs is installed, ``compute_ik``. The parameter
-    ``leaf`` can be set at any time; all other parameters are read once.
+    ``~/leaf`` and ``joint_states``; publishes ``/diagnostics`` and ``joint_trajectory``. With the
+    parameter ``output:=positions``, ``commands`` replaces ``joint_trajectory``. Services:
+    ``~/hold``, ``~/resume``, ``~/clutch`` and, for a cell where moveit_msgs is installed,
+    ``compute_ik``. The parameter ``leaf`` can be set at any time; all other parameters are read
+    once.
 
     ``hand_pose`` and ``hand_elbow`` are the pose of the operator's hand and the point of the
-    operator's elbow, in the tracker's frame. They move the arm's target and elbow from the time at
-    which ``~/clutch`` engages the clutch (True) until it releases the clutch (False). ``~/elbow``
-    is a point for the arm's elbow, in the base frame, and ``~/leaf`` is a level c.
+    operator's elbow, in the tracker's frame. These messages move the arm's target and elbow from
+    the time at which ``~/clutch`` engages the clutch (True) until it releases the clutch (False).
+    ``~/elbow`` is a point for the arm's elbow, in the base frame, and ``~/leaf`` is a level c.
 
     Commands and time-outs follow a steady clock, which is never set, or with ``use_sim_time`` the
     clock of the simulation. Stamps are compared with the node's ROS clock.
@@ -202,7 +203,7 @@ class _ArmNode(Node):
         """Map the joint names that messages use to those of the design, in the design's order.
 
         ``given`` is the parameter ``joints``, or None for equal names. InputError is raised unless
-        it has one name per joint.
+        ``given`` has one name per joint.
         """
         own = self.servo.task.joint_names
         given = list(own) if given is None else given
@@ -226,8 +227,8 @@ class _ArmNode(Node):
     def _set_leaf(self, value: Any) -> str:
         """Pass a level c, which moves the elbow along the self-motion, to the servo.
 
-        ``value`` is a number, a list of r numbers, or None for no change. Return the reason if it
-        is refused, else an empty text.
+        ``value`` is a number, a list of r numbers, or None for no change. Return the reason if the
+        level is refused, else an empty text.
         """
         if value is None:
             return ""
@@ -350,8 +351,8 @@ def _numbers_of(message: PoseStamped) -> tuple[Sequence[float], Sequence[float]]
 def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any]:
     """Return the bodies that must keep a distance, as arguments of :class:`Servo`; may be empty.
 
-    The parameters ``surroundings``, a URDF, and ``body_distance``, m, request them. Links without a
-    body are refused, unless the parameter ``unchecked`` is ``allow``.
+    The result is not empty if the parameter ``surroundings``, a URDF, or ``body_distance``, m, is
+    set. Links without a body are refused, unless the parameter ``unchecked`` is ``allow``.
     """
     around, distance = given["surroundings"], given["body_distance"]
     if around is None and distance is None:
@@ -364,8 +365,8 @@ def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any
 def _hand_axes(given: dict[str, Any]) -> Array | None:
     """Read the rotation (3, 3) from the axes of the operator's tracker to those of the base.
 
-    It is the parameter ``hand_axes``, a quaternion x, y, z, w. Return None without this parameter:
-    the axes are then parallel.
+    The rotation is the parameter ``hand_axes``, a quaternion x, y, z, w. Return None without this
+    parameter: the axes are then parallel.
     """
     if given["hand_axes"] is None:
         return None

@@ -99,8 +99,8 @@ class Servo:
         Maximum distance of a measured joint from its command, rad or m. If it is exceeded, the arm
         does not follow its commands, and is stopped.
     bodies, body_distance, unchecked
-        Bodies that must keep a distance, this distance, m, and whether links without a body are
-        accepted; as for :class:`Governor`.
+        Bodies that must keep a distance; the distance, m; and ``"allow"`` to accept links without a
+        body. See :class:`Governor`.
     tool
         Placement of the tool in the frame of the design; targets and twists are then the tool's.
     clutch
@@ -188,8 +188,8 @@ class Servo:
     ) -> None:
         """Set the target: position (x, y, z), m, and quaternion (x, y, z, w), in the base frame.
 
-        ``frame`` is the name of the frame in which they are given, which must be the base or empty,
-        and ``age`` the age of the message, s. An invalid target stops the arm.
+        ``frame`` is the name of the frame in which the target is given, which must be the base or
+        empty. ``age`` is the age of the message, s. An invalid target stops the arm.
         """
         if self._usable("target", frame, age):
             try:
@@ -218,7 +218,7 @@ class Servo:
     def couple(self, coupled: bool) -> None:
         """Engage the clutch at the next hand pose if ``coupled``; else release it and stop the arm.
 
-        It is engaged only while the servo is RUNNING.
+        The clutch is engaged only while the servo is RUNNING.
         """
         self._forget()
         self._coupled = coupled and self.state is State.RUNNING
@@ -256,8 +256,8 @@ class Servo:
     def hand_elbow(self, point: Sequence[float], *, age: float = 0.0) -> None:
         """Set the operator's elbow (3,), tracker's frame, m, with which the arm's elbow moves.
 
-        It has an effect only while the clutch is engaged. A point that is not finite releases the
-        elbow alone: the level then stays constant until the clutch is engaged again.
+        The point has an effect only while the clutch is engaged. A point that is not finite
+        releases the elbow alone: the level then stays constant until the clutch is engaged again.
         """
         if not self._clutch.engaged or not self._usable("elbow", "", age):
             return
@@ -278,8 +278,8 @@ class Servo:
 
         The arm moves to the level whose elbow is nearest to the point, even while its frame is at
         rest. ``frame`` is the frame that the message names: the base, or empty if it names none.
-        ``age`` is the age of the message, s. A point in another frame, one that is too old or not
-        finite, stops the arm.
+        ``age`` is the age of the message, s. A point that is in another frame, too old or not
+        finite stops the arm.
         """
         if self._usable("elbow", frame, age):
             if not np.isfinite(point).all():
@@ -303,8 +303,8 @@ class Servo:
     def leaf(self, leaf: ArrayLike) -> str:
         """Set the level c (r,) to which the arm moves whenever it follows a target or a twist.
 
-        Without these, the arm stays at its level. Return the reason if the level is invalid, else
-        an empty text.
+        Without a target or a twist, the arm stays at its level. Return the reason if the level is
+        invalid, else an empty text.
         """
         c = np.atleast_1d(np.asarray(leaf, float))
         if refused := self._refused(c):
@@ -326,8 +326,8 @@ class Servo:
     def resume(self) -> None:
         """End a stop by :meth:`hold` or by a fault, and follow what arrives from now on.
 
-        A fault is a measured joint that is farther than ``tolerance`` from its command. After one,
-        the arm first brakes to rest, if it still moves, and starts from the measured joints.
+        A fault is a measured joint that is farther than ``tolerance`` from its command. After a
+        fault, the arm first brakes to rest, if it still moves, and starts from the measured joints.
         """
         self._held = ""
         self._forget()
@@ -385,8 +385,8 @@ class Servo:
     def brake(self) -> Array | None:
         """Compute the next configuration (n,) of a stop; None once at rest, or while WAITING.
 
-        A servo is WAITING until it has measured joints for the first time. Call it once per tick
-        when the program ends; measured joints are not needed.
+        A servo is WAITING until it has measured joints for the first time. Call this method once
+        per tick when the program ends; measured joints are not needed.
         """
         self._forget()
         return None if self.state is State.WAITING or self.at_rest else self._command()
@@ -479,16 +479,16 @@ class Servo:
     def _moving_asked(self) -> bool:
         """Test whether the arm is running and has a target or a twist to follow.
 
-        Only then does it move to the level set by :meth:`leaf`, so that an arm at rest does not
-        start to move.
+        Only then does the arm move to the level set by :meth:`leaf`, so that an arm at rest does
+        not start to move.
         """
         return self.state is State.RUNNING and (self._target is not None or self._twist is not None)
 
     def _start(self, q: Array) -> bool:
         """Start at rest at the measured joints q (n,), rad or m; False if they are no valid start.
 
-        If they agree with the last command, the servo continues from that command, so that errors
-        of measurement do not change the level c.
+        If the measured joints agree with the last command, the servo continues from that command,
+        so that errors of measurement do not change the level c.
         """
         command = self.command
         if self._fault or command is None or np.abs(q - command).max() > SAME:
@@ -507,8 +507,8 @@ class Servo:
         """Compare measured joints q (n,), ``age`` s old, with the last command; stop if too far.
 
         Too far is more than the tolerance plus the distance that a joint can have moved at its
-        speed limit since the measurement. The commands then slow down to rest. Return True once
-        they are at rest after such a stop; then no command may be sent.
+        speed limit since the measurement. The commands then slow down to rest. Return True once the
+        commands are at rest after such a stop: no more commands may then be sent.
         """
         off = np.abs(q - self._commands[-1]) - age * self._limits.velocity  # moved since measured
         if off.max() > self.tolerance and not self._fault:
@@ -574,8 +574,9 @@ def _levels_of(design: Design | CellDesign) -> Callable[[pin.SE3, Array], ElbowL
     """Return the function (pose x, point p_e) → level whose elbow is nearest to the point.
 
     The point p_e (3,) is in the base frame, m. The function searches along the self-motion at x. If
-    the design is that of a cell's function F, it begins at F(x); else at the configuration with the
-    pose x on the leaf through the centre of Ω. So the level depends on x and p_e alone.
+    the design is that of a cell's function F, the search begins at F(x). Otherwise, it begins at
+    the configuration with the pose x on the leaf through the centre of Ω. So the level depends on x
+    and p_e alone.
     """
     if isinstance(design, CellDesign):
         F = design.function

@@ -56,8 +56,8 @@ class JointReadings:
     def measured(self, now: float) -> tuple[Array | None, float]:
         """Return the latest joint positions (n,), and the age of the oldest of them, s.
 
-        The age counts a stamp ahead of the clock as one equally far behind. If a joint has not been
-        measured yet, the positions are None and the age is 0.
+        A stamp that is ahead of the clock counts as equally far behind the clock. If a joint has
+        not been measured yet, the positions are None and the age is 0.
         """
         found = [self._found[name] for name in self.names if name in self._found]
         if len(found) < len(self.names):
@@ -68,7 +68,7 @@ class JointReadings:
     def absent(self, now: float) -> str:
         """Describe why the joints are not known at the time ``now``, s: missing, or too old.
 
-        It is called only if they are not known. They are too old after the timeout of the servo.
+        It is called only in this case. Joints are too old after the timeout of the servo.
         """
         missing = [name for name in self.names if name not in self._found]
         if len(missing) == len(self.names):
@@ -122,8 +122,9 @@ def target_of(
 ) -> pin.SE3:
     """Convert a position (x, y, z), m, and a quaternion (x, y, z, w) to a placement of the frame.
 
-    They are the pose of the frame or, with ``tool``, of the tool at that placement in the frame.
-    ``cell`` is the cell in which the target must lie, or None.
+    Without ``tool``, they are the pose of the frame. With ``tool``, the placement of a tool in the
+    frame, they are the pose of this tool. ``cell`` is the cell in which the target must lie, or
+    None.
 
     Raises
     ------
@@ -145,7 +146,7 @@ def placement_of(numbers: Any, name: str) -> pin.SE3:
     Raises
     ------
     InputError
-        If they are not 3 or 7 finite numbers, or the quaternion does not have norm 1.
+        If there are not 3 or 7 finite numbers, or the quaternion does not have norm 1.
     """
     found = as_numbers(numbers)
     if found is None or found.shape not in ((3,), (7,)):

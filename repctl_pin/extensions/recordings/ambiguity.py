@@ -33,7 +33,7 @@ _FRAMES_PER_TERM = 3
 @dataclass(frozen=True, eq=False)
 @read_only
 class Ambiguity:
-    """Misfit of smooth fits q̂(x) to several labellings of poses by configurations.
+    """Misfit of smooth functions q̂(u) of the pose, one fitted to each of several labellings.
 
     A labelling assigns one configuration to every frame: the recorded joints, or the new joints.
     The misfit is large if equal poses have different configurations.
@@ -41,8 +41,8 @@ class Ambiguity:
     Attributes
     ----------
     misfits : tuple of (K,) arrays
-        ``‖q − q̂(x)‖`` at each frame, rad or m, per labelling, with q̂ fitted to the frames of the
-        other folds.
+        One array per labelling: ``‖q − q̂(u)‖`` at each frame, rad or m. For the frames of a fold,
+        q̂ is fitted to the frames of all other folds.
     degree : int
         Degree of the polynomial q̂.
     method : str
@@ -70,10 +70,11 @@ def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
     .. math:: \hat q(u) = \sum_{|α| ≤ 3} a_α u^α, \qquad
               \min_a \sum_k \|\hat q(u_k) - q_k\|^2 + λ K \|a\|^2
 
-    Each fold of frames is held out in turn. The folds are the sessions, in six groups if there are
-    more than six, or six blocks of time of a single session. Each labelling has its own ridge
-    parameter λ: of 1e-8, 1e-7, …, 1, the one with the smallest misfit. With few frames the degree
-    is lower, down to 1, so that the fit has at least three frames per term.
+    Each fold of frames is held out in turn. Two to six sessions are one fold each, more sessions
+    are divided into six folds, and a single session into six blocks of time. For each labelling,
+    the ridge parameter λ is chosen from 1e-8, 1e-7, …, 1 such that its misfit is smallest. The
+    degree is 3 as above; it is reduced, but not below 1, while a fit would have fewer than three
+    frames per term.
 
     Parameters
     ----------
@@ -106,9 +107,9 @@ def ambiguity(U: Array, session: Column, labels: Sequence[Array]) -> Ambiguity:
 def _folds(session: Column) -> tuple[Column, str]:
     """Assign frames to folds: return the number of each frame's fold (K,), and a description.
 
-    Folds are up to six groups of sessions, or six blocks of time of a single session: neighbouring
-    frames are alike, so they must be in one fold. ``session`` (K,) has the number of each frame's
-    session.
+    ``session`` (K,) has the number of each frame's session. The folds are up to six groups of whole
+    sessions. A single session is divided into six blocks of time. So neighbouring frames, which are
+    alike, are in one fold.
     """
     sessions = np.unique(session)
     if len(sessions) > 1:
@@ -132,12 +133,12 @@ def _scaled(U: Array) -> Array:
 
 
 def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slice]) -> Array:
-    """Compute ``q − q̂`` (K, ·) for all labellings, with q̂ fitted to the other folds.
+    """Compute ``q − q̂`` for all labellings, an array like Q, with q̂ fitted to the other folds.
 
-    The columns of Q hold the labellings side by side; ``parts`` are the columns of each. ``fold``
-    (K,) is the index of each frame's fold, and ``terms`` are the monomials of q̂ in the coordinates
-    U (K, k). The frames are passed twice, in blocks, so that memory does not grow with their
-    number.
+    The rows of Q are the frames. The columns of Q are the joints in the first labelling, then the
+    joints in the second, and so on; ``parts`` has the columns of each labelling. ``fold`` (K,) is
+    the index of each frame's fold, and ``terms`` are the monomials of q̂ in the coordinates U (K,
+    k). The frames are processed in blocks, to save memory.
     """
     folds, N = int(fold.max()) + 1, terms.size
     gram, right = np.zeros((folds, N, N)), np.zeros((folds, N, Q.shape[1]))
@@ -153,9 +154,9 @@ def _misfit(terms: Monomials, U: Array, fold: Column, Q: Array, parts: list[slic
 
 
 def _blocks_of_folds(fold: Column) -> Iterator[tuple[int, Column]]:
-    """Yield pairs (fold, indices of some of its frames), so that no part is large.
+    """Yield pairs: the index of a fold, and the indices of a block of its frames.
 
-    ``fold`` (K,) is the fold of each frame. A fold with many frames is yielded in several parts.
+    ``fold`` (K,) is the index of each frame's fold. A fold with many frames has several blocks.
     """
     for f in np.unique(fold):
         rows = np.flatnonzero(fold == f)
@@ -164,11 +165,13 @@ def _blocks_of_folds(fold: Column) -> Iterator[tuple[int, Column]]:
 
 
 def _fits(gram: Array, right: Array, counts: Column, parts: list[slice]) -> Array:
-    """Solve ridge regressions, one without each fold, for the coefficients W (folds, N, ·).
+    """For each fold, fit the coefficients of q̂ to the other folds by ridge regression.
 
-    ``gram`` (folds, N, N) is TᵀT and ``right`` (folds, N, ·) is TᵀQ of each fold, with the N terms
-    T at its frames. ``counts`` are the frames per fold, ``parts`` the columns of each labelling.
-    Each labelling gets the ridge parameter λ with the smallest misfit on the left-out folds.
+    ``gram`` (folds, N, N) is TᵀT and ``right`` (folds, N, columns of Q) is TᵀQ of each fold, where
+    the rows of T are the N terms at the frames of the fold. The result is an array like ``right``:
+    the coefficients fitted without each fold. ``counts`` are the numbers of frames per fold, and
+    ``parts`` the columns of each labelling. Each labelling has the ridge parameter λ with the
+    smallest misfit on the left-out folds.
     """
     K = counts.sum()
     total = gram.sum(axis=0)

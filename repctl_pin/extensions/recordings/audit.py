@@ -56,7 +56,8 @@ class Audit:
     visits : Visits
         Visits of the hand pose that was visited most often.
     points : (N, L, 3) array
-        Position, m, root frame, at each visit, of the most displaced point of each link's body.
+        Positions in the root frame, m, of one point of each link: the most displaced point of its
+        body. The first index is the visit, the second the link.
     links : tuple of str
         Names of the L links.
     found : Verdict or None
@@ -114,7 +115,7 @@ class Audit:
     def repeats(self) -> bool:
         """True if the verdict is ``repeats``.
 
-        It is False for all others, also for ``inconclusive`` and ``no return``.
+        It is False for all other verdicts, also for ``inconclusive`` and ``no return``.
         """
         return self.verdict == REPEATS
 
@@ -142,7 +143,8 @@ class Audit:
     def begins(self) -> float | None:
         """Time from the start of the log, s, at which a drift begins after equal visits.
 
-        It is the time of the last equal visit; None if there is no such drift.
+        This is the time of the last of the equal visits; None unless the verdict is ``drifts
+        later``.
         """
         if self.found is None or self.verdict != LATER:
             return None
@@ -152,17 +154,17 @@ class Audit:
     def elbow(self) -> int:
         """Index, in q, of the elbow joint, found at the first visit of the hand pose.
 
-        It is the joint in the middle of the arm that moves most in self-motions, in which the hand
-        rests.
+        The elbow is the joint, among those in the middle of the arm, that moves most in
+        self-motions: motions in which the hand rests.
         """
         return elbow(self.task, self.visits.q[0])
 
     @property
     def along(self) -> Array:
-        """Displacement of the most displaced link's point since the first visit: (N,), m, signed.
+        """Signed displacement, since the first visit, of the point of link ``part``: (N,), m.
 
-        It is measured along the straight line from the first visit to the last, at which it is
-        positive.
+        The displacement is measured along the straight line from the first visit's position to the
+        last visit's, in this direction.
         """
         place = self.points[:, self.part] - self.points[0, self.part]
         way = place[-1]
@@ -171,7 +173,7 @@ class Audit:
 
     @property
     def clock(self) -> tuple[float, str]:
-        """Unit of time in which rates are written: (its length, s, its name).
+        """Unit of time in which rates are written, as a pair: its duration, s, and its name.
 
         The unit is an hour, a minute or a second: the longest that is at most twice as long as the
         log.
@@ -181,11 +183,11 @@ class Audit:
 
     @property
     def leaves_range(self) -> tuple[float, str] | None:
-        """Predicted time, s, after the log at which a joint leaves its range, and the joint's name.
+        """Time, s, until a joint is predicted to leave its range, and the name of the joint.
 
-        The prediction assumes that the drift continues at its mean rate in the log. If the drift
-        grows, another joint can be the first, and earlier. None if the arm does not drift, or if
-        the predicted time is more than 100 times as long as the log.
+        The time begins at the end of the log. The prediction assumes that the drift continues at
+        its mean rate in the log. If the drift grows, a joint leaves its range sooner. None if the
+        arm does not drift, or if the time is more than 100 times the duration of the log.
         """
         if self.joints is None or not self.drifts:
             return None
@@ -269,17 +271,18 @@ def audit(
 
     Drift is a steady change of the joints at one pose, as under J⁺. The pose that the end effector
     visits most often is found among the poses f(q), equation (1), of the log. The arm repeats if
-    the largest difference of its configurations there is within the noise. A joint's drift is the
-    median of the slopes between all pairs of visits (Theil and Sen), so an outlier, a gap or a
-    pause does not change it. The confidence interval is that of a straight-line fit; its scatter is
-    the robust scatter of the visits, but at least the noise of the log.
+    the largest difference of its configurations at this pose is within the noise. A joint's drift
+    is the median of the slopes between all pairs of visits (Theil and Sen), so an outlier, a gap or
+    a pause does not change it. The confidence interval is that of a straight-line fit. The scatter
+    about the line is estimated robustly from the visits, and is at least the noise of the log.
 
     Parameters
     ----------
     log
         File (``.csv``, ``.npz`` or ``.parquet``) with a column ``time``, s, and one column per
         joint; a data set of LeRobot (its folder) or robomimic (``.hdf5``); or a pair of times (T,),
-        s, and joint positions (T, n), rad or m; with k commanded levels (T, k) as a third array.
+        s, and joint positions (T, n), rad or m. A third array (T, k) may have k commanded levels,
+        as explained at ``levels``.
     robot
         Catalogue name, path to a URDF, a loaded robot or a task.
     frame, kind : str, optional
@@ -292,9 +295,10 @@ def audit(
         Distance within which the end effector counts as being at the pose, m; by default derived
         from the noise of the log.
     levels : sequence of str, optional
-        Names of columns with what was commanded beside the pose: the levels of the self-motion,
-        rad, or the elbow's position, m. A return is then one to the same pose and levels, so joints
-        that differ because the elbow was moved on purpose are no drift.
+        Names of columns with numbers that were commanded beside the pose: levels of the
+        self-motion, rad, or the elbow's position, m. If given, a return is a return to the same
+        pose and the same levels. So a difference of the joints is no drift where the elbow was
+        moved on purpose.
 
     Returns
     -------
@@ -375,9 +379,9 @@ def _task(robot: Any, frame: Any, kind: str | None) -> Task:
 def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...]) -> Audit:
     """Compare the configurations at the visits, measure the links, and return the audit.
 
-    The verdict is on the joints. To express it in metres, the most displaced point of each link is
-    found; its speed, and its largest distance between two visits, are measured. ``notes`` are
-    remarks on the log.
+    The verdict is on the joints. To express it in metres, the most displaced point of the most
+    displaced link is found. The speed of its drift, and its largest distance between two visits,
+    are computed. ``notes`` are remarks on the log.
     """
     scale = joint_scale(task, visits.q[0])
     found = verdict(visits.t, visits.q, visits.deviation, visits.bias, scale)
@@ -407,9 +411,9 @@ def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...])
 def _error_of(bodies: LinkPoints, visits: Visits, part: int, floor: Array) -> float:
     """Compute the half-width of the 95 % interval of the drift of a link's point, m/s.
 
-    ``part`` is the index of the link. The scatter of the point is at least that due to ``floor``
-    (n,), a lower bound on the scatter of each joint, rad or m. So the interval is not too narrow
-    after a few equal visits.
+    ``part`` is the index of the link. ``floor`` (n,) is a lower bound on the scatter of each joint,
+    rad or m; the scatter of the point is at least the scatter that this bound causes. So the
+    interval is not too narrow after a few equal visits.
     """
     q, step = visits.q[0], 1e-6
     around = np.vstack([q, q + step * np.eye(len(q))])

@@ -180,9 +180,9 @@ def _headline(audit: Audit) -> Headline:
 
 
 def _distance(audit: Audit) -> str:
-    """Write how near the hand came to an earlier pose, as the end of a sentence.
+    """Write the end of the sentence "The log does not repeat": how near the hand came to a return.
 
-    The sentence says that there is no verdict, because no pose was visited often enough.
+    This sentence is written if there is no verdict, because no pose was visited often enough.
     """
     level = " and level" if audit.log.levels.shape[1] else ""
     if audit.returns > 0:
@@ -203,9 +203,10 @@ def _unbroken(text: str) -> str:
 
 
 def _fastest(audit: Audit) -> tuple[str, str, str]:
-    """Write the drift of the most displaced link or, if it does not drift, of the fastest joint.
+    """Write the drift of the most displaced link; if it is not significant, the drift of a joint.
 
-    Returns three texts: the name, the rate per hour, minute or second, and the 95 % interval.
+    The joint is the one with the most significant drift. Returns three texts: the name of the link
+    or joint, the rate per hour, minute or second, and the 95 % interval.
     """
     assert audit.joints is not None
     seconds, unit = audit.clock
@@ -245,14 +246,14 @@ def _time_span(seconds: float) -> str:
 
 
 def _number(value: float) -> str:
-    """Format a change of a joint, rad or m, as a number; one below 1e-9 is written as 0."""
+    """Format a change of a joint, rad or m, as a number; a change below 1e-9 is written as 0."""
     return "0" if abs(value) < 1e-9 else number(value)
 
 
 def _table(audit: Audit) -> str:
     """Format the table of drift: the most displaced link, then the joints, the largest first.
 
-    Its columns are the largest difference, the drift per return and per unit of time, and the
+    The columns are the largest difference, the drift per return and per unit of time, and the
     half-width of the 95 % interval.
     """
     joints, visits = audit.joints, audit.visits
@@ -274,8 +275,9 @@ def _table(audit: Audit) -> str:
 def _leads(audit: Audit) -> list[str]:
     """Write the remarks below the table of an audit, one text per line.
 
-    They name the visits with the same configuration if the arm jumps or scatters, the time at which
-    a joint will leave its range at the measured rate, and the tolerance of the visits.
+    The remarks are, in this order: the configuration of each visit, if the arm jumps or scatters;
+    the time in which a joint leaves its range at the measured rate, if the arm drifts; the next
+    step; the tolerance of the visits and the noise.
     """
     said = []
     if audit.verdict in (JUMPS, SCATTERS) and audit.found is not None:
@@ -312,10 +314,10 @@ def _next_step(audit: Audit) -> list[str]:
 
 
 def _order(groups: NDArray[np.intp]) -> str:
-    """Write the configuration of each visit as a letter, A B A B …, and how many visits share one.
+    """Write the configuration of each visit as a letter, such as ABAB, and the largest group.
 
-    ``groups`` (N,) has the index of each visit's configuration. The number is that of the
-    configuration with the most visits.
+    ``groups`` (N,) has the index of each visit's configuration. The largest group is the number of
+    visits with the most frequent configuration.
     """
     names = "".join(chr(ord("A") + g) if g < _LETTERS else "…" for g in groups)
     more = "…" if len(names) > _SHOWN else ""
@@ -349,8 +351,8 @@ def write_audit(audit: Audit, folder: Path) -> list[Path]:
 def _audit_page(audit: Audit) -> str:
     """Write the HTML page of the recorded motion, with the arm of the first visit as an outline.
 
-    Each cycle is the part of the log between two consecutive visits of the pose. If there are too
-    many cycles, evenly spaced ones are shown.
+    Each cycle is the part of the log between two consecutive visits of the pose. At most 240 cycles
+    are shown, evenly spaced among all.
     """
     task, visits = audit.task, audit.visits
     ends = np.unique(np.linspace(1, audit.returns, min(audit.returns, _CYCLES)).astype(int))
@@ -385,8 +387,9 @@ def _audit_page(audit: Audit) -> str:
 def _between(audit: Audit, end: int, steps: int) -> Array:
     """Interpolate the log between visits ``end`` − 1 and ``end``: (steps + 1, n), at equal times.
 
-    The page shows the motion between two visits as one cycle of ``steps`` steps. Its ends are the
-    estimated configurations at the visits, which are more exact than rows of the log.
+    The page shows the motion between two visits as one cycle of ``steps`` steps. The first and last
+    row of the result are the estimated configurations at the visits, which are more exact than rows
+    of the log.
     """
     visits, log = audit.visits, audit.log
     t = np.linspace(visits.t[end - 1], visits.t[end], steps + 1)
@@ -439,7 +442,7 @@ def _line(
 ) -> None:
     """Draw the values at the visits as dots, and their trend as a line of the given slope.
 
-    ``slope`` is per unit of ``time``; the line passes through the median.
+    ``slope`` is per unit of ``time``. The line passes through the medians of time and values.
     """
     level = float(np.median(values - slope * time))
     ends = time[[0, -1]]

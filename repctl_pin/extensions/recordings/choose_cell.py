@@ -51,11 +51,12 @@ def design_for(
 ) -> CellDesign:
     """Design a function over a box or a sector that is just large enough for the recorded frames.
 
-    Both are cells; the function of a cell gives one configuration per pose. The cell contains all
-    frames or, if no function covers it, 98 or 90 % of them. If no function covers such a cell
-    either, the function that covers most frames is returned. In the middle of the cell, the
-    function has a typical recorded configuration, if a design with it succeeds. ``options`` are
-    those of the design, and ``report`` is the progress callback (step, fraction).
+    The box or sector is called the cell of the function, which gives one configuration per pose.
+    The cell contains all frames or, if no function covers that cell, 98 % or 90 % of the frames. If
+    no function covers such a cell either, the function that covers most frames is returned. In the
+    middle of the cell, the function has a typical recorded configuration, unless the design with
+    that configuration fails. ``options`` are those of the design, and ``report`` is the progress
+    callback (step, fraction).
 
     Raises
     ------
@@ -87,7 +88,7 @@ def design_for(
 
 
 def _held(found: CellDesign, recording: Recording) -> float:
-    """Compute the share of frames at whose poses a function has a value within the limits."""
+    """Compute the share of frames at whose poses the function has a value within joint limits."""
     F = InverseFunction(found.function.chart)
     Q = F.batch(recording.homogeneous, missing="nan")
     return float(np.isfinite(Q[:, 0]).mean())
@@ -153,8 +154,9 @@ def _cells(recording: Recording, share: float) -> Iterator[Cell]:
 def _box(recording: Recording, share: float) -> Cell:
     """Make a box of poses that contains the given share of the frames, with a small margin.
 
-    Its middle is found in two steps. The first middle has the median position and the mean
-    rotation. The final middle is the middle of the range of the frames nearest to the first middle.
+    The middle of the box is found in two steps. The first middle has the median position and the
+    mean rotation of all frames. The given share of the frames, those nearest to the first middle,
+    is selected; the final middle is the centre of their range.
     """
     task = recording.task
     p = recording.positions
@@ -177,8 +179,8 @@ def _box(recording: Recording, share: float) -> Cell:
 def _sector(recording: Recording, share: float) -> Cell:
     """Make a sector around the base that contains the given share of the frames, with a margin.
 
-    The coordinates are radius, angle and height, and tilts and spin of the tool. They depend on the
-    middle, which is therefore found in two steps. InputError is raised if there is no such sector.
+    The coordinates of a sector depend on its middle. So the middle is first estimated from medians
+    and means, and then improved in two steps. InputError is raised if there is no such sector.
     """
     task = recording.task
     p = recording.positions
@@ -206,9 +208,10 @@ def _sector(recording: Recording, share: float) -> Cell:
 
 
 def _wide_sector(task: Task, middle: pin.SE3, radius: float) -> Sector:
-    """Make a sector around the placement ``middle`` with a half-width of the radius, m.
+    """Make a sector with the given middle and a half-width ``radius``, m, in the radial direction.
 
     The other half-widths are nominal: 1 m for the height, 1 rad for tilts, π for angle and spin.
+    Coordinates that the task does not command are left out.
     """
     sizes = {"height": 1.0 if task.m > 2 else 0.0, "angle": np.pi}
     sizes |= {"half_angle": 1.0} if task.m > 3 else {}
@@ -217,7 +220,7 @@ def _wide_sector(task: Task, middle: pin.SE3, radius: float) -> Sector:
 
 
 def _sector_of(probe: Sector, w: Array) -> Sector:
-    """Make a sector with the middle of ``probe`` and half-widths w (m,), in m and rad.
+    """Make a sector with the middle of ``probe`` and half-widths w, one per coordinate, m or rad.
 
     A spin, the turn about the tool's axis, of less than 0.6 rad is passed to :class:`Sector` as the
     third component of ``half_angle``, together with the tilts.
@@ -241,8 +244,8 @@ def _sector_of(probe: Sector, w: Array) -> Sector:
 def _measured(probe: Cell, p: Array, R: Array) -> Array:
     """Compute the coordinates (K, m), in m and rad, of poses in the cell ``probe``.
 
-    p (K, 3), m, and R (K, 3, 3) are their positions and rotations. The coordinates are 0 in the
-    middle of the cell.
+    p (K, 3), m, and R (K, 3, 3) are the positions and rotations of the poses. The coordinates are 0
+    in the middle of the cell.
     """
     U, _ = probe.coordinates(p, R)
     return U * probe.widths[probe.moved]
@@ -251,8 +254,8 @@ def _measured(probe: Cell, p: Array, R: Array) -> Array:
 def _within(Y: Array, share: float) -> Array:
     """Return the given share of the rows of Y (K, m): those nearest to the median row.
 
-    The distance is the largest one over the coordinates. Each coordinate is divided by its spread,
-    the 0.9 quantile of its distances from the median, so that metres and radians count alike.
+    The distance of a row is the largest over its coordinates. Distances in each coordinate are
+    divided by their 0.9 quantile, so that metres and radians count alike.
     """
     if share == 1.0:
         return Y
@@ -262,7 +265,7 @@ def _within(Y: Array, share: float) -> Array:
 
 
 def _widths(Y: Array, positions: int) -> Array:
-    """Compute half-widths (m,) of a cell with its middle at 0 that contains poses Y (K, m).
+    """Compute half-widths (m,) of a cell that contains poses Y (K, m), relative to its middle.
 
     The first ``positions`` coordinates are in m, the others in rad; each half-width has a margin. A
     constant coordinate gets the half-width 0, unless all coordinates are constant.

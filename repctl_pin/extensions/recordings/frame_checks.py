@@ -212,9 +212,9 @@ def _other_frame(
 ) -> _Explanation:
     """Fit another frame of the tool: ``p = p_own + R_own d``, ``R = R_own D``.
 
-    d (3,), m, and D (3, 3) are the frame's position and rotation in the frame of the task. p (K, 3)
-    and R (K, 3, 3) are the recorded poses, p_own and R_own those by forward kinematics. ``rows``
-    are the components of the position that the task commands.
+    d (3,), m, and D (3, 3) are the position and rotation of the other frame in the frame of the
+    task. p (K, 3) and R (K, 3, 3) are the recorded poses, p_own and R_own those by forward
+    kinematics. ``rows`` are the components of the position that the task commands.
     """
     d = np.linalg.lstsq(R_own[:, rows].reshape(-1, 3), (p - p_own)[:, rows].ravel(), rcond=1e-6)[0]
     D = mean_rotation(np.swapaxes(R_own, 1, 2) @ R) if task.kind.turns else np.eye(3)
@@ -241,8 +241,8 @@ def _other_base(
 def _size(miss: tuple[float, float]) -> float:
     """Combine a difference (m, rad) into one number, by which explanations are compared.
 
-    It is the sum of both parts, counted in the usual corrections by the calibration of an arm: 3 mm
-    and 0.01 rad.
+    Metres are divided by 3 mm and radians by 0.01 rad, the usual corrections by the calibration of
+    an arm. The result is the sum of both.
     """
     return miss[0] / _CALIBRATED_M + miss[1] / _CALIBRATED_RAD
 
@@ -290,7 +290,7 @@ def _orders(n: int) -> list[list[int]]:
 def _first_is_w(R: Array) -> Array:
     """Return the rotations (K, 3, 3) that the file meant if its quaternions begin with qw.
 
-    ``R`` are those that follow from reading qw as the last number.
+    ``R`` are the rotations that were read with qw as the last number.
     """
     x = matrix_quaternions(R)
     return quaternion_matrices(x[:, [1, 2, 3, 0]])
@@ -328,7 +328,7 @@ def require_increasing(times: Array, sessions: Array, *, split: bool) -> None:
     """Raise an InputError if times (K,) do not increase within each session of the recording.
 
     ``sessions`` (K,) is the index of each frame's session; ``split`` is True if there are several.
-    The error's attribute ``at`` is the index of the frame.
+    The error's attribute ``at`` is the index of a frame with such a time.
     """
     order = np.argsort(sessions, kind="stable")
     late = (np.diff(times[order]) <= 0) & (np.diff(sessions[order]) == 0)

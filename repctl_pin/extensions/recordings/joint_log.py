@@ -94,7 +94,7 @@ class JointLog:
     read : str
         Description of the columns that were read; empty for arrays.
     levels : (T, k) array
-        Commanded levels of the self-motion, rad or m; k is 0 if none were named.
+        Commanded levels of the self-motion, rad or m; k is 0 if no levels were named.
     """
 
     name: str
@@ -111,9 +111,9 @@ def read_joint_log(file: Any, task: Task, units: Array, levels: Sequence[str] = 
 
     The file has a column of times, named ``time``, ``t`` or ``timestamp``, and a column for each
     joint. The name of the joint may be part of a longer name, such as ``panda_joint1.position``.
-    Columns with one name and a number, such as ``q1`` to ``q7``, are used in the order of the
-    numbers, and an array ``q`` in the order of its columns. Measured positions (actual, position,
-    measured) are preferred to desired ones. Velocities, efforts and errors are ignored.
+    Columns with the same name and a number, such as ``q1`` to ``q7``, are used in the order of the
+    numbers. An array ``q`` is used in the order of its columns. Measured positions (actual,
+    position, measured) are preferred to desired ones. Velocities, efforts and errors are ignored.
 
     The unit of time is the unit in the name of the column. Otherwise, it is the unit in which the
     times are dates from 1990 to 2100, or the only unit in which time steps and joint speeds are
@@ -195,7 +195,7 @@ def _require(table: Table, levels: Sequence[str]) -> None:
 
 
 def _of_data_set(path: Path, task: Task, units: Array, levels: Sequence[str]) -> JointLog:
-    """Read the joints of a data set; its demonstrations follow each other without pauses.
+    """Read the joints of a data set as one log: its demonstrations in turn, without pauses.
 
     ``units`` (n,) is the unit of each position in the file, in rad or m, such as π/180. ``levels``
     are the names of the k columns with levels.
@@ -298,7 +298,7 @@ def _no_joints(where: str, header: Sequence[str], joints: Sequence[str]) -> Inpu
 
 
 def joint_log(t: Any, q: Any, units: Array, levels: Any = None) -> JointLog:
-    """Make a log from times t (T,), s, and joint positions q (T, n), after checking them.
+    """Check times t (T,), s, and joint positions q (T, n), and make a log of them.
 
     ``units`` (n,) are the units of q in rad or m, such as π/180 for degrees. ``levels``, (T,) or
     (T, k), are the commanded levels, rad or m.
@@ -335,7 +335,7 @@ def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], b
 
     Returns
     -------
-    Names of the columns, empty if not found; and True if these name the joints.
+    Names of the columns, empty if not found; and True if these names contain those of the joints.
 
     Raises
     ------
@@ -402,7 +402,7 @@ def words_of(name: str, joints: Sequence[str]) -> set[str]:
 def _holds(name: str, joint: str) -> bool:
     """Test whether a joint's name is part of a column's name, as a word of its own.
 
-    No letter or digit may be next to it.
+    No letter or digit may be next to the joint's name.
     """
     return re.search(rf"(?<![A-Za-z0-9]){re.escape(joint)}(?![A-Za-z0-9])", name) is not None
 
@@ -435,10 +435,11 @@ def _checked(
 ) -> JointLog:
     """Make a log without rows that lack a number or repeat the time of the preceding row.
 
-    ``values`` (T, n + k) are the joints, times ``units`` (n,) in rad or m, and k levels.
-    ``by_name``, True if the joints were found by their names, is an attribute of the log. ``table``
-    is the file that was read, with which an error names the line; None for arrays. InputError is
-    raised if time runs backwards, or fewer than three rows remain.
+    The columns of ``values`` (T, n + k) are n joints, then k levels. ``units`` (n,) are the units
+    of the joints in rad or m, such as π/180. ``by_name``, True if the joints were found by their
+    names, is an attribute of the log. ``table`` is the file that was read, with which an error
+    names the line; None for arrays. InputError is raised if time runs backwards, or fewer than
+    three rows remain.
     """
     rows = np.flatnonzero(np.isfinite(t) & np.isfinite(values).all(axis=1))
     steps = np.diff(t[rows])

@@ -197,8 +197,8 @@ class Recording:
         Columns are found by name:
 
         - joints: one column per joint of the task, or an array ``joints``, ``q``, ``qpos`` or
-          ``observation.state`` with one number per joint, in the order of the task or of the names
-          in LeRobot's ``meta/info.json``, which must include the task's joints
+          ``observation.state``. A row of the array has the task's joints in their order; or, for
+          LeRobot, the numbers that ``meta/info.json`` names, which must include the task's joints
         - poses: ``x, y, z, qx, qy, qz, qw``, or an array ``poses``
         - time: ``time``, ``t`` or ``timestamp``
         - session: ``session`` or ``episode``
@@ -213,8 +213,9 @@ class Recording:
         task
             Task; the poses are those of its frame.
         joints : sequence of str, optional
-            Names of the numbers in such an array, in order, needed if it also has other joints or a
-            gripper. The numbers of the task's joints are used. For HDF5, the name of the array.
+            Names of the numbers in a row of an array of joints, in order. They are needed if the
+            array has numbers of other joints or of a gripper, too, which are not used. For HDF5, a
+            single name is that of the array.
         action : str, optional
             For a data set, ``joints`` if its actions are joint positions in the joints' order, or
             ``hand`` if they command the hand and are kept. By default, the data set says which.
@@ -274,7 +275,7 @@ class Recording:
 def thinned(recording: Recording, most: int) -> Recording:
     """Select at most ``most`` frames of a recording, evenly spaced in their order.
 
-    This serves steps whose time grows with the number of frames, but whose result hardly changes.
+    This saves time in steps whose result hardly depends on the number of frames.
     """
     some = np.linspace(0, len(recording) - 1, min(most, len(recording))).astype(int)
     other = object.__new__(Recording)
@@ -450,10 +451,11 @@ def _joint_columns(
 ) -> tuple[list[str] | None, tuple[int, ...] | None]:
     """Find the columns of the joints, and the index of each joint in a row of an array of them.
 
-    ``array`` has one name, that of the column of such an array, used if no joint has a column of
-    its own; None if the table lacks it. ``given`` are the names of the numbers in the array. The
-    indices are None if each joint has its own column; both results are None if there are no joints.
-    InputError is raised for only some of the joints, and for names without an array.
+    ``array`` is a list of one name, that of a column with an array of all joints; None if the table
+    has no such column. This column is used if no joint has a column of its own. ``given`` are the
+    names of the numbers in the array. The indices are None if each joint has its own column; both
+    results are None if there are no joints. InputError is raised for only some of the joints, and
+    for names without an array.
     """
     missing = [name for name in task.joint_names if name not in table.widths]
     if not missing:

@@ -126,7 +126,7 @@ class Relabeled:
     def margins_before(self) -> Array | None:
         """Joint-limit margin of the recorded configurations: (K,), rad or m.
 
-        It is negative beyond a limit, and None if no configurations were recorded.
+        A margin is negative beyond a limit. The result is None if no configurations were recorded.
         """
         before = self.recording.joints
         return None if before is None else self._margins(before)
@@ -252,7 +252,7 @@ class Relabeled:
     def recomputed(self) -> tuple[str, ...]:
         """Names of the columns of the pose that are computed from the new joints.
 
-        A task that commands only a part of the pose leaves the rest to change with the joints.
+        If the task commands only a part of the pose, the rest of the pose changes with the joints.
         """
         return self._columns.recomputed
 
@@ -333,10 +333,10 @@ def relabel(
         Design of a cell's function to use; by default, a function is designed over a cell that
         contains the frames.
     leaf : (r,) array, optional
-        Level c, rad or m. By default, the level between 0 and the median of the recorded levels
-        that is nearest to the median and as good as c = 0: it must relabel as many frames, with a
-        joint-limit margin that is as large, or at least 0.05 rad or m. Without recorded
-        configurations, c = 0.
+        Level c, rad or m. By default, levels between the median of the recorded levels and 0 are
+        tried, and the one nearest to the median that is as good as c = 0 is used. A level is as
+        good if it relabels as many frames, and its joint-limit margin is as large, or at least 0.05
+        rad or m. Without recorded configurations, c = 0.
     options
         ``samples``, ``held_out`` and ``seed`` of the function's design, see :class:`FitOptions`.
     progress
@@ -404,9 +404,9 @@ def _require_same_task(recording: Recording, design: CellDesign) -> None:
 def _with_further(recording: Recording) -> Recording:
     """Copy a recording, without its times, and append each further column of joints as K frames.
 
-    Further columns are those in ``recording.further``, such as commanded joints. With their frames,
-    the cell contains their poses, too, and the level is chosen such that F reaches them. If there
-    are none, the recording itself is returned.
+    Further columns are those in ``recording.further``, such as commanded joints. With these frames,
+    the cell also contains the poses of the further columns, and the level is chosen such that F
+    reaches these poses. Without further columns, the recording itself is returned.
     """
     if not recording.further:
         return recording
@@ -462,7 +462,8 @@ def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | No
 def _kept(F: InverseFunction, recording: Recording, c: Array) -> tuple[int, float]:
     """Return the number of recorded poses that F reaches at level c, and the smallest limit margin.
 
-    The margin, rad or m, is that of the configurations of F at these poses; inf if it reaches none.
+    The margin, rad or m, is that of the configurations of F at these poses; inf if F reaches no
+    pose.
     """
     Q = _labels(F, recording, c)
     Q = Q[np.isfinite(Q[:, 0])]
@@ -474,7 +475,8 @@ def _result(
 ) -> Relabeled:
     """Make the result from the new configurations Q (K, n), with gaps and ambiguity.
 
-    ``c`` (r,) is their level, and ``recorded`` (K, r) are the levels of the recorded ones.
+    ``c`` (r,) is the level of the new configurations, and ``recorded`` (K, r) are the levels of the
+    recorded configurations; None without recorded configurations.
     """
     before, found = recording.joints, np.isfinite(Q[:, 0])
     U, off = in_blocks(design.cell.coordinates, recording.positions, recording.rotations)

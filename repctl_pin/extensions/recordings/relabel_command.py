@@ -160,7 +160,7 @@ def _sentence(relabeled: rp.Relabeled) -> str:
 def _ambiguity(relabeled: rp.Relabeled) -> str:
     """Write the ambiguity of the joints before and after relabelling, as a sentence.
 
-    It is the rms misfit of a smooth function of the pose, rad or m.
+    The ambiguity is the rms misfit of a smooth function of the pose, rad or m.
     """
     import numpy as np
 

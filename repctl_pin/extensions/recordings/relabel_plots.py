@@ -67,8 +67,8 @@ def joints_figure(relabeled: Relabeled) -> Figure:
 def _by_session(recording: Recording) -> tuple[NDArray[np.intp], Array]:
     """Choose the frames that are drawn, session by session, and where the sessions change.
 
-    The result is the indices of at most ``_POINTS`` frames, and the borders between sessions as
-    positions among these.
+    Returns the indices of at most ``_POINTS`` frames, ordered by session, and the borders between
+    sessions, as positions in that list: 9.5 is between the tenth and the eleventh frame.
     """
     order = np.argsort(recording.session, kind="stable")
     order = order[np.linspace(0, len(order) - 1, min(_POINTS, len(order))).astype(int)]

@@ -128,9 +128,10 @@ def plain_columns(
 ) -> dict[str, Column]:
     """Make the columns of a recording with new configurations Q (K, n), for any output format.
 
-    They are returned by name: the new joints and the other columns of the file or, without a file,
-    times, sessions and poses. ``further`` are the new configurations of further columns of joints,
-    by name.
+    Returns a dict from name to column. For a recording that was read from a file, it has the new
+    joints and the other columns of the file that are kept. For any other recording, it has the new
+    joints, times, sessions and poses. ``further`` are the new configurations of further columns of
+    joints, by name.
     """
     source = recording.source
     if source is None:
@@ -155,11 +156,11 @@ def _copy(
 ) -> tuple[Array, Sequence[int]] | None:
     """Make new rows for an array of a file that repeats the recorded joints; None if it does not.
 
-    ``known`` has, for each column of joints, their indices in a row, the recorded and the new
-    joints, (K, n) each. The joints are looked for at these indices, then at any n consecutive ones;
-    with None, at the latter only. Further numbers of the array, such as a gripper's, are kept. In a
-    data set, the array can have the cosines or sines of the joints. Return the new array, and the
-    indices of the joints in its rows.
+    ``known`` has three values for each column of joints: the indices of the joints in a row of that
+    column, or None; the recorded joints (K, n); and the new joints (K, n). The recorded joints are
+    looked for in the array ``name`` at these indices, if any, and then at any n consecutive
+    indices. In a data set, the array can also have the cosines or sines of the joints. Return the
+    new numbers (K, n), and their indices in a row of the array.
     """
     width = source.widths[name]
     known = [one for one in known if 1 < one[1].shape[1] <= width]

@@ -84,9 +84,10 @@ class Verdict:
     ----------
     kind : str
         ``repeats``: all differences are within the noise. ``drifts``: joints change steadily.
-        ``drifts later``: they do so after equal visits. ``jumps``: each visit is in one of a few
-        configurations. ``scatters``: the configurations differ in no such way. ``inconclusive``:
-        there are too few visits, or the noise could hide a difference.
+        ``drifts later``: joints change steadily, but only after several equal visits. ``jumps``:
+        each visit is in one of a few configurations. ``scatters``: the configurations differ in
+        another way. ``inconclusive``: there are too few visits, or the noise could hide a
+        difference.
     trend : Trend
         Drift of every joint, rad/s or m/s, over the visits from ``begins`` on.
     begins : int
@@ -95,8 +96,8 @@ class Verdict:
         Index of each visit's configuration. Visits with equal indices differ by no more than the
         noise.
     within : bool
-        True if the differences of all visits are within the noise, whatever the kind: a slow drift
-        can be significant although they are.
+        True if the differences of all visits are within the noise. It can be True for any kind: a
+        slow drift, for example, can be significant within the noise.
     """
 
     kind: str
@@ -109,13 +110,12 @@ class Verdict:
 def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> Verdict:
     """Compare the configurations q (N, n) of visits at times t (N,), s, in view of their noise.
 
-    The verdict says whether they repeat, drift, drift later, jump or scatter, or that the log does
-    not show which, and has the drift of every joint. An arm that repeats has the same configuration
-    at all visits. Each value has an interval, whose half-width is its deviation times a quantile of
-    the normal distribution, plus its bias. The quantile is corrected for the number of pairs
-    (Bonferroni), so that intervals of equal configurations with equal deviations fail to overlap in
-    only one of 10,000 logs. The bias is a wide bound, and must not hide a difference. So an arm
-    counts as repeating only if the intervals with a quarter of the bias also overlap.
+    An arm that repeats has the same configuration at all visits. Each value of q has an interval,
+    whose half-width is its deviation times a quantile of the normal distribution, plus its bias.
+    The quantile is corrected for the number of pairs (Bonferroni), so that intervals of equal
+    configurations with equal deviations fail to overlap in only one of 10,000 logs. The bias is a
+    wide bound, and must not hide a difference. So an arm counts as repeating only if the intervals
+    also overlap with a quarter of the bias.
 
     Parameters
     ----------
@@ -124,7 +124,8 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
     deviation, bias : (N, n) arrays
         Standard deviation and largest bias of each value, rad or m.
     scale : (n,) array
-        Scale of each joint, 1 rad or the arm length, m. Differences below 1e-5 of it do not count.
+        Scale of each joint, 1 rad or the arm length, m. Differences below 1e-5 times this scale do
+        not count.
     """
     (N, n), floor = q.shape, CLOSED * scale
     z = -ndtri((1 - _SURE) / (N * (N - 1) * n))
@@ -158,8 +159,8 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
 class _Visits(NamedTuple):
     """N visits of one pose: times t (N,), s, and configurations q (N, n), rad or m, with noise.
 
-    Each value has the interval q ± r, with r (N, n). ``least`` (n,) is a lower bound of the
-    standard deviations, rad or m, from which the error of a trend is computed.
+    Each value has the interval q ± r, with r (N, n). ``least`` (n,) is a lower bound on the
+    standard deviation of each joint, rad or m; it bounds the error of a trend from below.
     """
 
     t: Array
@@ -182,11 +183,11 @@ class _Visits(NamedTuple):
         return _steady(self.t[first:], self.q[first:], self.r[first:], line)
 
     def later(self, groups: NDArray[np.intp]) -> int:
-        """Find the index of the visit at which a drift begins after equal visits; 0 without one.
+        """Find the index of the visit at which a drift begins after equal visits; 0 if none does.
 
-        It is the first visit that is not in group 0; ``groups`` (N,) has the number of each visit's
-        group. From there on, the joints must drift steadily, and fast enough for the same drift
-        before to have exceeded the noise.
+        ``groups`` (N,) has the number of each visit's group. The result is the index of the first
+        visit that is not in group 0. From that visit on, a joint must drift steadily, and so fast
+        that it would have exceeded the noise before, had its drift begun at the first visit.
         """
         head = int(np.argmax(groups != 0))
         if not ENOUGH <= head <= len(self.t) - _LATER:
@@ -218,10 +219,10 @@ def _groups(q: Array, r: Array) -> NDArray[np.intp]:
 def _few(q: Array, r: Array, groups: NDArray[np.intp]) -> bool:
     """Test whether the arm jumps between a few separate configurations.
 
-    There are few if there are at most two, or the arm enters each twice on average. ``groups`` (N,)
-    has the index of each visit's configuration, and q ± r (N, n) are the intervals of its values.
-    Two configurations are separate if, for some joint, the intervals of their visits do not
-    overlap.
+    Few means at most two configurations, or that the arm enters each configuration twice on
+    average. ``groups`` (N,) has the index of each visit's configuration, and q ± r (N, n) are the
+    intervals of its values. Two configurations are separate if, for some joint, the intervals of
+    their visits do not overlap.
     """
     count = groups.max() + 1
     entered = 1 + np.count_nonzero(np.diff(groups))

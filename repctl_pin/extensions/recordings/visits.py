@@ -7,9 +7,9 @@ counts as a length, ``radian``, m. A gap is a time step of the log that is too l
 (T − 1,) is False there. Levels are what was commanded beside the pose: positions along the
 self-motion, such as the position of the elbow. A pass is a run of consecutive rows near the pose.
 
-Letters: T rows of the log, K rows of one visit, n joints, N visits, d coordinates of a pose as a
-point, m task coordinates; e is the task error. ``noise`` (n,) is the standard deviation of a
-reading of each joint, rad or m.
+Letters: T rows of the log, K rows of one visit, n joints, k levels, N visits, d coordinates of a
+pose as a point, m task coordinates; e is the task error. ``noise`` (n,) is the standard deviation
+of a reading of each joint, rad or m.
 
 ``_Pass`` is consecutive rows of a log near one pose. ``Visits`` are the visits of the hand at one
 pose: their times and configurations. ``Kind`` is the kind of a task, such as ``pose``, with the
@@ -116,8 +116,9 @@ def _most_visited(
     """Find the row of X whose pose the hand visits most often.
 
     The rows of X (T, d) are points in m, ``steps`` (T - 1,) the distances between them; ``whole``
-    is False at gaps of the log. Return the index of the row, the passes of its pose within the
-    tolerance, and how near the hand comes to any tried pose at other times, m.
+    is False at gaps of the log. Return three values: the index of the row; the passes at which the
+    hand is within the tolerance of its pose; and the smallest distance, m, at which the hand
+    returns to any of the tried poses, within the tolerance or not.
     """
     radius = tolerance + float(np.quantile(steps, 0.95))
     tree = cKDTree(X)
@@ -143,10 +144,11 @@ def find_visits(
 
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
     The pose with the most visits within a quarter of the tolerance is chosen, so passages farther
-    away do not count; among equals, the pose at which the hand stayed longest. If nearly all visits
-    of a pose are rests of 0.2 s, they count twice, because the hand passes other poses twice, on
-    its way there and back. Nearby poses are found in a k-d tree of points ``(p, ℓ R / √2)``, m,
-    with up to 12 coordinates per hand; a rotation by 1 rad counts like the length ℓ.
+    away do not count; among equals, the pose at which the hand stayed longest. If the hand rests
+    for 0.2 s at nearly all visits of a pose, the visits of this pose count twice, because the hand
+    passes the poses on its way twice, there and back. Nearby poses are found in a k-d tree of
+    points ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand; a rotation by 1 rad counts like
+    the length ℓ.
 
     Parameters
     ----------
@@ -219,7 +221,7 @@ def _noise_of(Q: Array) -> Array:
 
     Differences of order k of white noise σ have the variance ``(2k choose k) σ²``; the differences
     of a smooth motion vanish as k grows. The result is the smallest estimate of orders 3 to 6. Each
-    comes from the median size of the differences, which pauses and gaps hardly change.
+    estimate comes from the median size of the differences, which pauses and gaps hardly change.
     """
     if len(Q) < 16:
         return np.zeros(Q.shape[1])
@@ -242,8 +244,8 @@ def _quantum(Q: Array) -> Array:
 def _features(task: Task, Q: Array, radian: float) -> Array:
     """Convert configurations Q (T, n) to points (T, d), m, whose distances are those of the poses.
 
-    A k-d tree then finds nearby poses. Poses of several hands are near each other only if those of
-    every hand are.
+    A k-d tree then finds nearby poses. With several hands, two points are near each other only if
+    every hand has nearby poses.
     """
     placements = zip(*(task.placements(q) for q in Q), strict=True)
     kinds = [one.kind for one in task.single_tasks]
@@ -275,9 +277,9 @@ def _tolerance(
     """Compute the default tolerance of a hand pose, m, without the 1e-4 arm lengths added to it.
 
     The result is four times the noise of the distance between two poses, plus the sagitta of the
-    path between two rows: a quick hand can pass a pose at that distance between two rows. ``X`` (T,
-    d) are the poses as points, whose distances are those of the poses, m; ``noise`` (n,) is that of
-    the joints.
+    path between two rows, because a quick hand can pass a pose between two rows. ``X`` (T, d) are
+    the poses as points, whose distances are those of the poses, m; ``noise`` (n,) is that of the
+    joints.
     """
     some = Q[np.linspace(0, len(Q) - 1, min(len(Q), 32)).astype(int)]
     J = task.jacobians(some)
@@ -336,9 +338,9 @@ def _closest(
 def _second(X: Array, row: int, found: list[_Pass]) -> float:
     """Compute the smallest distance, m, at which the hand returns to the pose of a row of X (T, d).
 
-    ``found`` are the passes of that pose. The distance is that of the nearest other pass. If the
-    only pass is that of the row itself, it is the distance of the nearest row outside it. The
-    result is inf if the hand never leaves the pose.
+    ``found`` are the passes of that pose. The result is the distance of the nearest other pass. If
+    the only pass is that of the row itself, the result is the distance of the nearest row outside
+    this pass, or inf if there is no such row.
     """
     others = [one.distance for one in found if row not in one.run]
     if others:
@@ -356,8 +358,9 @@ def _at(values: Array, at: float) -> Array:
 class _Estimate(NamedTuple):
     """Configuration q (n,) of a visit, corrected by J⁺ to reach the pose, with data on its errors.
 
-    Before the correction, its task error is ``off`` (m,). ``A`` (n, n) maps the noise of one row of
-    the log to that of q. ``bend`` (n,) bounds the error of regression or interpolation, rad or m.
+    ``off`` (m,) is the task error before the correction. ``A`` (n, n) maps the noise of one row of
+    the log to the noise of q. ``bend`` (n,) bounds the error of regression or interpolation, rad or
+    m.
     """
 
     q: Array
@@ -385,9 +388,9 @@ def _errors(task: Task, made: list[_Estimate], noise: Array, quantum: Array) -> 
     """Compute the standard deviations and biases, (N, n) each, rad or m, of N estimates ``made``.
 
     ``quantum`` (n,) is the resolution of the log. The correction by J⁺ removes the part of an error
-    that moves the hand, and leaves the part in the null space, by ``P = I − J⁺ J``. It does not
-    remove a self-motion between the pose and the position of the hand; the bias must bound that
-    motion.
+    that moves the hand, and leaves the part in the null space, by ``P = I − J⁺ J``. The correction
+    does not remove a self-motion between the pose and the position of the hand; the bias must bound
+    that motion.
     """
     off = np.array([one.off for one in made])
     off = off - np.median(off, axis=0)
@@ -423,16 +426,17 @@ def _average(
     """Average the configurations (K, n) of a visit.
 
     The rows need not lie evenly around the pose ``target``. A linear regression of q on the task
-    error e, along the directions in which the hand moves most, gives the configuration at
-    ``e = 0``. If the arm also moves in other ways during the visit, by more than the noise, only
-    the first half of the rows is used, or the last half if ``late``. Otherwise a motion between two
-    configurations would have the same mean in both directions, and hide their difference.
+    error e, along the directions in which the hand moves most, gives the configuration at ``e =
+    0``. If the arm also moves in other ways during the visit, by more than the noise, only the
+    first half of the rows is used, or the last half if ``late``. The mean of all rows would be the
+    same for a motion from one configuration to another and for the reverse motion, and so would
+    hide a difference.
 
     Returns
     -------
-    Configuration (n,); a matrix A (n, n) such that independent errors of the rows change it as A
-    times the error of one row; and the error (n,) of the regression, which is at most the change
-    that it makes to the mean.
+    Configuration (n,); a matrix A (n, n); and the error (n,) of the regression, estimated as the
+    difference of the result from the mean of the rows. If the errors of the rows are independent,
+    the error of the configuration is distributed like A times the error of one row.
     """
     Q = Q[np.linspace(0, len(Q) - 1, min(len(Q), _MOST_ROWS)).astype(int)]
     E = np.array([task.error(q, target) for q in Q])
@@ -458,8 +462,8 @@ def _interpolated(
 
     Returns
     -------
-    Configuration (n,); its derivative A (n, n) with respect to an error that all rows share, which
-    also shifts the time; and the error (n,) of interpolation.
+    Configuration (n,); its derivative A (n, n) with respect to an error that all rows share,
+    including the effect of the error on the time of the visit; and the error (n,) of interpolation.
     """
     low = min(int(at), len(Q) - 2)
     step = t[low + 1] - t[low]

@@ -92,12 +92,13 @@ class BodyGuard:
         Distance to keep, m; pairs that are only checked for collisions keep 0.
     unchecked
         True to accept links without a body, whose collisions are not detected; False to raise an
-        InputError for them.
+        InputError for such links.
 
     Attributes
     ----------
     nearest : (str, str) or None
-        Links of the two bodies that were too near along the last refused plan; None before one.
+        Links of the two bodies that were too near along the last refused plan; None if no plan was
+        refused yet.
     """
 
     def __init__(self, bodies: Bodies, task: Task, distance: float, *, unchecked: bool) -> None:
@@ -122,7 +123,7 @@ class BodyGuard:
         self._native = required_library("a governor with bodies", holds=True)
 
     def _arrays(self) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Create the arrays of the C struct, by name: those of integers, and those of floats."""
+        """Create the arrays of the C struct by name: one dict for integers, and one for floats."""
         pairs, joints = self._reach.shape
         most = min(pairs, _OPEN)
         ints = {"best": np.zeros(pairs), "open": np.zeros(pairs), "which": np.zeros(most)}
@@ -164,11 +165,11 @@ class BodyGuard:
         return {"known": known, "nearest": self.nearest} | numbers
 
     def recall(self, remembered: dict[str, Any]) -> None:
-        """Return to the state that :meth:`remembered` copied, a dictionary with these keys.
+        """Return to the state ``remembered``, which :meth:`remembered` copied.
 
-        ``known`` has the remembered distances by name of their array, ``nearest`` the links of
-        :attr:`nearest`, ``next`` the index of the remembered configuration to replace next, and
-        ``left`` the work that is left in the tick, in measured distances.
+        This dict has four keys: ``known`` has the remembered distances by name of their array,
+        ``nearest`` the links of :attr:`nearest`, ``next`` the index of the remembered configuration
+        to replace next, and ``left`` the work that is left in the tick, in measured distances.
         """
         for name, values in remembered["known"].items():
             self._own.held[name][...] = values
@@ -215,8 +216,9 @@ class BodyGuard:
     def _keeps_part(self, Q: Array, S: Array) -> bool:
         """Test whether all distances are kept along at most 32 samples of a motion.
 
-        If the test of all samples has too much to compute, the two halves are tested. Q (K, n) are
-        the samples, S (K, n) the travel of each joint from the first sample on, rad or m.
+        If it is too much work to test all samples at once, the two halves of the motion are tested.
+        Q (K, n) are the samples, S (K, n) the travel of each joint from the first sample on, rad or
+        m.
         """
         self._own.left = _ENDLESS
         if self.allows(Q, S):
@@ -232,7 +234,7 @@ class BodyGuard:
     def _refuse_start(self, pair: int, distance: float) -> None:
         """Raise the InputError for a start at which the pair number ``pair`` is too near.
 
-        ``distance`` is that of its bodies, mm.
+        ``distance`` is the distance of the two bodies, mm.
         """
         one, other = self._model.names(pair)
         asked, remedy = 1e3 * (self._kept[pair] + _START), "start farther away"
@@ -297,8 +299,8 @@ class BodyGuard:
 def _bodies_of(bodies: Bodies, task: Task, unchecked: bool) -> Bodies:
     """Check that bodies are those of the task's robot and joints, and return them.
 
-    An InputError is raised otherwise, or if there is no pair of bodies. With ``unchecked``, links
-    without a body are accepted.
+    InputError is raised if they are not, or if there is no pair of bodies. With ``unchecked``,
+    links without a body are accepted.
     """
     require_type(bodies, Bodies, "bodies", "rp.Bodies(task)")
     own = bodies.task

@@ -89,7 +89,7 @@ class Clutch:
         elbow: ArrayLike | None = None,
         elbow_at: ArrayLike | None = None,
     ) -> None:
-        """Begin to move the arm's target with the hand, and the point for its elbow with an elbow.
+        """Begin to move the target with the hand, and the point for the arm's elbow with an elbow.
 
         Parameters
         ----------
@@ -139,11 +139,12 @@ class Clutch:
         return pin.SE3(turn @ at.rotation, at.translation + self._scale * way)
 
     def elbow(self, elbow: ArrayLike) -> Array | None:
-        """Compute the point (3,) for the arm's elbow, m, base frame; None while it is released.
+        """Compute the point (3,) for the arm's elbow, m, in the base frame.
 
-        ``elbow`` (3,) is the operator's elbow, in the tracker's frame, m. The result is the
-        argument ``elbow`` of :meth:`RepeatableInverse.leaf_toward`. A point that is not finite
-        releases the elbow alone, until :meth:`engage`; the level then stays constant.
+        The result is None while the elbow is released. ``elbow`` (3,) is the operator's elbow, in
+        the tracker's frame, m. Pass the result to :meth:`RepeatableInverse.leaf_toward` as its
+        argument ``elbow``. A point that is not finite releases the elbow alone, until
+        :meth:`engage`; the level then stays constant.
         """
         point = _point(elbow, "elbow")
         if self._start is None or self._elbows is None or not np.isfinite(point).all():
@@ -202,7 +203,7 @@ def _point(value: ArrayLike, name: str) -> Array:
 
 
 def _axes(value: ArrayLike) -> Array:
-    """Convert the argument ``axes`` to a rotation (3, 3); InputError if it is not one."""
+    """Convert the argument ``axes`` to a rotation (3, 3); InputError for any other matrix."""
     axes = as_numbers(value)
     if axes is None or axes.shape != (3, 3):
         raise InputError(f"must be a 3 × 3 rotation matrix; got {shown(value)}", argument="axes")

@@ -108,18 +108,18 @@ class Governor:
 
     The pose x and the level c of the inverse's potentials h together determine q. So both form one
     target, and a plan is a straight line in both. Without a new level, the commanded configuration
-    stays on one leaf, the set h(q) = c. The first, second and third differences of its samples,
-    divided by dt, dt² and dt³, never exceed the limits of speed, acceleration and jerk. Every few
-    ticks a new plan is made: a short motion toward the target, followed by a stop. All samples of a
-    plan are checked before the first is sent. If no new plan is within the limits, the previous
-    plan is followed to its stop. So a stop within the limits is known at every tick, whatever the
-    input, and even if the robot misses ticks.
+    stays on one leaf, the set h(q) = c. The first, second and third differences of the commanded
+    configurations, divided by dt, dt² and dt³, never exceed the limits of speed, acceleration and
+    jerk. Every few ticks a new plan is made: a short motion toward the target, followed by a stop.
+    All samples of a plan are checked before the first is sent. If no new plan is within the limits,
+    the previous plan is followed to its stop. So a stop within the limits is known at every tick,
+    whatever the input, and even if the robot misses ticks.
 
     Parameters
     ----------
     inverse
-        Repeatable inverse, such as ``design.inverse`` or ``found.function.inverse``. If it has a
-        region Ω, the arm stops before its edge.
+        Repeatable inverse, such as ``design.inverse`` or ``found.function.inverse``. If the inverse
+        has a region Ω, the arm stops before the edge of Ω.
     dt
         Time step of the loop, 0.0001 to 0.1 s. Steps of more than 1 ms are divided, so the motion
         does not depend on dt.
@@ -213,7 +213,7 @@ class Governor:
     def _connect(self) -> None:
         """Allocate the arrays that C reads and writes in each tick, and give C their addresses.
 
-        A new governor does this, and so does each copy, which needs arrays of its own.
+        This is called for a new governor and for each copy, which needs arrays of its own.
         """
         memory, inverse = self._memory(), self._inverse
         self._arm = native_arm(self._task, inverse.potentials, inverse.region)
@@ -239,7 +239,7 @@ class Governor:
     def _memory(self) -> dict[str, Array]:
         """Allocate the arrays of :data:`GOVERNOR_CALL`, by the names of its fields.
 
-        ``limits`` has its values; C or a tick writes the others.
+        ``limits`` already has its values; the other arrays are written by C or in each tick.
         """
         task, kept = self._task, self._kept
         jerk = np.full(task.n, np.inf) if kept.jerk is None else kept.jerk
@@ -298,8 +298,8 @@ class Governor:
         """True if the commanded pose is beyond the proved closing radius; None without ``closes=``.
 
         Every closed path within this radius is proved to end in the configuration it began in.
-        Paths beyond the radius may close too, but this is not proved. The radius holds only for
-        levels that differ from that of its own start by at most :attr:`ClosingRadius.leaf`, by
+        Paths beyond the radius may close too, but this is not proved. The proof holds for the level
+        of its start, and for levels that differ from this by at most :attr:`ClosingRadius.leaf`, by
         default 0. At any other level, every pose counts as beyond the radius.
         """
         return beyond(self._closes, self._inverse, self.q) if self._closes else None
@@ -314,8 +314,8 @@ class Governor:
     def keeps_distance(self, Q: ArrayLike) -> bool:
         """Test whether the bodies keep ``body_distance`` on a motion that another program plans.
 
-        The result is True without ``bodies=``. It can be False although the distance is kept: if it
-        is kept by less than 1 mm, or if successive configurations are far apart.
+        The result is True without ``bodies=``. The result can be False although the distance is
+        kept, if it is kept by less than 1 mm, or if successive configurations are far apart.
 
         Parameters
         ----------
@@ -373,7 +373,7 @@ class Governor:
         self._on, self._said = True, Status.OK
 
     def _begin_at(self, q: Array, inside: Array) -> None:
-        """Start C, and the guard of body distances, at q (n,); raise InputError if one refuses it.
+        """Start C and the guard of body distances at q (n,); raise InputError if either refuses q.
 
         If q is beyond a joint limit or its margin, the arm first moves straight to ``inside`` (n,).
         """
@@ -417,9 +417,9 @@ class Governor:
             instead of a target. Without target, twist and leaf, the arm stops.
         leaf : (r,) array, optional
             Level c to which the arm moves: with a target, on one straight line of pose and level;
-            with a twist, at the same time; alone, by moving the elbow while the frame rests. If it
-            is None, the level given last still holds with a target; without a target, the level
-            stops changing.
+            with a twist, at the same time; alone, by moving the elbow while the frame rests. If
+            ``leaf`` is None, a call with a target continues to the level given last; in a call
+            without a target, the level stops changing.
 
         Returns
         -------
@@ -559,9 +559,10 @@ def _as_level(leaf: ArrayLike, r: int) -> Array:
 
 
 def _kept_limits(task: Task, limits: Limits) -> JointLimits:
-    """Convert limits to one number per joint; raise InputError for those of torque or of the tool.
+    """Convert limits to one number per joint; raise InputError for limits that are not supported.
 
-    A governor does not support these two, and requires a speed limit of every joint.
+    A governor does not support limits of torque or of the tool's speed. It requires a speed limit
+    of every joint.
     """
     kept = joint_limits(task, limits)
     for name, value in (("torque", kept.torque), ("tool_speed", kept.tool)):

@@ -176,10 +176,10 @@ class LeafImpedance:
         q, qdot : (n,) arrays
             Joint positions and velocities, rad or m, and per second.
         target : pinocchio.SE3 or (4, 4) array
-            Desired placement of the frame; of several frames, one placement per frame.
+            Desired placement of the frame; for several frames, a list of one placement per frame.
         twist : (6,) or (6 F,) array, optional
-            Velocity (v, ω) of the target, for each frame, in base axes, m/s and rad/s; 0 by
-            default.
+            Velocity (v, ω) of the target in base axes, m/s and rad/s; for several frames, that of
+            each frame in turn. By default 0.
         leaf : (r,) array
             Level c, from ``inverse.leaf(q)`` at the start.
         observer : Observer, optional
@@ -212,9 +212,9 @@ class LeafImpedance:
 def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") -> Array:
     """Check n numbers and return them as an array; an array of finite doubles is returned as is.
 
-    A control loop calls this at every tick, so one scalar product, which is finite in the usual
-    case, tests all numbers at once. Otherwise, each number is checked. The InputError calls the
-    numbers ``name``, and says by ``each`` what each of them stands for.
+    InputError is raised unless there are n finite numbers; its message contains ``name``, the name
+    of the argument, and ``each``, such as "one per joint". To save time in a control loop, one
+    scalar product first tests all numbers at once.
     """
     if (
         type(values) is np.ndarray
@@ -229,8 +229,9 @@ def _checked(values: ArrayLike, n: int, name: str, each: str = "one per joint") 
 def _stiffness(given: ArrayLike, kind: Kind) -> Array:
     """Convert a stiffness to an array (m,), one number per task coordinate, N/m or Nm/rad.
 
-    Two numbers are those of all translations and of all rotations; ``kind`` says which coordinates
-    are translations. InputError is raised unless all numbers are above 0.
+    If two numbers are given, the first holds for all translations and the second for all rotations;
+    ``kind`` says which coordinates are translations. InputError is raised unless all numbers are
+    above 0.
     """
     values, m = as_numbers(given), kind.m
     if values is not None and values.shape == (2,) and m != 2:

@@ -184,7 +184,7 @@ class NumPyTorques:
 class NativeTorques:
     """Torque law in C, for checked arguments; an object must not be shared between threads.
 
-    It is fast enough for a control loop at 1 kHz.
+    This law is fast enough for a control loop at 1 kHz.
 
     Parameters
     ----------

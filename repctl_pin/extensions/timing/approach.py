@@ -52,8 +52,8 @@ def approach(
     limits
         Limits of acceleration and, if given, of speed, jerk, torque and the tool's speed.
     to
-        Goal: ``start`` is the motion's first configuration; ``nearest`` is the configuration of its
-        first cycle nearest to q_now, at which :class:`Run` can begin.
+        Goal: ``start`` is the motion's first configuration; ``nearest`` is the configuration in the
+        motion's first cycle that is nearest to q_now; :class:`Run` can begin there.
     rate
         Samples per second, Hz.
     bodies
@@ -106,7 +106,7 @@ def approach(
 
 
 def _check_bodies(task: Task, line: Array) -> None:
-    """Raise InputError if bodies collide on a joint path ``line`` (T, n), which is straight.
+    """Raise InputError if bodies collide on a straight joint path: T points ``line`` (T, n).
 
     Warn of links without a body.
     """

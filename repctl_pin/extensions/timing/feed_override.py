@@ -75,9 +75,9 @@ class _Change:
     def at(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Evaluate ∫o dt, o, ȯ and ö of the K changes at times t since the beginning, s.
 
-        The last axis of ``t`` has one entry per change, or a single one for all. ∫o dt is the time
-        by which the motion's clock has advanced since the beginning, s. Return (∫o dt, o, ȯ, ö),
-        each (..., K).
+        The last axis of ``t`` has one entry per change, or a single entry for all changes. ∫o dt is
+        the time by which the motion's clock has advanced since the beginning, s. Return (∫o dt, o,
+        ȯ, ö), each (..., K).
         """
         W = np.maximum(self.time, 1e-12)
         u = np.clip(t / W, 0.0, 1.0)
@@ -113,7 +113,7 @@ class Run:
     timed
         Result of :func:`timed`.
     q : (n,) array, optional
-        Configuration on the first cycle at which to begin, such as the end of
+        Configuration at which to begin, which must lie on the first cycle, such as the end of
         ``approach(..., to="nearest")``; by default the motion's first configuration.
 
     Attributes

@@ -144,8 +144,8 @@ class _JerkSegment(Segment):
     def excess(self, limits: JointLimits) -> float:
         """Compute the factor, at least 1, by which to stretch time so that all limits hold.
 
-        It is above 1 if a limit, which the linear program imposes at the stages, is exceeded
-        between them.
+        The factor is above 1 if a limit is exceeded between two stages: the linear program imposes
+        limits at the stages only.
         """
         return most_used(limits, self.derivatives(self.between()))
 
@@ -154,7 +154,7 @@ def _exponentials(z: Array) -> tuple[Array, Array]:
     """Evaluate (``sinh(√z)/√z``, ``(cosh √z − 1)/z``) at an array z of any shape and either sign.
 
     For z < 0 these are ``sin(√|z|)/√|z|`` and ``(1 − cos √|z|)/|z|``, and their limits for z = 0
-    are 1 and ½. They describe a motion whose acceleration is linear in the distance.
+    are 1 and ½. Both functions describe a motion whose acceleration is linear in the distance.
     """
     root = np.sqrt(np.abs(z))
     small = root < 1e-2
@@ -181,8 +181,8 @@ def with_jerk(
         Limits to respect, jerk included.
     seams
         Empty, or two points that get equal ṡ and s̈, so that the profile between them can be
-        repeated. They are indices among the points from which the curve was made, whose times are
-        ``first.passed``.
+        repeated. The seams are indices among the points from which the curve was made, whose times
+        are ``first.passed``.
     weight
         Number of times that the profile between the seams will be traversed; the total duration is
         minimised.
@@ -270,9 +270,9 @@ def _graded(grid: Array, curve: Any, limits: JointLimits) -> Array:
     """Insert or remove stages next to both ends of ``grid``; return the new stages (K,).
 
     The arm is at rest at both ends, where x″ is not bounded. The first stage after rest is placed
-    at half the distance ``a³ / 6J²`` at which constant jerk J reaches the acceleration a, with the
-    limits a and J of s̈ and s⃛ there. If that is farther than one interval of the grid, up to ten
-    stages are removed; if it is nearer, stages are inserted. ``curve`` is q(s).
+    at half the distance ``a³ / 6J²`` at which constant jerk J reaches the acceleration a; a and J
+    are the limits of s̈ and s⃛ at this end. If that stage is farther away than one interval of the
+    grid, up to ten stages are removed; if it is nearer, stages are inserted. ``curve`` is q(s).
     """
     assert limits.jerk is not None
 
@@ -340,8 +340,8 @@ class _Path:
         """Evaluate x = ṡ² at the stages for the largest constant s⃛ from rest at either end: (K,).
 
         From one end, ``x = (9/2 j)^⅔ s^4/3`` with ``j = min J/|q′|`` over the joints, and s counted
-        from that end. The result is the smaller of the two values. It bounds the first guess, which
-        was computed without a limit of jerk.
+        from that end. The result is the smaller of the two values, from either end. This is a bound
+        on the first guess, which was computed without a limit of jerk.
         """
         assert limits.jerk is not None
         both = []
@@ -413,7 +413,7 @@ def _cubic(
 
     The interval has the length ``h`` and the duration ``T``, s. ``rest`` is the value of s at rest.
     ``since``, of any shape, is the time, s, since rest if ``sign`` is 1, or until rest if it is −1.
-    All results have this shape.
+    All results have the shape of ``since``.
     """
     since = np.clip(since, 0.0, T)
     jerk = 6 * h / T**3

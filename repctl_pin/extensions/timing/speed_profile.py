@@ -73,7 +73,7 @@ class Segment:
     s, speed, t : (K,) arrays
         s at the stages, ṡ there, and the time, s, from the segment's start.
     passed : (T,) array
-        Times, s, at which the points are passed from which the curve was made.
+        The curve was made from T points; the time, s, at which the arm passes each of them.
     """
 
     curve: Any
@@ -194,7 +194,7 @@ class Course:
         return int(self.segments[0].curve.c.shape[2])
 
     def _parts(self, t: Array) -> Iterator[tuple[NDArray[np.intp], Segment, Array, float]]:
-        """Assign the times ``t`` (T,), s, to segments: yield one item per segment that has any.
+        """Assign times ``t`` (T,), s, to segments: yield one item per segment that has a time.
 
         A time belongs to the last segment that has begun, or to the first one if none has. An item
         is (indices of its times, the segment, these times on the segment's own clock, the factor by
@@ -263,8 +263,8 @@ class Profile:
     course : Course
         The segments as a function of time.
     marks : (cycles + 1,) array
-        Times at which the cycles begin, then the time at which the last cycle ends, s. A pause at
-        the beginning of a cycle follows after this time.
+        Times at which the cycles begin, then the time at which the last cycle ends, s. If a cycle
+        begins with a pause, the pause follows after this time.
     stretch : float
         Factor by which time must be stretched so that the limits also hold between the stages.
     converged : bool
@@ -520,11 +520,12 @@ def _rows(
 
 
 def _without_rests(program: _Program, found: Array) -> Array:
-    """Improve a solution ``found`` (K,), y = x / scale, of a program that rests between the ends.
+    """Improve a solution ``found`` (K,) of a program, in which the arm rests at inner stages.
 
-    The program maximises a sum of x, and x can be 0 at inner stages in its solution. Here each x is
-    weighted by the time that a larger x would save at its stage. Return the y (K,) of a shorter
-    duration. InputError is raised if the arm still rests at an inner stage.
+    Solutions are y = x / scale. The program maximises the sum of x, so x can be 0 at inner stages
+    in its solution. Here each x is weighted by the time that a larger x would save at its stage.
+    Return a solution y (K,) of shorter duration. InputError is raised if the arm still rests at an
+    inner stage.
     """
     reach = np.gradient(program.grid)
     for _ in range(_MOST_PROGRAMS):

@@ -83,8 +83,8 @@ class Animation:
 def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = None) -> Animation:
     """Show motions of one robot side by side, with paths, traces and the drift after each cycle.
 
-    Motions named as in a study, such as J⁺, have the colours of a study. Others have a warm colour
-    if they drift, and a cool one if they are closed.
+    Motions named as in a study, such as J⁺, have the colours of a study. Other motions have a warm
+    colour if they drift, and a cool colour if they are closed.
 
     Parameters
     ----------
@@ -151,10 +151,11 @@ def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = 
 
 
 def _colours(drifts: Mapping[str, float]) -> list[str]:
-    """Choose a colour ``#rrggbb`` for each motion, from the final drifts by name, in their order.
+    """Choose a colour ``#rrggbb`` for each motion, in the order of ``drifts``.
 
-    A name that is the label of a controller of a study, such as J⁺, has that controller's colour.
-    Other motions have a warm colour if they drift, and a cool one if they are closed.
+    ``drifts`` maps the name of each motion to its final drift. A name that is the label of a
+    controller of a study, such as J⁺, has that controller's colour. Other motions have a warm
+    colour if they drift, and a cool one if they are closed.
     """
     limit = max(_BACK * max(drifts.values()), 1e-6)
     known = {name: COLOURS[KEYS[name]] for name in drifts if name in KEYS}

@@ -73,8 +73,8 @@ class Dialog(NamedTuple):
     Attributes
     ----------
     uses, words : dict
-        How to use the result, and what the words of the page mean: for each heading or word, the
-        text behind it.
+        ``uses`` are texts on how to use the result, by heading. ``words`` are the meanings of the
+        words of the page, by word.
     """
 
     uses: Mapping[str, str]
@@ -161,7 +161,7 @@ def _left_out(scene: dict[str, Any]) -> tuple[str, ...]:
 def _script(left_out: tuple[str, ...] = ()) -> str:
     """Join the page's JavaScript modules, in the order of ``SCRIPTS``, into one script.
 
-    The modules ``left_out`` are not among them. All modules share one scope.
+    The modules ``left_out`` are not included. All modules share one scope.
     """
     folder = files(__package__) / "assets" / "scripts"
     texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS if name not in left_out]
@@ -172,7 +172,7 @@ def _joined(texts: Sequence[str]) -> str:
     """Join JavaScript modules into one script.
 
     Comments, indentation, line breaks at brackets, imports and exports are removed. A line that
-    begins with #, of GLSL in a template, stays a line.
+    begins with # keeps its line break: it is a directive of GLSL code in a string.
     """
     dropped = r"(?m)^(import [^;]*;\n|export |\s*//.*\n| +)|(?<=[;,{})\]]) // .*$"
     script = re.sub(dropped, "", "\n".join(texts))
@@ -197,10 +197,10 @@ def pack(data: bytes) -> str:
 def differences(motion: Sequence[Array]) -> tuple[bytes, float]:
     """Encode (T, W) arrays as bytes that compress well; return the bytes and the resolution.
 
-    Numbers are rounded to multiples of the resolution: 1e-7, or more if a number exceeds 100. The
-    third differences along the columns of each array, small for smooth motions, become integers of
-    32 bits, the lowest of which is the sign. The lowest bytes of all integers are written first,
-    the highest bytes last.
+    An array has W numbers for each of T samples. Numbers are rounded to multiples of the
+    resolution: 1e-7, or more if a number exceeds 100. The third differences along the columns of
+    each array, which are small for smooth motions, become integers of 32 bits, with the sign in the
+    lowest bit. The lowest bytes of all integers are written first, the highest bytes last.
     """
     most = max((np.abs(series).max(initial=0.0) for series in motion), default=0.0)
     unit = max(1e-7, float(most) / 2**30)

@@ -51,17 +51,20 @@ def own_loop(
     Parameters
     ----------
     motion
-        A motion that the page shows. The visitor's loop is followed from its start, at its speed
-        along the path, and with its number of steps per cycle.
+        A motion that the page shows. The visitor's loop is followed from the start of this motion,
+        at the speed of this motion along its path, and with the same number of steps per cycle.
     strategies
         Controllers, one per pane of the page, in order.
     closes
         Proved closing radius of the repeatable controller: every closed path within this radius
         closes in joint space. None if no radius is proved.
 
-    Returns ------- dict or None         Numbers by the names that ``law.js`` reads. None if a
-    controller or a potential is user-defined, one of several frames has a ``base`` of
-        its own, or the potentials have more than 2000 terms. The visitor then cannot draw a loop.
+    Returns
+    -------
+    dict or None
+        Numbers by the names that ``law.js`` reads. None if a controller or a potential is
+        user-defined, if one of several frames has a ``base`` of its own, or if the potentials have
+        more than 2000 terms; the visitor then cannot draw a loop.
     """
     task, q0 = motion.task, motion.q[0]
     # the laws of the controllers, which the page evaluates in JavaScript
@@ -141,9 +144,9 @@ def _carried(frame: CarriedFrame) -> _Numbers:
 def study_loop(study: Study) -> _Numbers | None:
     """Collect the numbers for a visitor's own loop on the page of a study.
 
-    They describe J⁺ and the nearest repeatable inverse, each if it has a motion. Returns None if
-    the page cannot compute a controller, no motion is shown, or the page also shows a user-defined
-    controller.
+    The controllers are J⁺ and the nearest repeatable inverse; one without a motion is left out.
+    Returns None if the page cannot compute a controller, no motion is shown, or the page also shows
+    a user-defined controller.
     """
     laws: dict[str, Strategy] = {
         "pseudoinverse": Pseudoinverse(study.task),
@@ -176,7 +179,7 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
 
 
 def _path(motion: Motion) -> list[int | None] | None:
-    """Number the paths of the frames, in the frames' order; a frame that stands still has None.
+    """List the index of each frame's path, in the order of the frames; None for a frame at rest.
 
     If a visitor changes the start, the page follows these paths from the new start. The result is
     None if a frame rotates along its path, which the page cannot compute.
@@ -210,12 +213,13 @@ def _first_axis(task: Task) -> _Numbers | None:
 
 
 def _law(strategy: Strategy) -> list[_Numbers] | None:
-    """Describe a controller by its potentials: one dictionary per map in their sum; empty for J⁺.
+    """Describe a controller by its potentials, in a list of dictionaries; empty for J⁺.
 
-    The keys are ``joints``, ``center``, ``scale`` and ``terms`` of a polynomial, or ``waves``,
-    ``sines`` and ``cosines`` of a Fourier series. The result is None if the page cannot compute the
-    controller: it is neither J⁺ nor a :class:`RepeatableInverse`, its potentials are user-defined,
-    or they have more than 2000 terms.
+    The potentials are a sum of polynomials and Fourier series, with one dictionary each. The keys
+    are ``joints``, ``center``, ``scale`` and ``terms`` of a polynomial, or ``waves``, ``sines`` and
+    ``cosines`` of a Fourier series. The result is None if the page cannot compute the controller:
+    it is neither J⁺ nor a :class:`RepeatableInverse`, its potentials are user-defined, or they have
+    more than 2000 terms.
     """
     if type(strategy) is Pseudoinverse:
         return []

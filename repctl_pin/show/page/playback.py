@@ -4,7 +4,8 @@ A playback, or track, is one motion of all joints of the robot, as the page show
 consists of the joints that move one frame; the page draws traces of that frame and of the chain's
 elbow, the joint in the middle of the arm that moves most during self-motion. The reference pose is
 the default configuration of a robot, from its SRDF or else mid-range. A potential is a function of
-the joints that a repeatable controller holds constant.
+the joints that a repeatable controller holds constant. Letters: P points of a path, n joints of a
+task, nq joints of the whole robot.
 
 ``TracedChain`` is a kinematic chain whose frame and elbow leave traces. ``Playback`` is one motion
 of a whole robot, as the page plays it: label, configurations, times. ``Dialog`` is the texts of a
@@ -203,8 +204,8 @@ def playback_page(
     dialog
         Texts of the page's dialog; by default those of a study.
     cover
-        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads;
-        its edges are then the first path. None for no surface.
+        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads.
+        The edges of the surface are then the first path. None for no surface.
     """
     cycles = _common_cycles(tracks)
     visuals = Visuals.of(chains[0].task.robot)
@@ -305,7 +306,7 @@ def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
 def _hand(name: str, kind: Kind) -> str:
     """Make the label of a hand on the page: its name, and which rotation its task leaves free.
 
-    For a task that controls the position only, it is ``hand, free to turn:``.
+    For a task that controls the position only, the label is ``hand, free to turn:``.
     """
     if kind.turns and not kind.tool_axes:
         return name
@@ -335,9 +336,9 @@ def _arm(
     """Make the arm of one pane of the page, which shows one motion.
 
     ``played`` has the motion of each chain, and ``frames`` the samples to show. ``drawn`` has the
-    robot's visuals, the corners of each, m, and the links of the arm, the only ones whose
-    displacement is shown. ``start`` (4, 4) is the base's placement at the start, where the paths
-    are drawn. ``any_way`` is True if the visitor can draw a path; more corners are then kept.
+    robot's visuals, the corners of each shape, m, and the links of the arm. Displacement is shown
+    for these links only. ``start`` (4, 4) is the base's placement at the start, where the paths are
+    drawn. ``any_way`` is True if the visitor can draw a path; more corners are then kept.
     """
     (visuals, bodies, own), rows = drawn, track.Q[frames.index]
     placements = visuals.placements(rows)
@@ -375,8 +376,8 @@ def _arm(
 def _played(chain: TracedChain, track: Playback) -> JointMotion:
     """Return the motion of a chain's joints in a playback of the whole robot.
 
-    It is the playback's own motion if that is of the same task; else it is extracted from ``Q``. If
-    times are unknown, configurations are assumed to be 1 s apart.
+    The result is ``track.motion`` if that motion is of the same task; otherwise, it is extracted
+    from ``track.Q``. If times are unknown, configurations are assumed to be 1 s apart.
     """
     if track.motion is not None and _is_of(chain.task, track.motion.task):
         return track.motion
@@ -396,10 +397,10 @@ def _is_of(chain: Task, task: Task) -> bool:
 def _broken(played: Sequence[JointMotion], track: Playback, rows: Array) -> FirstViolation | None:
     """Find the first limit violation or collision of a motion, which the page marks; else None.
 
-    ``played`` has the motion of each chain, ``rows`` (T, nq) the shown configurations of the robot.
-    Speed limits are checked if the motion has times; collisions, if there is one chain or one task
-    for all chains. The mark is at the origin of the violating joint's child link, or of one of the
-    colliding links.
+    ``played`` has the motion of each chain, ``rows`` (T, nq) the configurations of the robot at T
+    shown samples. Speed limits are checked if the motion has times; collisions, if there is one
+    chain or one task for all chains. The mark is at the origin of the violating joint's child link,
+    or of one of the colliding links.
     """
     description = played[0].task.robot.description
     child = {joint.name: joint.child for joint in description.joints}
@@ -432,8 +433,8 @@ def _summaries(
 ) -> list[MotionSummary]:
     """Summarise every track, for the headline of the page.
 
-    ``played`` has, for each track, a list of one motion of the task or one per chain. ``links`` are
-    the links of the arms, of which the most displaced one is named.
+    ``played`` has a list of motions for each track: one motion of the whole task, or one motion per
+    chain. ``links`` are the links of the arms, of which the most displaced one is named.
     """
     return [
         _summary(done, track, farthest(arm.shapes, arm.off[-1], links))
@@ -448,8 +449,8 @@ def _summary(
 
     ``played`` has the motion of each chain; ``moved`` is the most displaced link, and its
     displacement, m. For several chains, each quantity is that of the worst chain, but the joint
-    speed is a norm over the joints of all. Body distances and other end effectors are then left
-    out, because each chain moves bodies of the others.
+    speed is a norm over the joints of all chains. With several chains, body distances and other end
+    effectors are left out, because each chain moves bodies of the others.
     """
     alone = len(played) == 1
     summaries = [motion_summary(track.label, one, moved, bodies=alone) for one in played]
@@ -472,7 +473,7 @@ def _summary(
 def _ways(chain: TracedChain, rows: Array) -> tuple[Array, Array]:
     """Compute the positions of a chain's frame and of its elbow: (T, 3) each, m, in its base frame.
 
-    ``rows`` (T, nq) are configurations of the whole robot.
+    ``rows`` (T, nq) are T configurations of the whole robot.
     """
     part = np.ascontiguousarray(chain.task.from_robot(rows))
     return chain.task.positions(part), np.array(

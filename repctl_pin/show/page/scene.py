@@ -4,7 +4,8 @@ A pane is the part of the page that shows one arm. A shape is a body of the arm 
 sample is a moment of the motion whose configuration the page holds; between samples it
 interpolates. The tip is the frame of the task. A chain consists of the joints that move one frame;
 its elbow joint is the joint in the middle that moves most in self-motions. A potential is a
-function of the joints that a repeatable controller holds constant.
+function of the joints that a repeatable controller holds constant. Letters: T shown samples, S
+shapes, K chains, P points of a path or a shape, nq joints of the whole robot.
 
 ``Frames`` are the samples of a motion that the page shows. ``Arm`` is the arm in one pane of the
 page, and its motion under one controller. ``Dialog`` is the texts of a page's dialog, by name.
@@ -153,9 +154,9 @@ def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
     """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
 
     A page with all samples would be too large. If there are more than 24 cycles, only the first,
-    the last, and every k-th cycle before the last are shown. Within a cycle, the samples are evenly
-    spaced if a divisor of the number of steps is at least half of the maximum, and nearly evenly
-    otherwise.
+    the last, and every k-th cycle before the last are shown. Within a cycle, the number of samples
+    is at least half of ``per_cycle``, if there are enough steps. The samples are spaced as evenly
+    as whole steps allow.
 
     Parameters
     ----------
@@ -240,8 +241,8 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
 
     Parameters
     ----------
-    motions : sequence of (T + 1, nq) arrays
-        Configurations of the whole robot, rad or m.
+    motions : sequence of (samples, nq) arrays
+        Configurations of the whole robot, all nq joints, rad or m.
     cycles
         Number of cycles of each motion.
 
@@ -262,7 +263,7 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
 def _missed(Q: Array, frames: Frames) -> float:
     """Evaluate the largest error, rad or m, of the cubics that the page draws between samples.
 
-    The error is evaluated half-way between neighbouring samples of ``frames``. ``Q`` (T + 1, nq)
+    The error is evaluated half-way between neighbouring samples of ``frames``. ``Q`` (samples, nq)
     has all configurations of the robot in the motion.
     """
     index = frames.index.reshape(-1, frames.per_cycle)
@@ -329,8 +330,8 @@ def animation_page(
         ``live``.
     own
         Numbers with which the page follows a closed path that its visitor draws: start, joints and
-        potentials; None if the visitor cannot draw a path. ``weights``, an array (1, W), is packed
-        with the motion.
+        potentials; None if the visitor cannot draw a path. ``weights``, an array of one row, is
+        packed with the motion.
     hands
         Display names of the traced frames.
     joints
@@ -338,8 +339,8 @@ def animation_page(
     dialog
         Texts of the page's dialog; by default those of a study.
     cover
-        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads;
-        its edges are then the first path. None for no surface.
+        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads.
+        The edges of the surface are then the first path. None for no surface.
 
     Returns
     -------
@@ -411,10 +412,10 @@ def _describe(
     move in this motion. The keys of the result are the names by which the script reads them, such
     as ``label``, ``drift`` (one number per cycle) and ``shapes`` (a list of dictionaries).
 
-    The first appended array has the poses of the M moving shapes (T, M, 7), then that of a moving
-    workpiece: x, y, z, qx, qy, qz, qw. Tips and elbows (T, K, 3) of K chains follow, then, if a
-    limit is violated or bodies collide, the origin (T, 3) of the link that is marked for it. Last
-    comes an array for each moving shape: its points (P, 3), as one row.
+    The first appended array has the poses of the M moving shapes (T, M, 7), then the pose of the
+    workpiece if it moves. A pose is x, y, z, qx, qy, qz, qw. Tips and elbows (T, K, 3) of K chains
+    follow, then, if a limit is violated or bodies collide, the origin (T, 3) of the link that is
+    marked for it. Last comes an array for each moving shape: its points (P, 3), as one row.
     """
     # to 0.1 µm, so that a pose that returns is the same number again
     poses = np.round(poses_of(arm.placements), 7)  # (T, S, 7)

@@ -28,7 +28,7 @@ _START = "#9aa4ae"
 def bones(task: Task, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute the points of a stick figure of the arm at q (n,): (n + 1, 3), m, base frame.
 
-    They are the origins of the joints and of the task's frame.
+    The points are the origins of the joints and of the task's frame.
     """
     return np.vstack([task.joint_origins(q), task.positions(q[None])])
 
@@ -142,7 +142,7 @@ def _azimuth(stations: NDArray[np.float64]) -> float:
     """Choose the azimuth of the view, degrees, from the side on which the arm works.
 
     ``stations`` (P, 3) are points of the arm and, last, of the path. The side is the direction from
-    their mean to the last point.
+    the mean of all points to the last point.
     """
     tip = stations[-1]
     middle = stations.mean(axis=0)

@@ -185,9 +185,10 @@ class Viewer:
             self._loop.call_soon_threadsafe(self._send)
 
     def _placements(self, Q: Array) -> Array:
-        """Compute the placements of all S shapes at Q (T, n): (T, S, 4, 4), m, in the base frame.
+        """Compute the placements of S shapes at T configurations Q (T, n): (T, S, 4, 4), m.
 
-        The base is the link relative to which the robot's frames are placed, or the root.
+        They are relative to the link ``task.robot.base``, which other joints can move, or relative
+        to the root link if ``task.robot.base`` is None.
         """
         rows = self.task.to_robot(Q)
         placements = self._visuals.placements(rows)
@@ -197,7 +198,7 @@ class Viewer:
         return np.asarray(np.linalg.inv(base)[:, None] @ placements)
 
     def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
-        """Check that there is one configuration per controller; return them as an array (K, n).
+        """Check that there is one configuration per controller; return an array with one row each.
 
         InputError is raised if the number of configurations, or the size of one, is wrong.
         """
@@ -242,8 +243,8 @@ class Viewer:
     def _page(self, q0: Array, path: TaskPath | None) -> str:
         """Make the HTML page of the viewer, and set ``_moving``: the mask (S,) of moving shapes.
 
-        A shape moves if its placement differs between the start q0 (n,) and two configurations
-        that are shifted by 0.3 rad or m in each joint. Only placements of these shapes are sent.
+        A shape moves if its placement differs between the start q0 (n,) and two configurations that
+        are shifted by 0.3 rad or m in each joint. Only placements of moving shapes are sent.
         ``path`` is the path to draw, if any.
         """
         task = self.task

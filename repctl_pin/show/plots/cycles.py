@@ -87,7 +87,8 @@ def _bodies_over_cycles(ax: Axes, motions: Sequence[tuple[str, Motion, str]]) ->
 def _least_over_cycles(ax: Axes, lines: Sequence[tuple[str, str, np.ndarray]], cycles: int) -> None:
     """Draw the minimum of a quantity in each cycle; the range below 0, a violation, is grey.
 
-    Each line is a label, a colour and an array (cycles,), such as the minimum body distance, m.
+    Each of ``lines`` is a label, a colour and an array (cycles,), such as the minimum body
+    distance, m.
     """
     ax.set_xlim(0.5, cycles + 0.5)
     ax.set_xlabel("cycle")

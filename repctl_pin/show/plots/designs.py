@@ -112,8 +112,8 @@ def joint_map(
     grid
         Grid, with the indices of the horizontal and the vertical joint, and their positions.
     values : (k, k) array
-        Values in the order of ``grid.distance``: one row per position of the vertical joint. Where
-        a value is nan, the map is blank.
+        Values on the grid of k × k points. The row is the index of the vertical joint's position,
+        the column that of the horizontal joint's. Where a value is nan, the map is blank.
     label
         Label of the colour bar, with the unit.
     top

@@ -153,7 +153,7 @@ _LEAST = 1e-17
 
 
 def _top(curves: Sequence[_Curve]) -> float | None:
-    """Choose the upper end of a linear axis, in its unit, so that large drift does not flatten it.
+    """Choose the upper end of a linear axis, in its unit, so that small drifts remain visible.
 
     The axis leaves out the curves that :func:`_near` does: they jump in cycle 1, far above all
     others, and then stay. The result is None if there are no such curves.
@@ -320,8 +320,9 @@ _INSET = (0.38, 0.3)
 def _free_corner(ax: Axes, curves: Sequence[_Curve]) -> tuple[float, float] | None:
     """Find a place for the inset in the figure of the drift where it covers no line.
 
-    The place is the highest one on the left, or else on the right. Returns the inset's lower left
-    corner, as fractions of the axes; None, for no inset, if there is no such place.
+    The highest free place on the left is chosen or, if there is none, the highest on the right.
+    Returns the inset's lower left corner, as fractions of the axes; None, for no inset, if there is
+    no such place.
     """
     to_axes = ax.transData + ax.transAxes.inverted()
     shares = np.linspace(0, 1, 101)
@@ -368,8 +369,8 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
 def liveliest_joints(motions: Sequence[tuple[str, Motion, str]], count: int = 3) -> list[int]:
     """Find the joints that drift most at the ends of cycles; return their indices, sorted.
 
-    There are at most ``count``. Motions that move away in the first cycle and then stay are
-    ignored, unless all motions do so.
+    At most ``count`` indices are returned. Motions that move away in the first cycle and then stay
+    are ignored, unless all motions do so.
     """
     going = [motion for _, motion, _ in motions if not _stays(motion.drift)]
     ends = [

@@ -58,7 +58,7 @@ def _amount(motion: Motion, cycle: int) -> str:
 def drift_words(study: Study) -> str:
     """Describe the figure of the drift: displacement of the farthest part under each controller.
 
-    The text is its alternative text, for readers who cannot see the figure.
+    Returns the alternative text of the figure, for readers who cannot see it.
     """
     parts = []
     for label, motion in _moved(study):
@@ -74,7 +74,7 @@ def drift_words(study: Study) -> str:
 def joints_words(study: Study) -> str:
     """Describe the figure of the joints: how far each has drifted under the first controller.
 
-    The text is its alternative text, for readers who cannot see the figure.
+    Returns the alternative text of the figure, for readers who cannot see it.
     """
     label, motion = _moved(study)[0]
     off = motion.q[-1] - motion.q[0]
@@ -90,7 +90,7 @@ def joints_words(study: Study) -> str:
 def orbits_words(study: Study) -> str:
     """Describe the figure of orbits, the motions in joint space: which are closed, and which drift.
 
-    The text is its alternative text, for readers who cannot see the figure.
+    Returns the alternative text of the figure, for readers who cannot see it.
     """
     said = [
         f"{label}: one closed loop"
@@ -105,7 +105,7 @@ def orbits_words(study: Study) -> str:
 def cycles_words(study: Study) -> str:
     """Describe the figure of speeds and margins: peak speed, limit margin, and body distance.
 
-    The text is its alternative text, for readers who cannot see the figure.
+    Returns the alternative text of the figure, for readers who cannot see it.
     """
     parts = []
     for label, motion in _moved(study):
@@ -123,9 +123,9 @@ def cycles_words(study: Study) -> str:
 def maps_words(study: Study, maps: ReportMaps) -> str:
     """Describe the maps of a design over two joints by their ranges of values.
 
-    The text is their alternative text, for readers who cannot see them. The maps show the defect of
-    J⁺ (0 where it is repeatable), the distance of the design from J⁺, and its leaf margin (0 if
-    singular).
+    Returns the alternative text of the maps, for readers who cannot see them. The maps show the
+    defect of J⁺ (0 where it is repeatable), the distance of the design from J⁺, and the leaf margin
+    of the design (0 if singular).
     """
     i, j = maps.grid.joints
     with np.errstate(invalid="ignore"):
@@ -155,7 +155,7 @@ def maps_words(study: Study, maps: ReportMaps) -> str:
 def still_words(study: Study) -> str:
     """Describe the animation's still picture: displacement by J⁺ and by the repeatable inverse.
 
-    The text is its alternative text, for readers who cannot see the picture.
+    Returns the alternative text of the picture, for readers who cannot see it.
     """
     rows = (study.row("pseudoinverse"), study.row("repeatable"))
     ends = [

@@ -80,7 +80,7 @@ def hands_are(count: int) -> str:
 class Headline:
     """Sentence on the drift of the arm, and notes on joint speed, limits and bodies.
 
-    Both are tuples of spans, ``sentence`` and ``notes``; ``str()`` joins them without colours.
+    ``sentence`` and ``notes`` are tuples of spans; ``str()`` joins all spans without colours.
     ``about`` is an explanation of the sentence, which a page shows on request.
     """
 
@@ -259,9 +259,9 @@ def _drifted(summaries: Sequence[MotionSummary], times: str, after: str) -> list
     """State which part or joint is displaced, and by how much under each controller.
 
     The part is the one that is displaced most under any controller. If no part is displaced by 1 cm
-    or more, a joint is named instead that is displaced by 0.1 rad or more. ``times`` is the number
-    of cycles as text, "10 cycles". The sentence begins with ``after``, such as "After 10 cycles ";
-    it is empty if the sentence before has begun so.
+    or more, the sentence names a joint instead, which is displaced by 0.1 rad or more. ``times`` is
+    the number of cycles as text, "10 cycles". The sentence begins with ``after``, such as "After 10
+    cycles "; it is empty if the sentence before has begun so.
     """
     worst = max(summaries, key=lambda one: one.off)
     numbered = worst.part.removeprefix("link ").isdigit()
@@ -408,8 +408,8 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
     """Format the displacement of the most displaced part under each controller: one span each.
 
     ``unit`` is a text that follows each value, such as " from its start"; it is left out after a 0
-    that is not the first value. If the most displaced part differs between controllers, the values
-    of other parts than the one with the largest displacement name their part.
+    that is not the first value. If the most displaced part differs between controllers, each value
+    names its part, except values of the part with the largest displacement.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
@@ -447,9 +447,9 @@ def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 def _extra_speed(first: MotionSummary, last: MotionSummary, cycles: int) -> list[Span]:
     """Format the extra joint speed, a root mean square, of the last motion relative to the first.
 
-    It is given for cycle 1, which both motions begin in the same configuration, and for all
-    ``cycles`` cycles. The list is empty if there is only one motion, or one of the two leaves its
-    path.
+    The extra speed is given for cycle 1, which both motions begin in the same configuration, and
+    for all ``cycles`` cycles. The list is empty if there is only one motion, or one of the two
+    leaves its path.
     """
     moves = first.speed > 0 and first.mean_speed > 0
     if last is first or not moves or first.path_loss or last.path_loss:
@@ -529,7 +529,7 @@ def _nearest(near: Sequence[MotionSummary], summaries: Sequence[MotionSummary]) 
 
     ``summaries`` are all motions; if there are several, each distance names its controller.
     Distances between different links that round to the same number get a third digit, so that they
-    are not read as one. The list is empty if ``near`` is.
+    are not read as one. The list is empty if ``near`` is empty.
     """
     if not near:
         return []

@@ -75,8 +75,8 @@ class MotionSummary:
     ends : dict of str to float
         Displacement at the end of each other end effector that moves with the arm, m, by link.
     checked : str
-        Text, to follow the minimum body distance, that says at how many points of the motion it was
-        checked; empty if it is the minimum over the whole motion.
+        Text that follows the minimum body distance, and says at how many points of the motion
+        bodies were checked; empty if the distance is the minimum over the whole motion.
     unchecked : str
         Text on the bodies that are not checked for collisions, see :attr:`.Bodies.not_checked`.
     leaves : (int, str) or None

@@ -27,7 +27,7 @@ def number(value: float) -> str:
 def metres(value: float, digits: int = 2) -> str:
     """Format a length, m, in a suitable unit: 1.2 m, 45 cm, 2.6 mm, 0.02 mm, 7 µm.
 
-    It has two significant digits, or as many as given, and is 0 below a nanometre.
+    The text has two significant digits, or as many as given, and is 0 below a nanometre.
     """
     if value < 1e-9:
         return "0"

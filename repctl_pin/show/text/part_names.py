@@ -23,7 +23,7 @@ _WORD = 3
 def redundant_part(task: Task) -> str:
     """State what can drift under a task: "elbow position" for a pose task with r = 1.
 
-    For any other task, it is "configuration", because more than the elbow can move.
+    For any other task, the text is "configuration", because more than the elbow can move.
     """
     return "elbow position" if (task.m, task.r) == (6, 1) else "configuration"
 
@@ -104,7 +104,7 @@ def _without_prefix(link: str, links: Sequence[str]) -> str:
 def _elbow_links(task: Task, q: Array) -> tuple[str, ...]:
     """Find the links before and after the elbow joint at q (n,), which are displayed as "elbow".
 
-    They are the parent and the child of that joint. The result is empty if no joint is in the
+    The links are the parent and the child of that joint. The result is empty if no joint is in the
     middle of the arm.
     """
     joint = elbow(task, q)

@@ -37,8 +37,8 @@ NARROW = 10
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1) -> str:
     """Align a table as text: the first ``left`` columns to the left, the others to the right.
 
-    A header may have several lines. If the terminal is too narrow, the columns that do not fit
-    follow in further blocks below.
+    A header may have several lines. If the terminal is too narrow, the columns that do not fit are
+    printed in blocks below.
     """
     spans = table_spans(header, [[Span(cell) for cell in row] for row in rows], left)
     text = "".join(span.text for span in spans)
@@ -174,7 +174,8 @@ def _cell(quantity: Quantity, row: Row) -> str:
     """Format the value of a quantity for one controller, with a mark if it is bad.
 
     ``!`` marks a bad value. Without a value, the text is the quantity's ``lacking``, such as ``not
-    checked``; without a motion, its ``stopped``, or a dash if the motion was rejected.
+    checked``; without a motion, the text is the quantity's ``stopped``, or a dash if the motion was
+    rejected.
     """
     motion = row.motion
     if quantity.of is None:
@@ -231,7 +232,7 @@ def _desired(study: Study) -> str:
 
 
 def _unchecked(study: Study) -> list[tuple[str, list[str]]]:
-    """Make the table's row on bodies that are not checked for collisions, as they have no shape.
+    """Make the table's row on bodies without a shape, which are not checked for collisions.
 
     The list has one row, a name and its values; it is empty if all bodies are checked.
     """

@@ -32,22 +32,22 @@ Joints = tuple[tuple[int, ...], Array]
 def further_joints(
     table: DataSet, task: Task, Q: Array, places: tuple[int, ...], action: str | None
 ) -> tuple[dict[str, Joints], tuple[str, ...]]:
-    """Find the further columns of joints, and the columns of actions that do not depend on them.
+    """Find the further columns of joints, and the columns of actions that stay unchanged.
 
     Parameters
     ----------
     table, task
         The data set, and the task.
     Q, places : (K, n) array, tuple
-        The recorded joints, and the index of each in a row of their column.
+        The recorded joints, and the index of each joint in a row of the column of joints.
     action
         Meaning of the actions: ``joints`` for joint positions, ``hand`` for commands of the hand;
         None to read the meaning from the data set.
 
     Returns
     -------
-    Further columns by name, each as the indices of the joints in a row and their positions (K, n),
-    rad or m; and the names of columns of actions that are kept unchanged.
+    A dict from the name of each further column to the indices of the joints in a row and their
+    positions (K, n), rad or m; and the names of the columns of actions that stay unchanged.
 
     Raises
     ------
@@ -77,8 +77,8 @@ def require_positions(
 ) -> None:
     """Raise InputError if the column of joints has further numbers that depend on the joints.
 
-    ``labels`` are the names of the numbers in a row of the column ``table.joints``; None, if they
-    have no names, passes the test. ``places`` are the indices of the joints among them.
+    ``labels`` are the names of the numbers in a row of the column ``table.joints``. Without names,
+    ``labels`` is None and no error is raised. ``places`` are the indices of the joints in a row.
     """
     for at, label in enumerate(labels or ()):
         if at not in places and any(joint in label for joint in task.joint_names):
@@ -93,9 +93,9 @@ def _places(
 ) -> tuple[int, ...] | None:
     """Find the indices of the task's joints in a row of the column ``name``.
 
-    ``places`` are those in the column of joints, and ``commands`` is "joints" if the actions are
-    joint positions. Return None for a column other than the actions whose numbers have no names of
-    joints.
+    ``places`` are the indices of the same joints in the column ``table.joints``. ``commands`` is
+    "joints" if the actions are joint positions. If the joints cannot be found, the result is None,
+    but InputError is raised for a column of actions.
     """
     own, labels = task.joint_names, table.labels(name)
     stems = [stem(label, own) for label in labels or ()]

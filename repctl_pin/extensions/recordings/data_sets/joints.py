@@ -18,11 +18,11 @@ from .robomimic import RobomimicData
 def open_data_set(
     path: Path, task: Task, joints: Sequence[str] | None = None
 ) -> tuple[DataSet, Sequence[str] | None]:
-    """Open a data set; return it, and the names of the numbers in its column of joints.
+    """Open a data set; return it, and the given names of the numbers in its column of joints.
 
-    ``joints`` are these names, which are returned unchanged; None if they are not given. For an
-    HDF5 file, a single name is that of the array of joints: it is used to open the file, and the
-    second result is None.
+    These names are ``joints``, returned unchanged, or None. But for an HDF5 file, a single name in
+    ``joints`` is the name of the array of joints: the file is opened with it, and the second result
+    is None.
     """
     if path.is_dir():
         return LeRobotData(path), joints
@@ -36,14 +36,14 @@ def joints_of(
 ) -> tuple[str, tuple[int, ...]]:
     """Find the column of joints of a data set, and the index of each of the task's joints in a row.
 
-    ``given`` are names of all numbers in a row of that column, in order. By default, they are those
-    in the data set. If it has none, the column must have exactly one number per joint; a LeRobot
-    data set must have names.
+    ``given`` are names of all numbers in a row of that column, in order. By default, the names in
+    the data set are used. If the data set has no names, the column must have exactly one number per
+    joint. A LeRobot data set must have names.
 
     Raises
     ------
     InputError
-        If there is no such column, or the names are missing or those of another arm.
+        If there is no such column, or the names are missing or belong to another arm.
     """
     name = table.joints
     if name is None:

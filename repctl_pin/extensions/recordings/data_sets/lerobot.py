@@ -126,7 +126,7 @@ class LeRobotData(DataSet):
     def same_format(self, path: Path) -> bool:
         """Test by its suffix whether a path can be that of a folder in this format.
 
-        It cannot if the suffix is that of a table's file, such as .csv.
+        The result is False for the suffix of a table's file, such as .csv.
         """
         return path.suffix.lower() not in FORMATS
 
@@ -176,7 +176,7 @@ class LeRobotData(DataSet):
         """Write the data set: copy the other files, then data, statistics and description.
 
         ``new`` has the changed numbers by name of their column. ``removed`` are the names of the
-        columns that are left out of all three.
+        columns that are left out of data, statistics and description.
         """
         rewritten = {file.relative_to(self.file).as_posix() for file in self._files}
         self._require_known_statistics()
@@ -240,7 +240,7 @@ def _opened(file: Path) -> Any:
 
 
 def _part(new: Mapping[str, NewCells], rows: slice) -> dict[str, NewCells]:
-    """Select the same rows of all new columns, such as those of one file; return them by name."""
+    """Select rows, such as those of one file, from every new column; return them by column name."""
     return {name: NewCells(c.values[rows], c.at, c.rows[rows]) for name, c in new.items()}
 
 
@@ -303,11 +303,11 @@ def _json(file: Path) -> dict[str, Any]:
 def _updated(
     stats: dict[str, Any], columns: Mapping[str, Array], removed: Collection[str], file: Path
 ) -> dict[str, Any]:
-    """Compute the statistics of changed columns again, and return those of all columns, by name.
+    """Recompute the statistics of changed columns; return the statistics of all columns by name.
 
-    ``columns`` are the changed columns, (K, w) each, by name, and ``stats`` the old statistics of
-    all columns, from which those of the columns ``removed`` are left out. ``file`` is named in
-    error messages.
+    ``columns`` are the changed columns by name, (K, w) each. ``stats`` are the old statistics of
+    all columns. The statistics of the columns ``removed`` are left out. ``file`` is named in error
+    messages.
     """
     made = {name: value for name, value in stats.items() if name not in removed}
     for name, X in columns.items():
@@ -317,9 +317,10 @@ def _updated(
 
 
 def _statistic(key: str, X: Array, file: Path) -> Array:
-    """Compute a statistic per column of X (K, w), by its name in LeRobot, such as ``q01``: (w,).
+    """Compute a statistic of each column of X (K, w): (w,).
 
-    An InputError for an unknown name also names the ``file`` that has it.
+    ``key`` is LeRobot's name of the statistic, such as ``q01``. An InputError is raised for an
+    unknown name; the message also names ``file``, in which the name was found.
     """
     if key in _STATISTICS:
         return np.asarray(_STATISTICS[key](X))
@@ -336,8 +337,9 @@ def _lines(
 ) -> str:
     """Recompute the statistics of each demonstration; return the new file's text, JSON lines.
 
-    ``columns`` are the new values by name, ``episodes`` the number of the demonstration of each
-    row; ``removed`` are the columns without statistics from now on.
+    ``file`` is the old file. ``columns`` are the new values of the changed columns, by name, and
+    ``episodes`` has the number of the demonstration of each of their rows. ``removed`` are the
+    names of columns whose statistics are removed.
     """
 
     def line(text: str) -> str:
@@ -370,7 +372,7 @@ def _require_rows(rows: Column, episode: object, file: Path) -> None:
 def _update_episodes(
     file: Path, columns: Mapping[str, Array], episodes: Column, removed: Collection[str]
 ) -> None:
-    """Compute statistics again, and rewrite the table of demonstrations, which has them.
+    """Recompute the statistics in the table of demonstrations, and rewrite the file of the table.
 
     ``columns`` are the changed columns of the data by name, with a row per frame of the recording;
     ``episodes`` has the number of the demonstration of each of these rows. ``removed`` are the

@@ -175,7 +175,7 @@ def _sizes(
 
     The sums (D + 1,) begin with 0, for D demonstrations; ``env_kwargs`` is a dict, empty if the
     file has none. ``demos`` are the names of the demonstrations, ``sets`` their arrays by name.
-    InputError is raised if an attribute of the file has another count.
+    InputError is raised if an attribute of the file gives another number of frames.
     """
     sizes = []
     for demo in demos:

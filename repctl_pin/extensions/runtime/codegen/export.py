@@ -57,16 +57,17 @@ def export_c(
 ) -> list[Path]:
     """Export a repeatable inverse or a cell function as C99, with C++17 interfaces.
 
-    ``name`` stands for the argument. ``name.h`` and ``name.c`` depend on ``<math.h>`` only. They
-    define the functions placement, jacobian, inverse, leaf, velocity, step, torque and inside, with
-    the prefix ``name_``; ``step``, for example, is :meth:`RepeatableInverse.step`. The functions do
-    not allocate memory, keep no state, and return a status. ``name.hpp`` has these functions with
-    ``std::array``, and ``name_kdl.hpp`` has solvers of Orocos KDL. The program ``check.c`` compares
-    a build with Python's results in ``test_vectors.h``. ``loop.c`` is an example of a control loop
-    at 1 kHz, and ``CMakeLists.txt`` builds all. The output is deterministic.
+    In the names below, ``name`` stands for the argument ``name``. ``name.h`` and ``name.c`` depend
+    on ``<math.h>`` only. These files define the functions placement, jacobian, inverse, leaf,
+    velocity, step, torque and inside, with the prefix ``name_``; ``step``, for example, is
+    :meth:`RepeatableInverse.step`. The functions do not allocate memory, keep no state, and return
+    a status. ``name.hpp`` has these functions with ``std::array``, and ``name_kdl.hpp`` has solvers
+    of Orocos KDL. The program ``check.c`` compares a build with Python's results in
+    ``test_vectors.h``. ``loop.c`` is an example of a control loop at 1 kHz, and ``CMakeLists.txt``
+    builds all. The output is deterministic.
 
-    ``name_governor_step`` is :class:`Governor` in C, which stays within the limits at run time. Its
-    state is a struct that the caller owns.
+    ``name_governor_step`` is :class:`Governor` in C, which stays within the limits at run time. The
+    state of the governor is a struct that the caller owns.
 
     Parameters
     ----------
@@ -97,8 +98,7 @@ def export_c(
     InputError
         If the name is not an identifier; if the inverse or the region contains user-defined
         functions; or if the folder cannot be written to, contains the export of another inverse, or
-        contains a file of one of these names that repctl_pin did not write or that was edited
-        since.
+        contains a file of one of these names that was edited, or that repctl_pin did not write.
 
     Examples
     --------
@@ -186,7 +186,7 @@ def _checksum(text: bytes) -> str:
 
 
 def _refuse_foreign(path: Path) -> None:
-    """Raise InputError for a file that repctl_pin did not write, or that was edited since.
+    """Raise InputError for a file that repctl_pin did not write, or that was edited afterwards.
 
     The export would overwrite such a file. The first line of each exported file has a checksum of
     its other lines.
@@ -215,13 +215,13 @@ def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
 
 
 def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
-    """Write the closed path of the example ``loop.c`` as C text: ``along`` (2 rows) and ``radii``.
+    """Write the closed path of the example ``loop.c`` as C text, by name: ``along`` and ``radii``.
 
     The path is an ellipse, ``p = p_0 + r_1 a_1 (cos s − 1) + r_2 a_2 sin s``, with the rows a_1 and
     a_2 of ``along`` and the radii r_1 and r_2, m; its orientation is constant. If Ω is a cell, the
-    path lies inside. In a sector, whose orientation turns with the angle, it is in the plane of
-    radius and height. A planar task, which leaves the orientation free, uses radius and angle
-    instead.
+    path lies inside. In a sector, a cell around the base whose orientation turns with the angle,
+    the path lies in the plane of radius and height. For a planar task, which leaves the orientation
+    free, it lies in the plane of radius and angle.
     """
     axes = [int(axis) for axis in inverse.task.rows if axis < 3]
     along, most = np.eye(3)[axes], np.full(len(axes), np.inf)

@@ -59,7 +59,8 @@ def _structs(file: str, name: str) -> tuple[str, str]:
     """Write the structs of the library header ``file`` under the names of an exported header.
 
     A struct ``State`` becomes ``name_state``, so that two exports can be linked together. Return
-    the structs, and the C lines (typedefs and macros) that define the library's names by them.
+    two texts: the renamed structs, and the C lines (typedefs and macros) that define the library's
+    names by the new names.
     """
     text = pasted(file)
     inner = text[text.index("#ifndef EXPORTED\n") : text.index("#endif")]

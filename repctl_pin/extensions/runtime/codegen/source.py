@@ -140,8 +140,8 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
     """Check that an inverse and its region can be written as C, and return the region.
 
     The region None stands for the region Ω of the inverse. The result is None if the inverse has no
-    region either; every q is then inside. An InputError is raised if one of them cannot be written
-    as C, or if they do not fit each other.
+    region either; every q is then inside. An InputError is raised if the inverse or the region
+    cannot be written as C, or if they do not fit each other.
     """
     task = inverse.task
     if task.r < 1:
@@ -165,10 +165,11 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
 def _frame_sizes(arm: Any) -> dict[str, str | int]:
     """Return the sizes of one frame of the task for C, as numbers or C expressions.
 
-    They are its number of task coordinates, its number of joints, and the largest number of joints
-    of any frame. They are returned by the names of the template's placeholders. ``arm`` is the C
-    struct of the task's joint chains. For one frame, all are constants, so that the compiler can
-    unroll loops. For several frames, the first two are members of each frame's struct ``arm``.
+    The sizes are ``rows``, the number of task coordinates of the frame; ``joints``, its number of
+    joints; and ``most``, the largest number of joints of any frame. These names are placeholders of
+    the template. ``arm`` is the C struct of the task's joint chains. For a task of one frame, all
+    sizes are constants, so that the compiler can unroll loops. For several frames, ``rows`` and
+    ``joints`` are read from each frame's struct in C.
     """
     if arm.frames == 1:
         return {"rows": "M", "joints": arm.joints, "most": arm.joints}
@@ -177,7 +178,7 @@ def _frame_sizes(arm: Any) -> dict[str, str | int]:
 
 
 def _function_code(function: InverseFunction, name: str) -> str:
-    """Write the C code of a cell's function q = F(x; c), which follows that of its inverse.
+    """Write the C code of a cell's function q = F(x; c), to follow the code of its inverse.
 
     ``name`` is the prefix of all exported C names.
     """
@@ -194,7 +195,7 @@ def _native_files(
     """Name the headers and the sources of the native library that a chart requires.
 
     A chart consists of the polynomials of a cell's function. Both lists are empty unless the
-    inverse belongs to such a function, or its region is a cell.
+    inverse belongs to a cell's function, or the region is a cell.
     """
     if isinstance(inverse.potentials, CellPotentials) or isinstance(region, Cell):
         return ["chart.h"], ["chart.c"]
@@ -234,7 +235,8 @@ def _closing_source(closes: ClosingRadius | None, task: Task, name: str) -> tupl
 def region_of(inverse: RepeatableInverse, region: Bounded | None) -> Bounded | None:
     """Return the region that ``name_inside`` checks in C.
 
-    For None, it is the inverse's own region, which can be None, too: every q is then inside.
+    If ``region`` is None, the result is the inverse's own region. If that is None, too, every q is
+    inside.
     """
     return inverse.region if region is None else region
 

@@ -92,10 +92,11 @@ def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) ->
 
 
 def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generator) -> Vector:
-    """Sample the valid test vector number k, with the configuration q (n,) or one away from q.
+    """Sample the valid test vector number k, at the configuration q (n,) or away from it.
 
-    Every sixth vector has a configuration away from q, by a random 1 rad or m or so per joint, so
-    that most of these lie outside the region. All random numbers are drawn from ``rng``.
+    In every sixth vector, a normal random number of standard deviation 1 rad or m is added to each
+    joint of q. Most of these configurations lie outside the region. All random numbers are drawn
+    from ``rng``.
     """
     task = inverse.task
     if k % 6 == 5:  # further outside
@@ -125,8 +126,8 @@ def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generato
 def _bad(task: Task, found: Sequence[Vector]) -> dict[int, tuple[str, Any]]:
     """Choose invalid inputs: a dict ``{number of the vector: (name of the input, its value)}``.
 
-    For q and ẋ, the value is to replace the last entry, else the whole input. ``found`` are the
-    valid vectors.
+    For q and ẋ, the value replaces the last entry; for other inputs, it replaces the whole input.
+    ``found`` are the valid vectors.
     """
     bad: dict[int, tuple[str, Any]] = {
         7: ("q", np.nan),
@@ -147,11 +148,11 @@ def _bad(task: Task, found: Sequence[Vector]) -> dict[int, tuple[str, Any]]:
 def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) -> dict[str, Any]:
     """Compute Python's results for a test vector, as a dict of statuses and outputs.
 
-    The statuses are ``usable`` (OK if q is finite), ``inside`` (OUTSIDE beyond the region), and
-    those of ``velocity`` and ``step`` of the inverse and of its torque law, ``torque``. The outputs
-    are ``placement``, ``J``, the level ``c`` of q, ``qdot`` (from ``velocity``), ``q_next`` (from
-    ``step``), ``tau`` and the ``observer``'s new state (from the torque law). The output of a
-    function that raises an error is 0.
+    The statuses are ``usable`` (OK if q is finite), ``inside`` (OUTSIDE beyond the region),
+    ``velocity`` and ``step`` (of these methods of the inverse), and ``torque`` (of the torque law).
+    The outputs are ``placement``, ``J``, the level ``c`` of q, ``qdot`` (from ``velocity``),
+    ``q_next`` (from ``step``), ``tau`` and the ``observer``'s new state (from the torque law). The
+    output of a function that raises an error is 0.
     """
     task, q = inverse.task, vector.q
     # numbers that are not finite are refused by all functions
