@@ -6,6 +6,7 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -405,10 +406,10 @@ def test_no_range_of_radius_exceeds_its_bound() -> None:
         mask = rng.random((20, 15)) < share
         found = tables.flood.rectangles(mask[None])
         ends = tables.largest_profile.runs(mask, found.first[0], found.last[0])
-        area = tables.largest_profile.largest_between(ends).area
-        assert area <= tables.largest_profile.most_between(mask) + 1e-9
-    # trapezoids: half at both ends
-    assert area == pytest.approx(tables.largest_profile.most_between(mask) - 19, abs=1e-9)
+        for degree in (8, tables.largest_profile.SMOOTH):
+            area = tables.largest_profile.largest_between(ends, degree=degree).area
+            assert area <= tables.largest_profile.most_between(mask) + 1e-9
+    assert area == tables.largest_profile.most_between(mask) - 19  # trapezoids: half at both ends
 
 
 @pytest.mark.parametrize(
@@ -442,6 +443,27 @@ def test_a_rectangle_is_designed_only_where_it_can_be_as_good(
     found, kept = whole_table._best_shape(None, [place], limits, straight)
     assert bool(read) == designed and kept == limits
     assert found is max(shape, rectangle, key=lambda one: one.worth)
+
+
+@pytest.mark.parametrize(
+    ("most", "worth", "tried", "taken"),
+    [(0.35, 0.3, False, False), (0.45, 0.42, True, True), (0.45, 0.38, True, False)],
+)
+def test_a_smooth_sector_is_tried_where_its_bound_is_larger_and_taken_for_its_worth(
+    most: float, worth: float, tried: bool, taken: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    design, smooth = SimpleNamespace(worth=0.4), SimpleNamespace(worth=worth)
+    asked = []
+
+    def first(_: None, places: list[whole_table._Place], limits: None, useful: Any) -> Any:
+        asked.extend(place for place in places if useful(place, place.cell))
+        return smooth if asked else None
+
+    monkeypatch.setattr(whole_table, "_first_design", first)
+    monkeypatch.setattr(whole_table, "_worth", lambda design: design.worth)
+    monkeypatch.setattr(whole_table, "area_of", float)
+    found = whole_table._or_better(None, [whole_table._Place(0.5, None, most)], None, design)
+    assert bool(asked) == tried and found is (smooth if taken else design)
 
 
 @pytest.mark.parametrize("shaped", [None, "a shape"])
