@@ -90,11 +90,12 @@ export class TableMarks {
     for (const mark of this.arms.flat()) mark.rotation.z = angle;
     say("radius", Math.hypot(x, y));
     say("height", this.base + z);
-    turn("angle", angle);
+    const { turns } = this.cover;
+    turn("angle", angle, turns.angle);
     if (!chart || !q) return;
     chain.place(q);
     const [spin] = chart.measure(chain.frames[0])[5] || [];
-    if (spin !== undefined) turn("spin", spin);
+    if (spin !== undefined) turn("spin", spin, turns.spin);
   }
 }
 
@@ -111,16 +112,19 @@ function jointsAt(joints, cycle, part) {
   return values.slice(first, first + n).map((v, i) => v + share * (values[first + n + i] - v));
 }
 
-// Write a number, and turn the needle of its dial.
+// Write a number, and turn the needle of its dial; the number has the colour of what is near where
+// the range, in degrees, is about to end.
 function say(name, value, digits = 2, unit = " m") {
   const words = (Number(value.toFixed(digits)) + 0).toFixed(digits).replace("-", "−");
   const node = byId(`now-${name}`);
   if (node) setText(node, words + unit);
 }
-function turn(name, angle) {
+function turn(name, angle, range) {
   const needle = byId(`needle-${name}`);
   if (!needle) return;
   say(name, DEGREES * angle, 0, "°");
+  const left = range / 2 - Math.abs(DEGREES * angle);
+  byId(`now-${name}`).classList.toggle("near", range < 360 && left < 3);
   needle.setAttribute("transform", `rotate(${-DEGREES * angle})`);
 }
 
