@@ -22,11 +22,6 @@ from sectors import found, sector_of
 import repctl_pin as rp
 from repctl_pin.redundancy import leaf_margin
 
-whole_table, largest_profile = (
-    import_module(f"repctl_pin.extensions.cells.table.{name}")
-    for name in ("whole_table", "largest_profile")
-)
-
 SIDES: dict[str, dict[str, Any]] = {
     "a radius by height": {},
     "an axis task by height": {},
@@ -182,9 +177,12 @@ def test_ten_thousand_poses_of_a_proved_sector_with_bent_sides_violate_nothing(
 
     40 % of the poses lie at edges. With one d* for all of xarm7's table, F was not proved unique at
     the inner edge.
-    The table with sides of degree 4 at nodes of 3 cm is smaller than that which is found by default.
+    The table with sides of degree 4 at nodes of 3 cm is smaller than that found by default.
     """
     if degree == 4:
+        best_cell = import_module(rp.best_cell.__module__)
+        whole_table = import_module(best_cell.WholeTable.__module__)
+        largest_profile = import_module(whole_table.area_of.__module__)
         smooth = partial(whole_table._shaped_places, smooth=True)
         monkeypatch.setattr(whole_table, "_shaped_places", lambda *given, **_: smooth(*given))
         monkeypatch.setattr(largest_profile, "SPARE", 0.85)
