@@ -249,6 +249,30 @@ def shown_place(driver: Any) -> dict[str, float]:
 
 
 @pytest.mark.slow
+def test_the_end_of_a_range_of_angle_or_spin_has_a_colour(page: Path, driver: Any) -> None:
+    """A hand stood well inside the edge of F, with the spin at its end, and nothing said so."""
+    opened(driver, page, **DESK)
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    driver.execute_script("repctl.seek(0)")
+    ring = driver.find_element("css selector", ".ring")
+    seen = set()
+    for _ in range(12):
+        ring.send_keys(*8 * [Keys.ARROW_LEFT])
+        for range_, text, near in driver.execute_script(
+            "repctl.own.processQueue(); repctl.own.draw();"
+            "return [...document.querySelectorAll('.dial')].map((dial) =>"
+            "[parseFloat(dial.querySelector('[pathLength]').getAttribute('stroke-dasharray')),"
+            " dial.parentElement.querySelector('b').textContent,"
+            " Boolean(dial.parentElement.querySelector('.near'))])"
+        ):
+            left = range_ / 2 - abs(float(text.replace("−", "-").rstrip("°")))
+            assert near == (range_ < 360 and left < 3) or abs(left - 3) < 1
+            seen.add(near)
+    assert seen == {False, True}
+    ring.send_keys(Keys.ESCAPE)
+
+
+@pytest.mark.slow
 def test_the_legend_says_where_the_hand_is(page: Path, driver: Any) -> None:
     """Also while it is led, and as the sector has it: the tool is held, so spin follows angle."""
     opened(driver, page, **DESK)
