@@ -161,6 +161,8 @@ def bodies() -> Measured:
         problem = rp.Problem(name)
         J_plus = rp.Pseudoinverse(problem.task)
         motion = rp.follow(J_plus, problem.path, problem.start, cycles=10, steps=500)
+        if not hasattr(motion, "clearance"):  # an older commit, which knew no distance in between
+            continue
         begin = time.thread_time()
         found[f"body distance of {name}, ten cycles: minimum, m"] = motion.clearance.distance
         found[f"body distance of {name}, ten cycles, s"] = time.thread_time() - begin
