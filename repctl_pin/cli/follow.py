@@ -161,7 +161,7 @@ class _Followed(NamedTuple):
 
 
 def _followed(options: Options, case: _Case, q0: Any) -> _Followed:
-    """Follow the path of a case from the configuration q0 (n,); write the notes on its motion."""
+    """Follow the path of a case from the configuration q0 (n,); return the motion and its notes."""
     from ..model.bodies import bodies_of
     from ..motion.follow import unresolved
     from ..motion.write_motion import commanded

@@ -97,10 +97,10 @@ class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
     """Arm angle as a potential: the rotation of the elbow about the line from shoulder to wrist.
 
     ``frames`` are shoulder, elbow and wrist. ``reference`` is the direction, in base axes, from
-    which the angle is measured, and ``singular`` the singular direction of a stereographic angle,
-    null for the conventional one. ``points`` are the origins of the frames, m, at each check
-    configuration of the task, by which a frame that has moved is detected. Older files lack
-    ``points``.
+    which the angle is measured. ``singular`` is the direction of the wrist at which a stereographic
+    arm angle is undefined; null if the arm angle is the conventional one. ``points`` are the
+    origins of the frames, m, at the configurations that are stored with the task to recognise its
+    arm; if they differ on loading, a frame has moved. Older files lack ``points``.
     """
 
     frames: tuple[str, str, str]

@@ -255,8 +255,8 @@ class Problem:
 def tube_around(motion: Motion, width: float | None = None) -> Tube:
     """Create the tube around a motion's first cycle, the default region Ω of a design.
 
-    The tube has all configurations whose joints are within a radius of the same configuration of
-    the motion: ``width``, rad or m, by default 0.1 rad or 0.05 m.
+    The tube has every configuration from which some configuration of the motion differs by at most
+    ``width`` in each joint, rad or m; by default 0.1 rad or 0.05 m.
     """
     radius = np.where(motion.task.revolute, 0.1, 0.05) if width is None else width
     return Tube(motion.cycle(0), radius)

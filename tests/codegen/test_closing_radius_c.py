@@ -124,7 +124,7 @@ def test_without_a_radius_there_is_no_function(tmp_path: Path) -> None:
     inverse = control(task, Q_PANDA, rp.Polynomial(Q_PANDA, 1, 0.5))
     files = rp.export_c(inverse, tmp_path)
     assert not any("closing_radius" in file.read_text() for file in files)
-    with pytest.raises(rp.InputError, match="closes is for axis tasks"):
+    with pytest.raises(rp.InputError, match="closes= is for axis tasks"):
         rp.export_c(inverse, tmp_path, closes=radius(task, "start", "axis"))
     with pytest.raises(rp.InputError, match="closes"):
         rp.export_c(inverse, tmp_path, closes=0.05)  # type: ignore[arg-type]

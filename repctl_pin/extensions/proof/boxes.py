@@ -120,8 +120,8 @@ def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
 
     Arguments and results are lower and upper corners, (K, n) each; the number K of boxes may
     change. The part of each box outside the preceding box is divided into smaller boxes, which
-    replace the box. If such a smaller box overlaps another earlier box, it is also cut there,
-    unless two or more boxes would be left of it.
+    replace the box. If such a smaller box overlaps another earlier box, the overlap is cut off,
+    too, but only if the remainder is one box or empty.
     """
     boxes = list(zip(low, high, strict=True))
     pieces = boxes[:1]

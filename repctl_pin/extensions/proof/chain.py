@@ -46,7 +46,8 @@ They are the base axes along which it can translate, and the tool axes about whi
 class Chain:
     """Serial chain of P joints, virtual ones included, with a middle link.
 
-    Virtual joints do not move: they represent motions that the task leaves free, so that the task
+    N is the number of the task's own joints, n, and of the virtual joints that can move. At all q,
+    virtual joints stand still: they represent motions that the task leaves free, so that the task
     of the chain is a pose. The screws of the joints, twists per unit of joint speed, are expressed
     in the frame of the middle link. The choice of that link decides how tight the bounds of a proof
     are.

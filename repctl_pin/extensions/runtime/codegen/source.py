@@ -217,7 +217,7 @@ def _closing_source(closes: ClosingRadius | None, task: Task, name: str) -> tupl
         raise InputError(f"closes: {closes.words}", remedy="omit closes=")
     if closes.kind != task.kind:
         raise InputError(
-            f"closes is for {closes.kind} tasks, but the inverse is for {task.kind} tasks",
+            f"closes= is for {closes.kind} tasks, but the inverse is for {task.kind} tasks",
             remedy="give the closing radius of the design that the inverse belongs to",
         )
     squares = {"square": closes.metres**2, "chord": closes.squared_chord}
