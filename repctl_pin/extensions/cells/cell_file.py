@@ -409,8 +409,8 @@ def _cell(content: _CellFile, task: Task) -> Cell:
         return sector
     if not moved or abs(middle) > 2 * np.pi:
         raise InputError(
-            "the middle of the spin must be from −2π to 2π rad, and is stored only for a sector with "
-            "tilts and the spin range 'all'; design the cell again"
+            "the middle of the spin must be from −2π to 2π rad, and is stored only for a sector "
+            "with tilts and the spin range 'all'; design the cell again"
         )
     return sector.turned({SPIN: middle}, {SPIN: w[SPIN]})
 
