@@ -497,12 +497,6 @@ def test_it_asks_to_be_dragged_and_points_at_the_elbow(driver: Any, page: Path) 
     assert beginning == [2, True, False] and walked == [2, True, True]
     assert rests == [*walked, False]
     assert 0.2 < running[0] < 1 and not running[1]
-    held = driver.execute_script(  # who takes the words takes the ring
-        "const { left, right, top, bottom } = document.querySelector('.ring:not(.mute) .drag-me')"
-        ".getBoundingClientRect(); return Boolean(document.elementFromPoint("
-        "(left + right) / 2, (top + bottom) / 2).closest('.ring'));"
-    )
-    assert held
     spots, elbows = np.array(
         driver.execute_script(
             "return ['spot', 'elbow'].map((what) => repctl.own.arms.map((arm) => (what === 'spot' "
@@ -511,6 +505,13 @@ def test_it_asks_to_be_dragged_and_points_at_the_elbow(driver: Any, page: Path) 
     )
     assert np.linalg.norm(spots[0, :2] - spots[1, :2]) > 0.03  # links of 1 m
     assert np.linalg.norm((spots - elbows)[:, :2], axis=1).max() < 0.15
+    held = driver.execute_script(  # who takes the words takes the ring
+        "repctl.seek(0); repctl.placed(); const words = document.querySelector('.ring .drag-me');"
+        "const { left, right, top, bottom } = words.getBoundingClientRect();"
+        "return right > left && Boolean(document.elementFromPoint("
+        "(left + right) / 2, (top + bottom) / 2).closest('.ring'));"
+    )
+    assert held
     assert errors(driver) == []
 
 
