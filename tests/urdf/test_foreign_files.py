@@ -214,7 +214,7 @@ def test_limits_of_urdf_1_2_are_the_default_of_timing_and_governor(tmp_path: Pat
     assert load(tmp_path, *arm(limit), rod, head=head).acceleration_limit[1] == 0.5
     bare = load(tmp_path, *arm(limit)[:3], *arm()[3:], head=head).task("l7", "position")
     motion = rp.follow(rp.Pseudoinverse(bare), rp.circle(bare, q0, 0.05), q0, cycles=1)
-    with pytest.raises(rp.InputError, match="the model has no acceleration limit of 'j4'"):
+    with pytest.raises(rp.InputError, match="the model has no acceleration limit of joint 'j4'"):
         rp.timed(motion, rp.Limits())
 
 
