@@ -41,7 +41,7 @@ def print_result(
     clear_line()
     if options.json:
         found = result() if files is None else result() | {"files": [str(file) for file in files]}
-        print(_as_json(found, indent=2))
+        print(_as_json(found))
     elif not options.quiet:
         wrote = [printable(f"wrote {file}") for file in files or ()]
         said = text()
@@ -60,12 +60,12 @@ def page_lines(files: Sequence[Path]) -> list[str]:
     return [f"open   {page}", f"wrote  {names} beside it"]
 
 
-def _as_json(value: Any, indent: int | None = None) -> str:
+def _as_json(value: Any) -> str:
     """Format a value as JSON, with unprintable characters escaped, which could control a terminal.
 
-    Non-ASCII letters stay readable; ``indent`` is as in ``json.dumps``.
+    Non-ASCII letters stay readable.
     """
-    text = json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
+    text = json.dumps(_plain(value), indent=2, ensure_ascii=False, allow_nan=False)
     return "".join(c if c.isprintable() or c == "\n" else json.dumps(c)[1:-1] for c in text)
 
 

@@ -1,11 +1,13 @@
 """Links of the arm that a task moves, and the joints that move them.
 
-Letters: n joints of the task, N of the robot's model, T configurations.
+Letters: n joints of the task, T configurations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+
+import numpy as np
 
 from ..base.arguments import Array
 from .model import frame_id, frame_placements, link_frames, path_between
@@ -21,7 +23,7 @@ def arm_links(task: Task) -> frozenset[str]:
         return frozenset().union(*map(arm_links, task.single_tasks))
     robot = task.robot
     model = task.robot.model
-    frame = joint_of(task, task.frame)
+    frame = _joint(task, task.frame)
     up, down = path_between(model, robot.base_id, frame_id(model, task.frame))
     on_the_way = {*up, *down, *(int(model.parents[j]) for j in up[-1:])}
     joints = {
@@ -31,13 +33,15 @@ def arm_links(task: Task) -> frozenset[str]:
     return frozenset(link for link in robot.description.links if frames[link].parentJoint in joints)
 
 
-def driven_joints(task: Task) -> Array:
-    """Return a mask (N,) of the joints of the robot's model: True if the task drives the joint."""
-    columns = [task.robot.joint_names.index(name) for name in task.joint_names]
-    return (task.robot.coupling.S[:, columns] != 0).any(axis=1)
+def moves(task: Task, link: str) -> bool:
+    """Test whether a task's joints move a link of the robot, which may be of another branch."""
+    robot = task.robot
+    columns = [robot.joint_names.index(name) for name in task.joint_names]
+    driven = np.flatnonzero((robot.coupling.S[:, columns] != 0).any(axis=1)) + 1
+    return bool(set(driven.tolist()) & set(robot.model.supports[_joint(task, link)].tolist()))
 
 
-def joint_of(task: Task, link: str) -> int:
+def _joint(task: Task, link: str) -> int:
     """Return the id, in the robot's model, of the joint that carries a link; 0 for the root."""
     model = task.robot.model
     return int(model.frames[frame_id(model, link)].parentJoint)

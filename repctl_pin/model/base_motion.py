@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.arguments import Array
-from .arm_links import driven_joints, joint_of
+from .arm_links import moves
 from .mechanism import Mechanism
 from .model import frame_placements
 from .task import Task
@@ -29,12 +29,7 @@ def base_placements(robot: Mechanism, Q: Array) -> Array:
 def base_moves(task: Task) -> bool:
     """Test whether a task's joints move the base, relative to which its frames are placed."""
     base = task.robot.base
-    if base is None:
-        return False
-    driven = np.flatnonzero(driven_joints(task)) + 1
-    return bool(
-        set(driven.tolist()) & set(task.robot.model.supports[joint_of(task, base)].tolist())
-    )
+    return base is not None and moves(task, base)
 
 
 def on_base(placements: Array, points: Array) -> Array:

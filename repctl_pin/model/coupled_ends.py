@@ -6,9 +6,7 @@ that displacement.
 
 from __future__ import annotations
 
-import numpy as np
-
-from .arm_links import arm_links, driven_joints, joint_of
+from .arm_links import arm_links, moves
 from .end_effectors import arm_ends, is_sensor, task_links
 from .task import Task
 
@@ -18,14 +16,6 @@ def other_ends(task: Task) -> tuple[str, ...]:
 
     Sensors are left out.
     """
-    model = task.robot.model
     own = arm_links(task)
-    driven = set((np.flatnonzero(driven_joints(task)) + 1).tolist())
     ends = [task_links(body)[0] for body in arm_ends(task.robot.description)]
-    return tuple(
-        end
-        for end in ends
-        if end not in own
-        and not is_sensor(end)
-        and driven & set(model.supports[joint_of(task, end)].tolist())
-    )
+    return tuple(end for end in ends if end not in own and not is_sensor(end) and moves(task, end))

@@ -136,6 +136,20 @@ def test_a_plane_has_a_name(driver: Any, page: Path) -> None:
         assert driver.execute_script(asked, eight.tolist()) == words
 
 
+@pytest.mark.slow
+def test_paths_are_followed_in_step(driver: Any, page: Path) -> None:
+    """One path stays as it is. Several get the corners of all; points that repeat make no NaN."""
+    open_page(driver, page)
+    square = [[0, 0, 0], [0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]]
+    third = [[0, 0, 1], [3, 0, 1], [0, 0, 1]]
+    asked = "return inStep(arguments[0])"
+    assert driver.execute_script(asked, [square, None]) == [square, None]
+    one, other, still = driver.execute_script(asked, [square, third, None])
+    assert still is None and len(one) == len(other)
+    assert np.allclose(one, [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 0]])
+    assert np.allclose(other, [[x, 0, 1] for x in (0, 1.5, 3, 1.5, 0)])
+
+
 _ON_A_PHONE = """
 const box = (node) => node.getBoundingClientRect(), chart = box(document.getElementById("chart"));
 const menus = ["looks", "loops", "save"].map((name) => {

@@ -95,9 +95,10 @@ export function enclosing(points) {
   return outline.length > 4 ? (outline.length - 1) * step : 0;
 }
 
-// The same paths with corners at the same shares of their lengths, so that they are followed
-// together; null for a frame that holds still.
+// The same paths, null for a frame that holds still; of several, with corners at the same shares of
+// their lengths, so that they are followed together.
 export function inStep(paths) {
+  if (paths.filter(Boolean).length < 2) return paths;
   const shares = paths.map((path) => path && sharesOf(path));
   const all = [...new Set(shares.flatMap((own) => own || []))].sort((a, b) => a - b);
   const corners = all.filter((share, i) => !i || share - all[i - 1] > 1e-9);
@@ -107,12 +108,17 @@ export function inStep(paths) {
 // At which share of its length each point of a path is.
 function sharesOf(path) {
   const length = lengthOf(path);
-  return path.map((_, i) => lengthOf(path.slice(0, i + 1)) / length);
+  let passed = 0;
+  return path.map((p, i) => {
+    if (i) passed += gap(p, path[i - 1]);
+    return passed / length;
+  });
 }
 
 function pointOn(path, shares, share) {
   const i = Math.max(shares.findIndex((v) => v >= share) - 1, 0);
-  const part = Math.min((share - shares[i]) / (shares[i + 1] - shares[i]), 1);
+  const step = shares[i + 1] - shares[i]; // 0 between equal points
+  const part = step ? Math.min((share - shares[i]) / step, 1) : 0;
   return path[i].map((v, c) => v + part * (path[i + 1][c] - v));
 }
 
