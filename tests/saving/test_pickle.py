@@ -6,8 +6,10 @@ from __future__ import annotations
 import copy
 import multiprocessing
 import pickle
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,28 +81,29 @@ def test_paths_of_several_frames_pickle() -> None:
         np.testing.assert_allclose(again.twist(s), path.twist(s), atol=1e-9)
 
 
+def fresh(work: Callable[..., Any], *given: Any, **options: Any) -> Any:
+    """The result of a fresh process, which has none of the quick choices of this room's tests."""
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(work, *given, **options).result(timeout=300)
+
+
 @pytest.mark.slow
 def test_surveys_send_whole_results_from_another_process(task: rp.Task) -> None:
-    """Issue 56, item 8: a fresh process makes a study and an audit."""
+    """Issue 56, item 8: fresh processes make a study, the same in each, and an audit."""
     arm = rp.Robot.load("planar3r").task("tool", "xy")
     t = np.arange(0.0, 40.0, 0.01)
     q = Q0 + 0.2 * np.sin(2 * np.pi * t / 5.0)[:, None] + 0.002 * t[:, None] * [1, -2, 1]
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        study = pool.submit(rp.study, "planar3r", **FEW)
-        audit = pool.submit(rp.audit, (t, q), arm)
-        study, audit = (one.result(timeout=300) for one in (study, audit))
-    ours = rp.study("planar3r", **FEW)
-    assert study.summary() == ours.summary()
-    assert np.array_equal(study.rows[-1].motion.q, ours.rows[-1].motion.q)
-    assert audit.summary() == rp.audit((t, q), arm).summary()
+    study, again = (fresh(rp.study, "planar3r", **FEW) for _ in range(2))
+    assert study.summary() == again.summary()
+    assert np.array_equal(study.rows[-1].motion.q, again.rows[-1].motion.q)
+    assert fresh(rp.audit, (t, q), arm).summary() == rp.audit((t, q), arm).summary()
 
 
 @pytest.mark.slow
 def test_a_survey_sends_best_cells_from_another_process() -> None:
     """As above; the quick twin pickles a cell that was not searched for."""
     arm = rp.Robot.load("planar3r").task("tool", "xy")
-    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
-        best = pool.submit(rp.best_cell, arm, 0.1).result(timeout=300)
+    best = fresh(rp.best_cell, arm, 0.1)
     assert repr(best) == repr(rp.best_cell(arm, 0.1))
 
 
