@@ -148,6 +148,17 @@ class JointMotion:
         return self._first(self._speed_shares > TOO_FAST, -self._speed_shares)
 
     @property
+    def worst_overspeed(self) -> tuple[float, str, float] | None:
+        """Largest violation of a speed limit: (time in cycles, joint name, speed / limit), or None.
+
+        The joint is :attr:`fastest_joint`, and the ratio :attr:`speed_ratio`.
+        """
+        if not self.speed_ratio > TOO_FAST:
+            return None
+        row, _ = np.unravel_index(self._speed_shares.argmax(), self._speed_shares.shape)
+        return int(row) / self.steps, self.fastest_joint, self.speed_ratio
+
+    @property
     def _speed_shares(self) -> Array:
         """Ratio of speed to limit for each of the robot's joints: (T + 1, n); 0 without a limit."""
         return np.abs(self.qdot) / self.task.velocity_limit

@@ -200,8 +200,13 @@ def test_retiming_keeps_the_joint_path_and_the_limits(panda_design, path, q_pand
     motion = rp.follow(
         panda_design.inverse, path, q_panda, cycles=1, period=0.4, integrator=rp.LeafLock(2)
     )
-    assert motion.speed_ratio > 1.5
+    assert motion.speed_ratio > 1.5 and motion.worst_overspeed is not None
+    time, joint, ratio = motion.worst_overspeed
+    row = motion.qdot[round(time * motion.steps)]
+    at = motion.task.joint_names.index(joint)
+    assert abs(row[at]) / motion.task.velocity_limit[at] == ratio == motion.speed_ratio
     slow = motion.retimed()
+    assert slow.worst_overspeed is None
     assert np.array_equal(slow.q, motion.q) and slow.speed_ratio <= 1 + 1e-12
     assert slow.t[-1] > motion.t[-1] and (np.diff(slow.t) >= np.diff(motion.t) * (1 - 1e-12)).all()
     steps = np.abs(np.diff(slow.q, axis=0)) / np.diff(slow.t)[:, None]

@@ -252,10 +252,10 @@ OFF = (
             "Under the usual control, joint 2 leaves its range in cycle 7. ",
         ),
         (
-            {"limit_violation": (7, "joint 2"), "collision": HIT, "speed_ratio": 2.1},
+            {"limit_violation": (7, "joint 2"), "collision": HIT, "overspeed": (9, "joint 4", 2.1)},
             {},
             "Under the usual control, link 5 and link 7 collide in cycle 3, and joint 2 leaves its "
-            "range in cycle 7, and a joint reaches 2.1 times its speed limit. ",
+            "range in cycle 7, and joint 4 reaches 2.1 times its speed limit in cycle 9. ",
         ),
         (
             {"limit_violation": (1, "joint 2")},

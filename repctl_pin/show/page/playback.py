@@ -455,6 +455,8 @@ def _summary(
     alone = len(played) == 1
     summaries = [motion_summary(track.label, one, moved, bodies=alone) for one in played]
     violations = [summary.limit_violation for summary in summaries if summary.limit_violation]
+    timed = summaries if track.t is not None else []
+    overspeeds = [summary.overspeed for summary in timed if summary.overspeed]
     loss = track.motion.path_loss if isinstance(track.motion, Motion) else None
     worst = replace(
         summaries[0],
@@ -464,7 +466,7 @@ def _summary(
         mean_speed=float(np.linalg.norm([summary.mean_speed for summary in summaries])),
         path_loss=None if loss is None else (cycle_of(loss[0], track.cycles), *loss[1:]),
         limit_violation=min(violations, default=None),
-        speed_ratio=0.0 if track.t is None else max(summary.speed_ratio for summary in summaries),
+        overspeed=max(overspeeds, key=lambda one: one[2], default=None),
         joint_displacement=max(summary.joint_displacement for summary in summaries),
     )
     return with_outlook(worst, played)

@@ -19,7 +19,6 @@ from dataclasses import replace
 from ...model.bodies import bodies_of
 from ...model.several_frames import SeveralFrames
 from ...motion import Motion
-from ...motion.joint_motion import TOO_FAST
 from ...studies.study_notes import violation_texts
 from ...studies.study_result import Row, Study
 from .coloured_text import COLUMNS, Span, fitted, noted, wrapped
@@ -218,8 +217,8 @@ def _limits(summary: MotionSummary) -> Span:
     """
     if summary.limit_violation:
         return Span(f"cycle {summary.limit_violation[0]}!", "bad")
-    if summary.speed_ratio > TOO_FAST:
-        return Span(f"speed × {summary.speed_ratio:.2g}!", "bad")
+    if summary.overspeed:
+        return Span(f"speed × {summary.overspeed[2]:.2g}!", "bad")
     return Span("kept")
 
 

@@ -19,7 +19,6 @@ from dataclasses import dataclass
 
 from ...model.end_effectors import words as link_words
 from ...motion.follow import UNRESOLVED
-from ...motion.joint_motion import TOO_FAST
 from ...motion.motion import ON_PATH
 from ...paths.winding import winding_words
 from ...studies.study_result import Row, Study
@@ -175,10 +174,10 @@ def headline_of(
         Number of frames that the task controls.
     """
     times, after = counted(cycles, "cycle"), ""
-    whose = _EITHER.get(len(summaries), " under every control")
+    by_all = _EITHER.get(len(summaries), " under every control")
     if stopped and len(summaries) == 1:
-        whose = f" under {_alone(summaries[0])}"
-    broken, lost = _violated(summaries, whose), _lost(summaries, times)
+        by_all = f" under {_alone(summaries[0])}"
+    broken, lost = _violated(summaries, by_all), _lost(summaries, times)
     said = [*broken, *_winds(summaries), *(Span(f"{text} ", "bad") for text in stopped)]
     if not summaries:
         return Headline(tuple(said), ())
@@ -193,7 +192,7 @@ def headline_of(
     elif lost:
         after = f"After {times} "
     else:
-        said.append(Span(f"After {times} {hands_are(hands)} back{whose}. "))
+        said.append(Span(f"After {times} {hands_are(hands)} back{by_all}. "))
     if all(one.back and not one.turned for one in summaries):
         every = f"every part of the {'arm' if hands == 1 else 'arms'}"
         also = f"{after}{every} is back: " if after else f"So is {every}: "
@@ -204,12 +203,13 @@ def headline_of(
     return Headline((*said, *_ends(summaries)), notes, _ABOUT_DRIFT)
 
 
-def _violated(summaries: Sequence[MotionSummary], whose: str) -> list[Span]:
+def _violated(summaries: Sequence[MotionSummary], by_all: str) -> list[Span]:
     """State which limits are exceeded and which links collide, and in which cycle.
 
-    Controllers with equal violations share a sentence; ``whose`` names all of them, such as " under
-    either control". If the last of several motions collides, the one that a user would run, its
-    sentence asks for another start or path. The list is empty if there is no violation.
+    Controllers with equal violations share a sentence. ``by_all`` is the text that names all
+    controllers, such as " under either control". If the last of several motions collides, the one
+    that a user would run, its sentence asks for another start or path. The list is empty if there
+    is no violation.
     """
     found: dict[str, list[MotionSummary]] = {}
     for one in summaries:
@@ -218,7 +218,7 @@ def _violated(summaries: Sequence[MotionSummary], whose: str) -> list[Span]:
     said = []
     for words, those in found.items():
         names = " and ".join(under(one.label) for one in those)
-        by = whose.strip() if len(those) == len(summaries) else f"under {names}"
+        by = by_all.strip() if len(those) == len(summaries) else f"under {names}"
         runs = len(summaries) > 1 and those[-1] is summaries[-1]
         remedy = "; give another start or path" if runs and summaries[-1].collision else ""
         said.append(f"{capital(by or 'in this motion')}, {words}{remedy}. ")
@@ -236,10 +236,11 @@ def _violations(one: MotionSummary) -> str:
     if one.collision:
         cycle, links = one.collision
         found.append((cycle, f"{' and '.join(links)} collide in cycle {cycle}"))
-    said = [words for _, words in sorted(found)]
-    if one.speed_ratio > TOO_FAST:
-        said.append(f"a joint reaches {one.speed_ratio:.2g} times its speed limit")
-    return ", and ".join(said)
+    if one.overspeed:
+        cycle, joint, ratio = one.overspeed
+        times = f"{ratio:.2g} times its speed limit"
+        found.append((cycle, f"{joint} reaches {times} in cycle {cycle}"))
+    return ", and ".join(words for _, words in sorted(found))
 
 
 def _whole(text: str) -> str:
@@ -481,7 +482,7 @@ def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
     A violation in ``cycles`` cycles is left to the sentence.
     """
-    broken = any(one.limit_violation or one.speed_ratio > TOO_FAST for one in summaries)
+    broken = any(one.limit_violation or one.overspeed for one in summaries)
     later = _outlook(summaries, cycles)
     times = "this cycle" if cycles == 1 else f"these {cycles} cycles"
     kept = f"Joint limits are kept{f' in {times}' if later else ''}."

@@ -55,8 +55,9 @@ class MotionSummary:
         Minimum distance between bodies, m; None without bodies.
     collision : (int, (str, str)) or None
         The cycle in which two bodies first collide, and their two links.
-    speed_ratio : float
-        Maximum ratio of a joint's speed to its limit; above 1 the limit is violated.
+    overspeed : (int, str, float) or None
+        The largest violation of a speed limit: its cycle, the joint, and the ratio of its speed to
+        the limit; None if no speed limit is violated.
     joint_displacement : (float, str)
         Maximum displacement of a revolute joint at the end, rad, and that joint; 0 if the motion is
         closed.
@@ -95,7 +96,7 @@ class MotionSummary:
     limit_violation: tuple[int, str] | None = None
     body_distance: float | None = None
     collision: tuple[int, tuple[str, str]] | None = None
-    speed_ratio: float = 0.0
+    overspeed: tuple[int, str, float] | None = None
     joint_displacement: tuple[float, str] = (0.0, "")
     path_loss: tuple[int, float, float] | None = None
     size: float = 1.0
@@ -142,7 +143,7 @@ def motion_summary(
     task, closes = motion.task, motion.closes
     (link, off), first, last = moved, motion.q[0], motion.q[-1]
     hand = task.error(last, task.placements(first))[task.kind.linear]
-    violation = motion.first_violation
+    violation, over = motion.first_violation, motion.worst_overspeed
     loss = motion.path_loss if isinstance(motion, Motion) else None
     turned = np.abs(motion.q[-1] - motion.q[0]) * task.revolute * (not closes)  # (n,)
     body_distance, collision = (
@@ -156,7 +157,7 @@ def motion_summary(
         None if violation is None else (motion.broken_cycle, violation[1]),
         body_distance if np.isfinite(body_distance) else None,
         None if collision is None else (cycle_of(collision[0], motion.cycles), collision[1]),
-        motion.speed_ratio,
+        None if over is None else (cycle_of(over[0], motion.cycles), *over[1:]),
         (float(turned.max()), task.joint_names[int(turned.argmax())]),
         None if loss is None else (cycle_of(loss[0], motion.cycles), *loss[1:]),
         arm_length(task, first) or 1.0,
