@@ -326,15 +326,20 @@ def test_a_loop_beyond_f_is_told_the_range_that_ends_it(page: Path, driver: Any)
     cell = rp.load_cell(page.with_name("cell.json")).cell
     assert isinstance(cell, rp.Sector)
     (low, high), floor = cell.radii([cell.middle[1]])[0], cell.axis[0] @ cell.directions[2]
+    # both sides lean outward, and the loop is farthest out above where it leaves F
+    rise, lean = 0.06, 0.3
+    low, high = low + lean * rise, high + lean * rise
     driver.set_script_timeout(90)
     told = driver.execute_async_script(
-        "const [radius, height, done] = arguments, { own } = repctl;"
-        "const { origin, axes } = own.laws.at(-1).parts[0].sector;"
-        "const at = (r) => origin.map((v, i) => v + r * axes[0][i] + height * axes[2][i]);"
-        "own.grab(0, 7, null, 0); own.lead.queue.push(at(radius), at(radius + 0.4));"
+        "const [radius, height, rise, lean, done] = arguments, { own } = repctl;"
+        "const { sector } = own.laws.at(-1).parts[0], { origin, axes } = sector;"
+        "sector.bend = [0, lean];"
+        "const at = (r, z) => origin.map((v, i) => v + r * axes[0][i] + z * axes[2][i]);"
+        "own.grab(0, 7, null, 0);"
+        "own.lead.queue.push(at(radius, height), at(radius + 0.4, height + rise));"
         "own.processQueue(); own.release().then(() =>"
         " done(document.getElementById('verdict').textContent))",
-        *(float((low + high) / 2), float(cell.middle[1])),
+        *(float((low + high) / 2), float(cell.middle[1]), rise, lean),
     )
     found = re.match(
         r"F ends after the first .* of your loop, at the red ball: it covers radius (.*) to (.*) m "
@@ -343,7 +348,7 @@ def test_a_loop_beyond_f_is_told_the_range_that_ends_it(page: Path, driver: Any)
     )
     assert found, told
     inner, outer, height, goes = (float(v.replace("−", "-")) for v in found.groups())
-    assert height == pytest.approx(floor + cell.middle[1], abs=0.006)
+    assert height == pytest.approx(floor + cell.middle[1] + rise, abs=0.006)
     assert [inner, outer] == pytest.approx([low, high], abs=0.011)
     assert low <= inner + 1e-3 and outer <= high + 1e-3
     assert goes == pytest.approx((low + high) / 2 + 0.4, abs=0.006)

@@ -1052,6 +1052,12 @@ def test_each_hand_keeps_its_loop(driver: Any, two_hands: Path, tmp_path: Path) 
     assert "your loops of the left hand, " in title and "; of the right hand, " in title
     paths = [np.array(path) for path in driver.execute_script("return repctl.own.paths()")]
     assert len(paths[0]) == len(paths[1])  # in step, each with the corners of its own
+    # a press on a ring draws nothing, and takes nothing away
+    driver.execute_script("repctl.own.grab(0, 7, null, 0); repctl.own.release()")
+    wait_until_computed(driver)
+    assert driver.find_element("id", "title").text == title
+    again = driver.execute_script("return repctl.own.paths()")
+    assert all(np.array_equal(x, y) for x, y in zip(paths, again, strict=True))
     for points, path in zip((first, driver.execute_script("return repctl.own.points")), paths,
                             strict=True):  # fmt: skip
         assert all(np.linalg.norm(path - p, axis=1).min() < 1e-9 for p in np.array(points))
@@ -1460,7 +1466,7 @@ def test_a_loop_that_was_altered_is_said_to_be_another(driver: Any, page: Path) 
         "own.release().then(() => { delete own.walk; })"
     )
     told = said(driver)
-    assert told.startswith("The arm cannot follow your loop beyond its first "), told
+    assert told.startswith("The arm cannot follow all of your loop. After its first "), told
     assert " long, leads there and back. Collisions" in told
     assert ": the solid line, " in driver.find_element("id", "title").text
     assert driver.find_element("id", "lines").is_displayed()
@@ -1490,8 +1496,9 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     told = said(driver)
     assert lines.is_displayed() and lines.text.split("\n") == ["way taken", "not followed"]
     found = re.fullmatch(
-        r"The arm cannot follow your loop beyond its first \d[\d.]*.c?m, at the red ball: (.*)\. "
-        r"The solid line, \d[\d.]*.c?m long, leaves out what lies beyond\. "
+        r"The arm cannot follow all of your loop\. "
+        r"After its first \d[\d.]*.c?m, at the red ball, (.*)\. "
+        r"The solid line, \d[\d.]*.c?m long, leaves out what it cannot follow\. "
         r"Collisions not checked\.",
         told,
     )
@@ -1626,7 +1633,7 @@ def test_a_loop_that_was_not_followed_at_all_has_no_bars(driver: Any, page: Path
         "own.grab(0, 7, null, 0); own.lead.queue.push([x + 9, y, z]);"
         "own.processQueue(); own.release();"
     )
-    assert said(driver).startswith("The arm cannot follow your loop beyond its first ")
+    assert said(driver).startswith("The arm cannot follow all of your loop. After its first ")
     assert " long, leads there and back." in said(driver)
     read = "return [...document.querySelectorAll('.reading b')].map((one) => one.textContent)"
     assert driver.execute_script(read) == 2 * ["–"]
@@ -1671,7 +1678,8 @@ def test_a_stroke_of_the_address_that_the_arm_can_follow_is_no_failure(
         found[name] = said(driver), driver.execute_script("return repctl.own.scene.failure")
     assert found["none"][0].startswith("After 10 cycles of your loop the hand is back."), found
     assert found["none"][1] is None
-    start = r"The arm cannot follow your loop beyond its first \d[\d.]*.c?m, at the red ball: "
+    after = r"After its first \d[\d.]*.c?m, at the red ball, "
+    start = rf"The arm cannot follow all of your loop\. {after}"
     assert re.match(start, found["one"][0]) and found["one"][1], found
     # whom it stops: both, for one reason or for two, or the function of a cell alone
     named = driver.execute_script(
@@ -1680,7 +1688,7 @@ def test_a_stroke_of_the_address_that_the_arm_can_follow_is_no_failure(
         "  return { refusal: 'blocked', trail: [] }; };"
         "for (own.refuse of [['', 'blocked'], ['blocked', 'blocked'], ['blocked', 'other']]) {"
         "  const stop = own.stopOf(own.points, own.missed[0]).next().value;"
-        "  words.push(failureWords(own.chain, own.arms, stop)[0][0].split('red ball: ')[1]);"
+        "  words.push(failureWords(own.chain, own.arms, stop)[0][0].split('red ball, ')[1]);"
         "} delete own.walk; return words;"
     )
     assert named == [

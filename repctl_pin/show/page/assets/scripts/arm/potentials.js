@@ -51,15 +51,27 @@ export class CellPotentials {
     return found;
   }
 
+  // The coordinates of which F has a range: [i, middle, half-width, tolerance] of each.
+  ranges() {
+    const { moved, widths, offset, bounds, removed } = this;
+    const ranges = moved.map((i, j) => [i, offset[j], bounds[j] * widths[j], 1e-6 * widths[j]]);
+    for (const { i, most } of removed) if (most !== null) ranges.push([i, 0, most, 1e-6]);
+    return ranges;
+  }
+
+  // The height for which a range of the radius holds, m; null for other coordinates.
+  heightOf(i, y) {
+    const { sector } = this;
+    return sector && i === RADIUS && sector.half ? this.length(HEIGHT, y, y[HEIGHT][0]) : null;
+  }
+
   // The coordinate by which the frame stands where F has no value: {i, name, low, high, at}, its
   // range there and its value, m or, if it is an `angle`, rad; with the `height` for which a range
   // of radius is. Null where F has one.
   beyond(frame) {
-    const { moved, widths, offset, bounds, removed, sector } = this;
+    const { sector } = this;
     const y = this.measure(frame);
-    const ranges = moved.map((i, j) => [i, offset[j], bounds[j] * widths[j], 1e-6 * widths[j]]);
-    for (const { i, most } of removed) if (most !== null) ranges.push([i, 0, most, 1e-6]);
-    const out = ranges.filter(
+    const out = this.ranges().filter(
       ([i, middle, half, more]) => Math.abs(y[i][0] - middle) > half + more,
     );
     if (!out.length) return null;
@@ -67,8 +79,7 @@ export class CellPotentials {
     const [i, middle, half] = out.find(([one]) => one !== RADIUS) || out[0];
     const scaled = (v) => this.length(i, y, v);
     const [low, high, at] = [middle - half, middle + half, y[i][0]].map(scaled);
-    const height =
-      sector && i === RADIUS && sector.half ? this.length(HEIGHT, y, y[HEIGHT][0]) : null;
+    const height = this.heightOf(i, y);
     const name = (sector ? IN_SECTOR : IN_BOX)[i];
     return {
       i,
@@ -82,13 +93,16 @@ export class CellPotentials {
   }
 
   // The point of these at which coordinate i is farthest up or down, in the range that F has there:
-  // its value as beyond() gives it, and its height.
+  // this range, its value and its height, as beyond() gives them.
   farthest(i, points, up) {
     const R = [1, 0, 0, 0, 1, 0, 0, 0, 1];
     const all = points.map((p) => this.measure({ p, R }));
     const y = all.reduce((a, b) => (up === b[i][0] > a[i][0] ? b : a));
-    const height = this.sector && this.length(HEIGHT, y, y[HEIGHT][0]);
-    return { value: this.length(i, y, y[i][0]), height };
+    const [, middle, half] = this.ranges().find(([one]) => one === i);
+    const [low, high, at] = [middle - half, middle + half, y[i][0]].map((v) =>
+      this.length(i, y, v),
+    );
+    return { low, high, at, height: this.heightOf(i, y) };
   }
 
   // A value of coordinate i where the others are y: from the axis, the base or the middle.

@@ -55,7 +55,7 @@ const HEAD_FOOT = 8; // px to leave free under the notes in the page's head
 const SLICE = 25; // ms of computing between two pictures, once the hand is let go
 const LEAST_STROKE = 0.01; // of the arm, from which a stroke counts
 const JUMP = 0.5; // rad or m in one step, from which an arm does not follow
-const OUT_OF_REACH = "that is out of reach";
+const OUT_OF_REACH = "the place is out of reach";
 const LEAF_ENDS = "the arm comes near where the control fails";
 
 export class Own {
@@ -424,6 +424,14 @@ export class Own {
     const { chain } = this;
     const home = chain.homes[f];
     const { rows } = chain.frames[f];
+    if (!this.lead)
+      this.earlier = this.points && {
+        points: this.points,
+        missed: this.missed,
+        led: this.led,
+        others: [...this.others],
+        shown: this.shown,
+      };
     const missing = [0, 1, 2].filter((row) => !rows.includes(row));
     // the hand that was led keeps its loop, if it could follow it
     if (f !== this.led && !this.mirrored && !this.missed.length)
@@ -804,7 +812,8 @@ export class Own {
     const home = chain.homes[this.led];
     const open = lead.trail;
     if (Math.max(...open.map((p) => gap(p, home))) < LEAST_STROKE * chain.size) {
-      this.leave([["That was no loop yet: drag the ring around, and let go."]]);
+      if (this.earlier) yield* this.again();
+      else this.leave([["That was no loop yet: drag the ring around, and let go."]]);
       return;
     }
     const from = { hand: lead.hand, qs: lead.qs.slice(), worst: lead.worst };
@@ -816,6 +825,14 @@ export class Own {
       .map(thinned);
     yield* this.following(kept([...open, ...back, home], home), 1, missed);
     this.keepBest();
+  }
+
+  // Follow the loops of before a press that drew none.
+  *again() {
+    const { points, missed, led, others, shown } = this.earlier;
+    Object.assign(this, { led, others });
+    this.chain.led = led;
+    yield* this.following(points, shown, missed);
   }
 
   // Put the hand down: nothing of the gesture is left.
@@ -896,7 +913,8 @@ export class Own {
     return { after: lengthOf([loop[0], ...trail]), reasons, edge, goes: this.goesTo(edge, stroke) };
   }
 
-  // How far a stroke goes in the coordinate of an edge of F; null if that is no position.
+  // How far a stroke goes in the coordinate of an edge of F, and the range of F there; null if that
+  // is no position.
   goesTo(edge, stroke) {
     const chart = edge && edge.i < 3 && this.laws.at(-1).parts[0];
     return chart ? chart.farthest(edge.i, stroke, edge.at > edge.high) : null;
@@ -910,7 +928,7 @@ export class Own {
     this.shown = cycles;
     this.scene.part = part;
     pointAt(arms, this.isOf(part));
-    notes.push(...this.loopNotes());
+    notes.push(...this.loopNotes(cycles));
     const far = this.elbowOff();
     const moved = far > 1e-4 ? `, ${this.part} moved by ${formatLength(far)}` : "";
     const title = points ? `${shape.whose}${this.sizeWords()}${moved}` : `the study’s path${moved}`;
@@ -975,23 +993,26 @@ export class Own {
     ];
   }
 
-  // What is said of a loop beside its motion: whether it was proved to close, and how far the usual
-  // arm drifts in all cycles of it and of the best one.
-  loopNotes() {
-    const { best, points } = this;
+  // What is said of a loop beside its motion: whether it was proved to close; and after all cycles,
+  // how far the usual arm has drifted, and after those of the best loop.
+  loopNotes(cycles) {
+    const { best, points, result } = this;
     const { proved, size } = this.chain;
     const far = formatLength(proved || 0);
+    const limits = result.runs.some(({ data }) => data.broken);
+    const aside = limits ? " The proof does not consider limits." : "";
     const words = [];
     if (proved && points && !this.elbowAt && !this.keeping().length)
       words.push(
         this.beyond(points)
           ? [
               ` Proved: after every loop that stays within ${far} of the start, the repeatable ` +
-                "arm is back exactly. This loop goes farther, so it was computed, step by step.",
+                `arm is back exactly.${aside} This loop goes farther, so it was computed, step ` +
+                "by step.",
             ]
-          : [` Proved: after this loop, the repeatable arm is back exactly.`, "good"],
+          : [` Proved: after this loop, the repeatable arm is back exactly.${aside}`, "good"],
       );
-    if (best && points) {
+    if (best && points && cycles === this.result.cycles) {
       const long = formatLength(LEAST_LENGTH * size);
       const off = this.usualOff();
       const other = off !== null && Math.abs(off - best.off) > 1e-6; // another loop or start

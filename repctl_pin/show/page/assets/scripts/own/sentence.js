@@ -57,22 +57,24 @@ export function failureWords(chain, arms, { after, reasons }) {
   const alike = each.every(([reason]) => reason === first);
   const either = each.length > 1 ? " under either control" : "";
   const listed = each.map(([reason, under]) => `${reason} under ${under}`).join(", ");
-  const words = `The ${armWord(chain)} cannot follow your loop beyond its first ${far}`;
-  return [[`${words}, at the red ball: ${alike ? `${first}${either}` : listed}.`, "bad"]];
+  const words = `The ${armWord(chain)} cannot follow all of your loop. After its first ${far}`;
+  return [[`${words}, at the red ball, ${alike ? `${first}${either}` : listed}.`, "bad"]];
 }
 
-// The same on the page of a cell, where F alone ends, by its edge or at a limit.
+// The same on the page of a cell, where F alone ends, by its edge or at a limit. The range is that
+// at the place where the loop goes farthest.
 export function edgeWords({ after, reasons, edge, goes }) {
-  const why = reasons.at(-1).replace(/^F covers/, "it covers");
+  const range = goes ? coverWords({ ...edge, ...goes }) : reasons.at(-1);
+  const why = range.replace(/^F covers/, "it covers");
   const far = unbroken(formatLength(after));
-  const asked = edge ? goesWords(edge, goes) : "";
+  const asked = goes ? goesWords({ ...edge, ...goes }) : "";
   return [[`F ends after the first ${far} of your loop, at the red ball: ${why}${asked}.`, "bad"]];
 }
 
 // What the solid line of such a loop is, this long, m. It encloses nothing if the way home was
 // blocked, too.
 export function lineWords(length, { encloses }) {
-  const how = encloses ? "leaves out what lies beyond" : "leads there and back";
+  const how = encloses ? "leaves out what it cannot follow" : "leads there and back";
   return [` The solid line, ${unbroken(formatLength(length))} long, ${how}.`];
 }
 
@@ -84,16 +86,11 @@ export function coverWords({ name, low, high, angle, height }) {
   return `F covers ${name} ${from} to\u00a0${to}${unit}${at}`;
 }
 
-// How far a loop goes beyond that range, where its number differs from the range's; and at which
-// height, if a range of radius is for another.
-function goesWords({ low, high, angle, at, height }, goes) {
-  if (!goes) return "";
-  const value = decimals(goes.value, angle);
+// How far a loop goes beyond that range, where its number differs from the range's.
+function goesWords({ low, high, angle, at }) {
+  const value = decimals(at, angle);
   const end = at > high ? inward(high, angle, -1) : inward(low, angle, 1);
-  const there = height !== null && decimals(goes.height) !== decimals(height);
-  if (value === end && !there) return "";
-  const where = there ? ` at height\u00a0${decimals(goes.height)}\u00a0m` : "";
-  return `, your loop goes to ${value}${angle ? "°" : "\u00a0m"}${where}`;
+  return value === end ? "" : `, your loop goes to ${value}${angle ? "°" : "\u00a0m"}`;
 }
 
 // An end of a range, rounded into it: whole degrees or centimetres.
