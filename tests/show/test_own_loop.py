@@ -1498,7 +1498,7 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     found = re.fullmatch(
         r"The arm cannot follow all of your loop\. "
         r"After its first \d[\d.]*.c?m, at the red ball, (.*)\. "
-        r"The solid line, \d[\d.]*.c?m long, leaves out what it cannot follow\. "
+        r"The solid line, \d[\d.]*.c?m long, leaves that part out\. "
         r"Collisions not checked\.",
         told,
     )

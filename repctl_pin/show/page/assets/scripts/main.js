@@ -110,6 +110,8 @@ async function main() {
   }
   const { arms, marks, paths, line, drawnTraces, extent, eye, points, near, panes } =
     await setStage(viewer, scene);
+  // labels have no places until the first picture, which waits for the loop of an address
+  panes.hide(true);
   const study = { ...scene, last: scene.arms[0].drift.length };
 
   const compare = () => {
@@ -358,6 +360,7 @@ async function main() {
     setTimeout(() => {
       byId("notice").hidden = true;
     }, 12000);
+  panes.hide(false);
   viewer.render();
   api.ready = true;
   if (

@@ -37,6 +37,11 @@ export class Panes {
     viewer.set_3d_pane_size = () => {};
   }
 
+  // Hide all panes, with what is written in them, or show them.
+  hide(on) {
+    for (const frame of this.frames) frame.classList.toggle("opening", on);
+  }
+
   // Stack a few panes in portrait; else give the stage as many columns as make their pictures
   // largest.
   layout() {

@@ -74,7 +74,7 @@ export function edgeWords({ after, reasons, edge, goes }) {
 // What the solid line of such a loop is, this long, m. It encloses nothing if the way home was
 // blocked, too.
 export function lineWords(length, { encloses }) {
-  const how = encloses ? "leaves out what it cannot follow" : "leads there and back";
+  const how = encloses ? "leaves that part out" : "leads there and back";
   return [` The solid line, ${unbroken(formatLength(length))} long, ${how}.`];
 }
 
