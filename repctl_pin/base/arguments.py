@@ -1,7 +1,7 @@
 """Argument validation: convert the value, or raise a one-line InputError.
 
-The error names the argument and the remedy. ``name`` is the argument's name in the message, and
-``each`` or ``what`` describes the required value there; ``unit`` is that of the value. Each
+The error names the argument and the remedy. In its message, ``name`` is the argument's name,
+``each`` or ``what`` describes the required value, and ``unit`` is the unit of the value. Each
 function returns the checked or converted value.
 """
 
@@ -207,11 +207,12 @@ def as_matrices(
 ) -> list[Array]:
     """Convert stacks of matrices to float arrays, and check that their sizes match.
 
-    Each stack is given as (name, array, axes). ``axes`` are the sizes of the array's last axes, as
-    in ``("J", J, "m n"), ("V", V, "n r")``: each is a number, or a letter that stands for the same
-    size in all arrays. Only the sizes ``r`` and ``K`` can be 0. All axes before these must
-    broadcast; with ``exact``, there must be none. Without ``finite``, NaN and infinity are
-    accepted.
+    Each stack is given as (name, array, axes), such as ``("J", J, "m n"), ("V", V, "n r")``.
+    ``axes`` has the required sizes of the array's last axes. A size is a number, or a letter that
+    stands for the same size in all arrays. Only the sizes ``r`` and ``K`` can be 0. The axes before
+    the last ones must broadcast between the arrays; with ``exact``, there must be none. Without
+    ``finite``, NaN and infinity are accepted. The arrays are returned in the given order; an array
+    of doubles is not copied.
     """
     sizes: dict[str, int] = {}
     arrays = []
@@ -236,9 +237,9 @@ def as_matrices(
 
 
 def _known(letters: Sequence[str], sizes: Mapping[str, int]) -> str:
-    """Format the sizes of axes that earlier arrays fixed, as ``n = 7``; empty if there are none.
+    """Format the known sizes of an array's axes, as ``n = 7``; empty if none is known.
 
-    ``letters`` name the axes of one array, as in (K, n). ``sizes`` has the fixed ones by letter.
+    ``letters`` name the axes of the array, as in (K, n). ``sizes`` has the known sizes by letter.
     """
     return ", ".join(f"{x} = {sizes[x]}" for x in letters if x in sizes)
 
@@ -329,7 +330,8 @@ def list_of_names(values: Any, name: str, what: str) -> tuple[str, ...]:
 def freeze(made: object, /, **values: Any) -> None:
     """Set the attributes ``values`` of a frozen dataclass object; arrays become read-only views.
 
-    ``made`` is the object; its ``__post_init__`` calls this. The caller's own arrays stay writable.
+    The ``__post_init__`` of the object ``made`` calls this function, because a frozen object allows
+    no ordinary assignment. The caller's own arrays stay writable.
     """
     for name, value in values.items():
         kept = unwritable(value) if isinstance(value, np.ndarray) else value

@@ -48,16 +48,18 @@ _SAME_ANGLE = 1e-7
 class ClosingRadius:
     """Distance from a start pose, or from a path, within which motions on closed paths close.
 
-    A path closes if its motion ends in the configuration it began in. If all poses of a closed path
-    are within :attr:`metres` **and** :attr:`radians` of the start pose, the path closes, however
-    long it is. The arm must reach the path from the start pose along a straight line. The motion
-    then stays in Ω, the region of joint space that was proved.
+    A path closes if its motion ends in the configuration it began in. A radius around a start is
+    for closed paths whose poses are all within :attr:`metres` **and** :attr:`radians` of the start
+    pose. Each such path closes, however long it is, and its motion stays in Ω, the region of joint
+    space that was proved. The condition is that the arm moves to the path from the start pose along
+    a straight line.
 
     A radius around a path is for closed paths whose pose at each moment is within both numbers of
-    the pose of this path at that moment. They close if the path itself closes. The latter is proved
-    if :attr:`checked` is 0; else it was checked at that many points by following the path. Where
-    the path crosses itself, paths that switch to the other branch are not covered. ``bool(radius)``
-    tells whether a radius of at least 1 mm is proved.
+    the pose of this path at that moment. They close if this path itself closes. If :attr:`checked`
+    is 0, this path is proved to close; else it was followed, and checked at that many points. Where
+    this path crosses itself, paths that switch to the other branch are not covered.
+
+    ``bool(radius)`` tells whether a radius of at least 1 mm is proved.
 
     Attributes
     ----------
@@ -274,7 +276,8 @@ class Proof:
         Bounds that were to be proved, the second in rad or m; None to find the largest bound that
         can be proved in the available time.
     theorem : int
-        Version of the theorem (:data:`_THEOREM`) by which the boxes were bounded.
+        Version of the theorem by which the boxes were bounded: "Proved, not sampled" in
+        docs/theory.md.
     excepted : tuple of str
         Joints left out of the limit margin, because they reach their limits. Such a limit ends the
         range of an angle of the cell that was given as ``"all"``.
@@ -479,7 +482,7 @@ def _describe(part: Any, pieces: list[str]) -> None:
 
 
 def _describe_numbers(numbers: list[Any], depth: int, pieces: list[str]) -> None:
-    """Append the texts of nested lists of floats, ``depth`` levels deep, to those to be hashed.
+    """Append to ``pieces`` the texts that describe nested lists of floats, ``depth`` levels deep.
 
     The texts are the numbers, as ``repr`` writes them, and brackets around each list.
     """
@@ -511,9 +514,9 @@ def length_below(value: float) -> str:
 def proved_words(proof: Proof | None) -> str:
     """State whether a leaf margin is proved, with its bound, or only found by a search.
 
-    The text is such as ``proved > 0.12`` or ``found, not proved``. Without a proof (None) or a
-    proved bound, it is only the smallest value among the samples of a search; a smaller one may
-    exist.
+    If the proof reached all that was requested, the text has the bound: ``proved > 0.12``.
+    Otherwise, or without a proof (None), it is ``found, not proved``: the design's leaf margin is
+    then the smallest that a search found, and a smaller one may exist.
     """
     return f"proved > {below(proof.leaf_margin)}" if proof else "found, not proved"
 

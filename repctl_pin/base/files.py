@@ -274,8 +274,8 @@ def _own_output(file: os.stat_result) -> int | None:
 def _target(path: str | Path) -> Path:
     """Resolve the file to write: the target of a symbolic link, else the path itself.
 
-    So the writer replaces the target, and not the link. A link to a pipe is not resolved, because
-    the pipe is in no folder.
+    So the writer replaces the target, and not the link. A link to an unnamed pipe, such as
+    ``/dev/stdout`` before ``| head``, stays as it is, because the pipe itself has no path.
 
     Raises
     ------

@@ -49,8 +49,8 @@ class Extension:
         Module that reads each kind of design file, by the ``format`` in the file; the module has a
         ``FileKind`` named ``KIND``.
     parts
-        Functions that the core calls, each as ``module:name``, by one of the names in
-        :func:`parts`.
+        Objects that the core uses, each given as ``module:name``, by their purpose. The purposes
+        are the values of ``place`` in :func:`parts`.
     """
 
     package: str
@@ -75,17 +75,18 @@ def all_extensions() -> tuple[Extension, ...]:
 
 
 def parts(place: str) -> list[Any]:
-    """Import what extensions add to the core under the name ``place``, such as notes of a study.
+    """Import the objects that extensions add to the core for one purpose, such as study notes.
 
-    The core calls the result at that point of its work, and imports no extension itself.
+    The core gets them here by the name of the purpose, because it imports no extension itself.
 
     Parameters
     ----------
     place
-        ``study_design``: functions (design, seconds spent, progress callback) → design;
-        ``study_notes``: functions design → notes, for the design of a study; ``cycle_time``:
-        functions motion → minimum duration of its first cycle, s, or None; ``problem``: pairs of a
-        design class and its function (design, start, path, plane) → problem, a start with a closed
+        Purpose. For ``study_design``, the objects are functions (design, seconds spent, progress
+        callback) → design. For ``study_notes``, they are functions from the design of a study to
+        its notes. For ``cycle_time``, they are functions from a motion to the minimum duration of
+        its first cycle, s, or None. For ``problem``, they are pairs of a design class and a
+        function (design, start, path, plane) → problem. Such a problem is a start with a closed
         path inside the design's region.
 
     Returns

@@ -55,8 +55,8 @@ class NewCells(NamedTuple):
     values : (K, w) array
         New numbers; rows that are not replaced are ignored.
     at : sequence of int
-        Indices of the w replaced numbers among those of a row of the column; (0,) for a column
-        with one number per row.
+        Indices of the w numbers to replace in each row, if the column has several numbers per row;
+        (0,) if it has one.
     rows : (K,) array of bool
         True where the row is replaced; the others keep their cells.
     """
@@ -390,7 +390,8 @@ class CsvTable(Table):
     def _loaded(self, places: Sequence[int]) -> Array | None:
         """Read columns of numbers (K, C) by NumPy, which is fast; None if NumPy cannot parse them.
 
-        ``places`` are the indices of the C columns. The caller then parses the cells one by one.
+        ``places`` are the indices of the C columns. If the result is None, the caller parses the
+        cells one by one.
         """
         text = io.TextIOWrapper(io.BytesIO(self._data), "utf-8-sig", newline="")
         kinds = [(f"c{i}", float if i in places else "U1") for i in range(len(self.names))]
@@ -647,7 +648,10 @@ def arrow_width(column: Any) -> int:
 
 
 def _flat(column: Any) -> Any:
-    """Join the chunks of a Parquet column to one Arrow array, of the items if they are lists."""
+    """Join the chunks of a Parquet column to one flat Arrow array.
+
+    If the cells of the column are lists, the array has the items of all lists in order.
+    """
     whole = column.combine_chunks()
     if _item(column.type) is None:
         return whole
@@ -657,8 +661,9 @@ def _flat(column: Any) -> Any:
 def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
     """Return the metadata of a Parquet file for its changed ``table``; None if there are none.
 
-    The library ``datasets`` stores a description of each column, its features, in the metadata, and
-    refuses a file whose features do not match the columns. ``old`` is the table before the change.
+    The library ``datasets`` stores a description of each column, its feature, in the metadata, and
+    refuses a file whose features do not match the columns. So the features of removed columns are
+    removed, and those of new columns are added. ``old`` is the table before the change.
     """
     metadata = old.schema.metadata
     if not metadata or b"huggingface" not in metadata or table.column_names == old.column_names:

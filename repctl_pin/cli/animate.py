@@ -93,9 +93,10 @@ def _drawn(
 ) -> _Shown:
     """Draw the motions ``tracks`` of one robot on a page.
 
-    ``more`` are options of the page: ``name``, its title, ``paths``, those to draw, and ``own``,
-    the data for a path of the visitor's. Return the HTML of the page, the task, the number of
-    cycles, and the drift after each cycle (cycles,), rad or m, by controller.
+    ``more`` are options of ``playback_page``: ``name`` is the display name of the path, ``paths``
+    are the paths to draw, and ``own`` has the numbers with which the page follows a path that its
+    visitor draws. Return the HTML of the page, the task, the number of cycles, and the drift after
+    each cycle (cycles,), rad or m, by controller.
     """
     from ..show.page.playback import playback_page, traced_chains
     from ..studies.quantities import KEYS

@@ -232,7 +232,7 @@ def _text(made: _Made) -> str:
 def _unproved(design: rp.Design) -> list[str]:
     """Make the note that a design is saved unproved: a list of one text, empty if it is proved.
 
-    Potentials of a high degree get the remedy of a lower one.
+    If the proof stopped early and the potentials have a degree above 2, the note proposes degree 2.
     """
     if design.proof:
         return []

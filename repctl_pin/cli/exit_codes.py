@@ -65,10 +65,11 @@ def _stopped_cleanly() -> Iterator[None]:
             raise _Stopped(number)
 
     def swallowed(what: Any) -> None:
-        """Send the signal again if its exception was dropped, as Python does in a finaliser.
+        """Send the signal again if Python dropped its exception.
 
-        Otherwise the signal would be lost. ``what`` is Python's report of the exception that it
-        dropped; a report of another exception goes to the previous hook.
+        Python drops an exception that is raised in a finaliser, such as ``__del__``, and the signal
+        would be lost. ``what`` is Python's report of the dropped exception. Reports of other
+        exceptions are passed to the hook that was installed before.
         """
         nonlocal coming
         if isinstance(what.exc_value, _Stopped):
@@ -131,7 +132,7 @@ def exit_code(run: Callable[[], int], arguments: list[str], *, debug: bool) -> i
 
 
 def _say(line: str, code: int) -> int:
-    """Print an error on stderr as one line, unless stderr is closed; return its exit code."""
+    """Print an error on stderr as one line, unless stderr is closed; return the given ``code``."""
     clear_line()
     try:
         say_line(f"repctl: {' '.join(line.split())}")

@@ -146,7 +146,7 @@ def run(options: Options) -> int:
 
 
 class _Followed(NamedTuple):
-    """Simulated motion along the path, and what belongs to it.
+    """Simulated motion along the path, the same motion with commanded velocities, and notes.
 
     ``commanded`` is the same motion with the joint velocities that a repeatable controller commands
     at each sample, instead of the mean velocities of the steps; for other controllers, it is
@@ -212,7 +212,7 @@ def _closing_radius(case: _Case, q0: Any) -> tuple[ClosingRadius | None, list[st
 def _timed(options: Options, motion: rp.Motion, say: Callable[[str], None]) -> rp.TimedMotion:
     """Time the motion from rest to rest.
 
-    Its limits are those of ``--acceleration``, ``--jerk`` and ``--tool-speed``.
+    The limits are given by ``--acceleration``, ``--jerk`` and ``--tool-speed``.
     """
     say("timing the motion")
     return rp.timed(
@@ -244,8 +244,8 @@ def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
     """Collect the figures of the motion ``rest``, timed from rest to rest.
 
     The keys are ``duration`` and ``cycle_time``, s, ``slowed_by`` (None), ``stops``, a number of
-    stops per cycle, and ``peak_speed``, the maximum norm of q̇, rad/s or m/s. They replace those of
-    the motion before it was timed, or are added.
+    stops per cycle, and ``peak_speed``, the maximum norm of q̇, rad/s or m/s. The caller writes them
+    over the figures of the motion before it was timed.
     """
     return {
         "duration": rest.duration,
@@ -545,8 +545,8 @@ def _drift_words(result: dict[str, Any], motion: rp.Motion) -> str:
 def _distance_words(result: dict[str, Any], motion: rp.Motion) -> str:
     """Format the minimum body distance, or the collision, with the two links.
 
-    They are ``result["body_distance"]``, m, negative in a collision, and the pair of names
-    ``result["nearest_bodies"]["links"]``.
+    The distance is ``result["body_distance"]``, m, negative in a collision. The links are the two
+    names in ``result["nearest_bodies"]["links"]``.
     """
     from ..motion.joint_motion import checked_words
 

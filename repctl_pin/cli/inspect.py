@@ -169,10 +169,10 @@ def _text(found: Mapping[str, Any]) -> str:
 
 
 def _chains(found: Mapping[str, Any]) -> list[str]:
-    """Format the joints of the longest kinematic chains, and r by task kind: two lines per chain.
+    """Format the joints of kinematic chains, and r by task kind: two lines per chain.
 
-    Chains with as many joints as that of the default frame are listed, each once. ``found`` has the
-    contents of the file by key, as in ``--json``.
+    The chains are those of the listed frames that have as many joints as the chain of the default
+    frame, each once. ``found`` has the contents of the file by key, as in ``--json``.
     """
     frames = found["frames"]
     lines: list[str] = []

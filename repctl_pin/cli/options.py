@@ -30,7 +30,7 @@ _WINDOW = "`repctl study ROBOT` writes a page for the browser, animation.html"
 
 
 class _Base(argparse.Action):
-    """Action that stores the link of --base or --on; only one of them may be given."""
+    """Action that stores the base link, given by --base or --on; both together are refused."""
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: Any, value: Any, option: str | None = None

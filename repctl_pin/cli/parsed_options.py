@@ -4,7 +4,7 @@ WHAT and ROBOT are the positional arguments of commands. A saved design is a .js
 design``, ``study`` or ``cell``. A problem is a task with a start, a closed path and a region. The
 region Ω is the part of joint space for which a design was made.
 
-``TaskFile`` is the stored robot and task of a design, by which a file is refused for another robot.
+``TaskFile`` is the stored robot and task of a design; the file is refused for any other robot.
 """
 
 from __future__ import annotations
@@ -109,8 +109,8 @@ class Options(argparse.Namespace):
     def problem_of(self, design: rp.Design | rp.CellDesign, **parts: Any) -> rp.Problem:
         """Make the problem of a saved design: its task and region, with a start and a path.
 
-        Start and path are those of the options or, if these are not given, of the design; ``parts``
-        (``start=``, ``path=``, ``plane=``) replace both.
+        Start and path are those of the options or, if these are not given, of the design.
+        ``parts`` (``start=``, ``path=``, ``plane=``) are used instead of the options.
         """
         from ..studies.of_design import problem_of
 

@@ -74,7 +74,7 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Run the study, write its figures, animation, motions and design, and print the answer.
 
-    Either all files are written, or none. Return the exit code.
+    Either all files are written, or none. Return the exit code 0.
     """
     folder = options.output_folder(Path(options.robot).stem)
     say = progress(options.quiet)

@@ -65,7 +65,7 @@ def clear_line() -> None:
 
 @contextmanager
 def until_stopped() -> Iterator[threading.Event]:
-    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set, for a command that runs until then.
+    """Yield an event that Ctrl-C, SIGTERM and SIGHUP set, for a command that runs until stopped.
 
     The earlier handlers are restored at the end of the block. Use it only in the main thread,
     because only that thread receives signals.

@@ -1,9 +1,9 @@
 """Sums over the nodes of a fit, in batches, within a bound of memory.
 
 A node is a configuration of the region at which the cost of a design is evaluated. A batch holds
-the matrices of some nodes, see :class:`.criterion.Batch`, from which their terms of a sum follow.
-Terms are always added in the order of the nodes, so that a sum is the same whether or not its
-batches are stored.
+the matrices of some nodes, from which the terms of a sum at these nodes are computed; see
+:class:`.criterion.Batch`. Terms are always added in the order of the nodes, so that a sum is the
+same whether or not its batches are stored.
 
 ``Builder`` is a function that makes a batch (the terms of the cost at some nodes) from
 configurations and their weights. ``Batches`` are the nodes (configurations with weights) of a fit,

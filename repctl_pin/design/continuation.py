@@ -5,8 +5,8 @@ spans the null space of J, and V are the gradients of the r potentials h. A basi
 potentials has gradients D, one column per potential; a candidate design has coefficients A, and V =
 D A. Its cost is the mean squared distance from the desired inverse G_d over the nodes, which are
 configurations in the region Ω. A candidate is regular if a search finds no algorithmic singularity
-in Ω. Independent potentials are those of the basis that remain without linearly dependent ones;
-their degrees rise.
+in Ω. The independent potentials are those that remain when linearly dependent ones are left out of
+the basis; they are in the order of rising degree.
 
 A descent evaluates det(Nᵀ V) at the nodes alone, and potentials of high degree vary between them.
 So Ω is searched for singularities after each descent. A configuration with det(Nᵀ V) = 0 is added
@@ -117,10 +117,10 @@ class Continuation:
     def regular(self) -> Iterator[Descent]:
         """Yield regular optima on the coarse nodes, the best first.
 
-        The first one uses all independent potentials, if such an optimum is regular. If the fit was
-        given the coefficients of a design of lower degree, the second and last one is that design.
-        Without it, the optima reached by raising the degree step by step follow, the highest degree
-        first.
+        The first optimum uses all independent potentials; it is left out if no regular one is
+        found. If the fit was given the coefficients of a design of lower degree, this design is the
+        next result, and the last. Otherwise, the optima found by raising the degree step by step
+        follow, the highest degree first.
         """
         whole = len(self.chosen.kept)
         warm = self.problem.warm
@@ -168,11 +168,12 @@ class Continuation:
     ) -> Descent | None:
         """Minimise the cost ``batches``, of some nodes, from coefficients A to a regular optimum.
 
-        After each descent, singular configurations that a search of Ω finds become barrier points,
-        and the descent is repeated from A. Return None if A itself is singular at one of them, if
-        the optimum is singular between the nodes, or after the last repetition. ``penalty`` is the
-        relative weight of the penalty that keeps V near the null space of J, and ``tolerance`` the
-        relative decrease of the cost that ends a descent.
+        After each descent, Ω is searched for configurations at which the optimum is singular. They
+        become barrier points, and the descent is repeated from A. Return None if A itself is
+        singular at one of these points, if det(Nᵀ V) of an optimum has both signs at the nodes, or
+        if six descents end in singular optima. ``penalty`` is the relative weight of the penalty
+        that keeps V near the null space of J, and ``tolerance`` the relative decrease of the cost
+        that ends a descent.
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         begin = self._start(len(A))
@@ -193,9 +194,9 @@ class Continuation:
     def refusal(self, Q: Array, error: SingularRegionError | None) -> SingularRegionError:
         """Make the error that no regular candidate was found.
 
-        The message names a configuration at which the initial design is singular or, if there is
-        none, that of the given ``error``. Without either, it says that the nodes Q (K, n) are too
-        few.
+        The message names a configuration at which the initial design is singular. If none is found,
+        the message names the configuration of the given ``error``. Without an ``error``, the
+        message says that the nodes Q (K, n) are too few.
         """
         begin = self._start(len(self.chosen.kept))
         measure = self.margin(begin.A)

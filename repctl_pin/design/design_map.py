@@ -115,9 +115,9 @@ def _grid(center: Array, joints: tuple[int, int], x: Array, y: Array) -> Array:
 def degree_curve(design: Design, report: Report = silent) -> tuple[tuple[int, float, float], ...]:
     """Return the cost for each degree of the polynomials, up to the degree of the design.
 
-    If the design was made with ``degree="auto"``, the degrees tried there are returned. Otherwise,
-    an inverse is designed for each lower degree, which takes long; ``report`` is the progress
-    callback. The curve shows whether a higher degree is worthwhile.
+    If the design was made with ``degree="auto"``, the result is its attribute ``degrees``.
+    Otherwise, an inverse is designed for each lower degree, which takes long; ``report`` is the
+    progress callback. The curve shows whether a higher degree is worthwhile.
 
     Returns
     -------

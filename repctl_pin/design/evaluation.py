@@ -205,8 +205,9 @@ def _replicate(
 ) -> _Replicate:
     """Average over one set of ``nodes`` (K, n) with ``weights`` (K,).
 
-    The values at each node, arrays (K,), are the leaf margin ``sigma``, ‖G_r − G_d‖_F² and
-    ‖G_d‖_F², ``gaps`` and ``norms``, and 1 where it is ``inside`` the joint limits, else 0.
+    The other arguments are arrays (K,), with one value per node. ``sigma`` is the leaf margin,
+    ``gaps`` is ‖G_r − G_d‖_F², and ``norms`` is ‖G_d‖_F². ``inside`` is 1 if the node is inside the
+    joint limits, else 0.
     """
     lowest = np.argsort(sigma)[:_CANDIDATES]
     cost, norm, share = (float(weights @ values) for values in (gaps, norms, inside))

@@ -96,7 +96,7 @@ def subject_of(task: Task, potentials: PotentialBasis, coefficients: Array, regi
 
 
 def _region_parts(region: object) -> tuple[Any, ...] | None:
-    """Return the kind and the numbers that define the shape of a region; None for other regions.
+    """Return the kind and the numbers that define the shape of a region; None if user-defined.
 
     A fingerprint hashes them. The density of a region has no effect on a proof, and is left out.
     """
@@ -111,9 +111,9 @@ def _region_parts(region: object) -> tuple[Any, ...] | None:
 
 
 def _basis_parts(potentials: PotentialBasis) -> tuple[Any, ...] | None:
-    """Return the kind and the numbers that define a basis of potentials; None for other bases.
+    """Return the kind and the numbers that define a basis of potentials; None if user-defined.
 
-    A fingerprint hashes them. Bases with user-defined functions cannot be compared.
+    A fingerprint hashes them. User-defined functions cannot be compared.
     """
     if isinstance(potentials, Polynomial):
         box = potentials.center, potentials.scale

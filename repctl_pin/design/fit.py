@@ -136,7 +136,7 @@ def _refined(
     the cost over all nodes and over barrier points; ``samples`` is the number of all nodes. A
     singularity that the evaluation finds becomes a barrier point, and the descent is repeated.
     Return the error of the singularity, instead of a design, if ``near`` is singular at that
-    configuration, too, or after the last repetition.
+    configuration, too, or if the fourth evaluation still finds a singularity.
     """
     refusal: SingularRegionError | None = None
     for _ in range(_ROUNDS):

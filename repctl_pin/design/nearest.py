@@ -200,10 +200,9 @@ def _shrinking(problem: FitProblem, shrink: bool) -> Design:
 def _check_margin(design: Design) -> None:
     """Raise an error if the leaf margin of a design is below 0.1.
 
-    It is the smallest that a search of Ω found, and 0.1 is also the minimum at which a region that
-    was shrunk is accepted. Closer to an algorithmic singularity a design is not usable: joint
-    speeds grow as 1 / leaf margin. The error proposes a smaller region with a sufficient margin, if
-    there is one.
+    The leaf margin is the smallest that a search of Ω found. Closer to an algorithmic singularity,
+    a design is not usable: joint speeds grow as 1 / leaf margin. A region that is shrunk must have
+    a leaf margin of at least 0.1, too. The error proposes such a smaller region, if there is one.
     """
     if design.leaf_margin < SHRUNK_MARGIN:
         task = design.inverse.task

@@ -267,10 +267,11 @@ def search(measure: _Measure, region: Region, Q: Array, values: Array | None = N
 def _corners(region: Region, Q: Array) -> Array:
     """Move configurations Q (K, n) along diagonals of joint space, clipped to Ω.
 
-    Half of the moves have twice the half-widths of Ω as lengths, which leads to the corners of a
-    box. For n ≤ 7 all corners are reached, else every combination of the first seven joints. The
-    other half have a tenth of the half-widths, along random diagonals, because a tube is narrow.
-    Return the results that lie in Ω, at most 256 rows.
+    A move changes each joint by the same multiple of its half-width in Ω, up or down. In half of
+    the moves the multiple is 2, which leads to a corner if Ω is a box. These moves lead to all
+    corners for n ≤ 7; for larger n, the directions of the first seven joints take all combinations,
+    and the others are random. In the other half, the multiple is 0.1, because a tube is narrow, and
+    all directions are random. Return the results that lie in Ω, at most 256 rows.
     """
     rng = np.random.default_rng(0)
     start = np.resize(Q, (_CORNERS, Q.shape[1]))

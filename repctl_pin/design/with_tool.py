@@ -108,12 +108,13 @@ def _proof(proof: Proof, tool: pin.SE3) -> Proof:
 
 
 def _closes(closes: ClosingRadius, tool: pin.SE3) -> ClosingRadius:
-    """Convert a closing radius of a frame to a smaller one of the tool, under the same proof.
+    """Convert the closing radius of a frame to that of the tool, under the same proof.
 
-    The tool has the offset t, m, from the frame. The radius is ρ metres and α radians for the
-    position p and rotation R of the frame, and λρ and λα for those of the tool, p' and R; p₀ is the
-    frame's position on the path. From ``p = p' − R t`` follows ``|p − p₀| ≤ λρ + 2 sin(λα/2) |t| ≤
-    λ (ρ + α|t|)``, which is ρ for ``λ = ρ / (ρ + α|t|)``.
+    The radius of the frame is ρ metres and α radians; that of the tool is λρ and λα, with
+    ``λ = ρ / (ρ + α|t|)``. The tool has the offset t, m, from the frame, so the frame's position is
+    ``p = p' − R t``, with p' the tool's position and R the rotation of both. Let p₀ be the frame's
+    position at the start or on the path. If the tool is within its radius, the frame is within its
+    own, because ``|p − p₀| ≤ λρ + 2 sin(λα/2) |t| ≤ λ (ρ + α|t|) = ρ``.
     """
     length = float(np.linalg.norm(tool.translation))
     angle = (closes.radians or 0.0) + _SAME_ANGLE

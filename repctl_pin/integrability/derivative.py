@@ -177,12 +177,13 @@ def differentiate(
     """Differentiate a batched function along every joint by extrapolated central differences.
 
     Central differences with steps h, h/2, …, h/32 are extrapolated to h → 0 (Romberg's table,
-    orders 2 to 12). The result is the table entry that differs least from its two parents. So step
-    and order adapt to the function: short steps and high order if it is smooth, long steps and low
-    order if it is noisy. The difference from these parents is the error estimate (Ridders' method),
-    unless four times the noise, estimated from two entries at the shortest steps, is larger. If the
-    error exceeds 1e-6 of the derivative, as near a pole, the procedure is repeated with steps an
-    eighth as long.
+    orders 2 to 12). An entry of the table is computed from two entries of the next lower order. Its
+    difference from these two is its error estimate (Ridders' method), and the entry with the
+    smallest estimate is the result. So step and order adapt to the function: short steps and high
+    order if it is smooth, long steps and low order if it is noisy. The error returned is at least
+    four times the noise, which is estimated from two entries at the shortest steps. If the error
+    exceeds 1e-6 of the derivative, as near a pole, the procedure is repeated with steps an eighth
+    as long.
 
     Parameters
     ----------

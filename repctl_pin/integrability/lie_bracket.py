@@ -26,8 +26,8 @@ from .derivative import derivative, require_inverse
 def brackets(G: Array, dG: Array) -> Array:
     """Evaluate the Lie brackets ``[g_a, g_b] = (∂g_b/∂q) g_a − (∂g_a/∂q) g_b`` (4) of G's columns.
 
-    The columns of Jᵀ span those of J⁺. So with ``G = Jᵀ``, and the derivative of Jᵀ as ``dG``, the
-    brackets of Corollary 1 result, which test J⁺ without evaluating it.
+    The columns of Jᵀ span the same space as those of J⁺. So J⁺ can be tested without computing it:
+    with ``G = Jᵀ`` and the derivative of Jᵀ as ``dG``, the result is the brackets (Corollary 1).
 
     Parameters
     ----------

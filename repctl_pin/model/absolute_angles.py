@@ -15,12 +15,13 @@ from .task import Task, require_task
 def absolute_angles(task: Task) -> Array:
     r"""Compute the weight M with which J⁺ minimises the speeds of the absolute link angles.
 
-    .. math:: \dot q^T M \dot q = \lVert \dot\psi \rVert^2, \qquad \psi = A q, \qquad M = A^T A.
+    .. math:: \dot q^T M \dot q = \lVert \dot\psi \rVert^2, \qquad \psi = T^{-1} q,
+              \qquad M = T^{-T} T^{-1}.
 
-    ``ψ_i = ± q_1 ± … ± q_i`` over the revolute joints up to the i-th is the angle of link i to the
-    base, with minus for a joint whose axis is opposite to that of the first one. For a prismatic
-    joint, ψ_i = q_i. For an arm that the paper describes by absolute angles, the paper's J⁺ is the
-    inverse with weight M.
+    If joint i is revolute, ψ_i is the angle of link i to the base: the sum of the positions of all
+    revolute joints up to the i-th, with a minus sign for each joint whose axis is opposite to that
+    of the first revolute joint. If joint i is prismatic, ψ_i = q_i. For an arm that the paper
+    describes by absolute angles, the paper's J⁺ is the inverse with weight M.
 
     Parameters
     ----------
@@ -65,6 +66,6 @@ def absolute_angles(task: Task) -> Array:
                 f"is not parallel to {task.joint_names[turning[0]]!r}",
                 remedy="use J⁺, or another weight of rp.WeightedInverse",
             )
-    A = np.eye(task.n)
+    A = np.eye(task.n)  # T⁻¹
     A[np.ix_(turning, turning)] = np.tril(np.ones((len(turning), 1)) * np.sign(signs))
     return A.T @ A

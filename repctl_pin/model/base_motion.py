@@ -1,6 +1,7 @@
-"""Motion of the base, relative to which frames are placed: a workpiece on its own joints, say.
+"""Motion of the base: the link relative to which the frames of a task are placed.
 
-``Mechanism`` is the movable joints of a robot and their limits.
+The base moves if it is, for example, a workpiece on a turntable. The root is the URDF's root link,
+which never moves. ``Mechanism`` is the movable joints of a robot and their limits.
 """
 
 from __future__ import annotations
@@ -17,9 +18,8 @@ from .task import Task
 def base_placements(robot: Mechanism, Q: Array) -> Array:
     """Compute the base's placements in the root frame: rigid transforms (T, 4, 4), m.
 
-    The n columns of Q (T, n) are here the joints of the whole robot. The base moves if it is, for
-    example, a workpiece on a turntable. Pictures show the root at rest, so points on the base are
-    drawn with these placements.
+    The columns of Q (T, n) are the n movable joints of the whole robot, not of one task. Pictures
+    show the root at rest, so points on the base are drawn with these placements.
     """
     if robot.base is None:
         return np.tile(np.eye(4), (len(Q), 1, 1))

@@ -49,9 +49,9 @@ class Nearest:
     ----------
     distance : float
         Body distance, m: below 0 in a collision, 0 if only the convex hulls of the two bodies
-        overlap, inf if the task has no pair to measure.
+        overlap, inf if the task has no pair to measure and no pair collides.
     links : (str, str)
-        The links of the two bodies; two empty texts if the task has no pair to measure.
+        The links of the two bodies; two empty texts if the distance is inf.
     """
 
     distance: float
@@ -195,7 +195,8 @@ class Bodies:
     def nearest(self, q: ArrayLike) -> Nearest:
         """Find the closest pair of bodies at q (n,).
 
-        Without a pair to measure, the distance is inf, and a warning says so.
+        Without a pair to measure, and without a collision, the distance is inf. A warning says so
+        if no pair is checked at all.
         """
         self._warn_if_empty()
         distances, which = self._all(vector(q, self.task.n, "q")[None])
@@ -205,8 +206,8 @@ class Bodies:
     def distances(self, Q: ArrayLike) -> Array:
         """Compute the minimum body distance at every row of Q (K, n): (K,), m.
 
-        A negative distance is a collision. Without a pair to measure, the distances are inf, and a
-        warning says so.
+        A negative distance is a collision. Without a pair to measure, the distances are inf except
+        in a collision. A warning says so if no pair is checked at all.
         """
         self._warn_if_empty()
         return self._all(Q)[0]
@@ -234,9 +235,8 @@ class Bodies:
         Q
             Samples (K, n) of the motion; between two samples, the joints move on a straight line.
         rows
-            Indices of R samples, 0 and K − 1 included, at which distances are measured first. Pairs
-            that are checked for collisions only are measured there only if the bounds between these
-            samples do not decide.
+            Indices of R samples, 0 and K − 1 included, at which distances are measured first, see
+            :func:`clearance`.
         """
         if not (self.pairs or self.only_contact):
             free = np.full(len(rows), np.inf)
@@ -279,16 +279,16 @@ class Bodies:
     def _pair_bounds(self, Q: Array) -> Array:
         """Compute lower bounds on the distances of all P pairs at Q (K, n): (K, P), m.
 
-        The bound of a collision-only pair is inf.
+        The bound of a pair that is checked for collisions only is inf.
         """
         return np.asarray(self._model.lowest(self._drive.joints(Q)))
 
     def _of_pairs(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
         """Compute a lower bound on the distance of one pair at each row of Q (K, n): (K,), m.
 
-        ``pairs`` (K,) are the indices of these pairs, one per row. The bound is the distance of the
-        hulls, below 0 where they overlap. Where the hulls of a pair that is checked for collisions
-        only overlap, it is the distance of the exact shapes.
+        ``pairs`` (K,) are the indices of these pairs, one per row. The bound is the signed distance
+        of the hulls. If they overlap, and the pair is checked for collisions but not measured, the
+        bound is the distance of the exact shapes instead.
         """
         return np.asarray(self._model.pair_distances(self._drive.joints(Q), pairs))
 
@@ -359,7 +359,7 @@ class _NoBodies:
         return np.zeros((len(Q), 0))
 
     def pair_distances(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
-        """Return the distances of no pairs: Q (0, N) and ``pairs`` (0,) are empty, as is (0,)."""
+        """Return an empty array (0,): without pairs, Q (0, N) and ``pairs`` are empty too."""
         return np.zeros(0)
 
     def nearer(self, Q: Array, distance: float, among: Any = None) -> NDArray[np.bool_]:
@@ -382,10 +382,11 @@ def _model_of(task: Task) -> Any:
 
 
 def _without_shape(task: Task, with_body: set[str]) -> tuple[str, ...]:
-    """List :attr:`Bodies.unchecked`: the links without a body that are drawn, or meant to collide.
+    """List :attr:`Bodies.unchecked`: the links that have a shape in the URDF, but no body.
 
-    ``with_body`` are the links that have a body. If no joint separates several links, only the
-    first of them is listed, and none if one of them has a body.
+    ``with_body`` are the links that have a body. Links that no joint separates are one group: only
+    its first link is listed, and none if a link of the group has a body. If the URDF has no
+    collision shapes, links without any shape are listed too.
     """
     description = task.robot.description
     frames = link_frames(task.robot.model)

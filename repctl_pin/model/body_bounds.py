@@ -221,11 +221,11 @@ class BodyBounds:
 
         From q to q', the distances of the pairs change by at most ``reach @ |q − q'|`` (P,). So a
         single distance rules out collisions in a whole box of configurations. Per radian, a
-        revolute joint moves a point by the point's distance from the joint's axis. A body's
-        distances from its joint's axis and origin are largest at its corners; they are bounded
-        along the chain from the body to the other joints. The bound holds at every configuration
-        whose prismatic joints are within ±``strokes`` (N,), m. ``joints`` are the joints of the
-        robot, by name.
+        revolute joint moves a point by the point's distance from the joint's axis. For the joint
+        that carries a body, this distance is largest at a corner of the body. For each joint before
+        it in the chain, the distance is bounded by adding the lengths between the joints. The bound
+        holds at every configuration whose prismatic joints are within ±``strokes`` (N,), m.
+        ``joints`` are the joints of the robot, by name.
         """
         model = self._model
         movers = [set(model.supports[j]) - {0} for j in self._joint.tolist()]
@@ -326,9 +326,11 @@ class KnownApart:
     def pays(self, pair: int, q: Array) -> bool:
         """Record that a pair is tested at q (N,), and return whether to measure its distance too.
 
-        Measuring takes longer than a test for contact, but can save further tests. So it is done if
-        the distance can have changed by less than 5 cm since the last test of the pair, unless the
-        pair's measurements outnumber by eight the tests that they saved.
+        Measuring takes longer than a test for contact, but can save further tests. It is worth the
+        time if the pair moves little from test to test. So the result is True if the joints have
+        changed the distance by less than 5 cm since the pair's last test, and earlier measurements
+        were useful: the pair has a credit of at most eight, which falls by 1 with each measurement,
+        and rises by 1 with each test that a stored distance saved.
         """
         last, self._tested[pair] = self._tested.get(pair), q
         near = last is not None and float(np.abs(q - last) @ self._reach[pair]) < _NEARBY

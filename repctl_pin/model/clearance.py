@@ -9,9 +9,10 @@ j. On the piece,
 
 .. math:: d(q) \ge d(x) - \rho \cdot (|c - x| + w)
 
-for every configuration x at which d was measured. If this bound neither excludes a collision nor a
-new minimum, d is measured at c, and the piece is halved. Letters: K samples, N joints of the model,
-P pairs.
+for every configuration x at which d was measured. A pair is decided on a piece if this bound shows
+that its bodies do not collide there, and that its distance is not clearly below the minimum found.
+Otherwise, d is measured at c, or the piece is halved. A collision-only pair is tested for
+collisions, but does not count for the minimum. Letters: K samples, N joints of the model, P pairs.
 
 ``_CollisionModel`` is the bodies of a robot and its surroundings, and the pairs that a task moves.
 ``Clearance`` is the minimum body distance of a motion, and its first collision. ``_Pieces`` are M
@@ -71,8 +72,8 @@ class Clearance:
         Number of configurations at which distances were measured.
     between : bool
         True if the result holds between the samples too: no bodies collide, and the true minimum is
-        at most 10 % of ``distance``, or 5 mm if that is more, below it. False after a collision,
-        and if a pair is ``undecided``.
+        smaller than ``distance`` by at most 10 % or 5 mm, whichever is more. False after a
+        collision, and if a pair is ``undecided``.
     undecided : (str, str) or None
         Links of the first pair for which too many measurements would be needed; None if none is.
     """
@@ -99,9 +100,9 @@ def clearance(model: _CollisionModel, Q: Array, rows: NDArray[np.intp]) -> Clear
         Samples (K, N) of the motion, a value per joint of the model. Between two samples, the
         joints move on a straight line.
     rows
-        Indices of R samples, 0 and K − 1 included, at which distances are measured first. Pairs
-        that are checked for collisions only are measured there only if the pieces between these
-        samples do not decide.
+        Indices of R samples, 0 and K − 1 included, at which the measured pairs are measured first.
+        The search then continues between these samples. Collision-only pairs are tested at the
+        samples last, and only if this is still necessary, see :meth:`_Search.test_samples`.
     """
     search = _Search(model, Q)
     undecided = search.look_at(rows)
@@ -158,10 +159,10 @@ class _Search:
     def look_at(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Measure the minimum distance at samples ``rows`` (R,), and list what stays undecided.
 
-        Pairs that are checked for collisions only are not measured there: they stay undecided.
-        Piece k is the motion from sample ``rows[k]`` to ``rows[k + 1]``. Return two index arrays of
-        equal length, (pairs, pieces): on each of these pieces, the lower bounds at both ends do not
-        decide whether the pair collides or is the closest.
+        Collision-only pairs are not measured; they have lower bounds, as all pairs. Piece k is the
+        motion from sample ``rows[k]`` to ``rows[k + 1]``. Return two index arrays of equal length,
+        (pairs, pieces): on each of these pieces, the lower bounds at both ends do not exclude that
+        the pair collides or, if it is measured, is the closest.
         """
         pairs, pieces = [], []
         last = None
@@ -237,9 +238,9 @@ class _Search:
     def test_samples(self, rows: NDArray[np.intp]) -> None:
         """Measure all pairs at samples ``rows`` (R,), in the cases that pieces do not decide.
 
-        There are three cases: a collision was found, so that the distances at the samples must show
-        all others, too; a pair that is checked for collisions only stayed undecided; or the motion
-        has one sample, hence no pieces. Otherwise nothing is done.
+        There are three cases. A collision was found: the search then stopped looking for later
+        ones, and the distances at the samples must show them. A collision-only pair stayed
+        undecided. The motion has one sample, hence no pieces. Otherwise nothing is done.
         """
         undecided = not self._measured[self._undecided].all()
         if self._touch < np.inf or undecided or len(rows) == 1:
@@ -289,9 +290,9 @@ class _Search:
     def _settled(self, lower: Array, measured: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
         """Test by lower bounds, m, which distances need no further measurement.
 
-        The result is a mask with the shape of ``lower``. Such a distance cannot be a collision. If
-        the pair is ``measured``, not checked for collisions only, the distance cannot be below the
-        minimum found either by more than 10 % of it, or 5 mm if that is more.
+        The result is a mask with the shape of ``lower``. It is True where the bound excludes a
+        collision. For a ``measured`` pair, the bound must also be above the minimum found so far,
+        reduced by 10 % or 5 mm, whichever is more. After a collision, only the former counts.
         """
         if self._touch < np.inf or self._best <= _SMALL or self._best == np.inf:
             return lower > 0

@@ -214,9 +214,9 @@ class _CollisionModel:
     ) -> Array:
         """Compute lower bounds on the distances of K pairs at one configuration q (N,): (K,), m.
 
-        A pair whose bound is above 0 does not collide. The bound is the distance of the hulls,
-        below 0 where they overlap. Where the hulls of a collision-only pair overlap, it is the
-        distance of the exact shapes.
+        A pair whose bound is above 0 does not collide. The bound is the signed distance of the
+        hulls, negative if these overlap. For a collision-only pair whose hulls overlap, the bound
+        is the distance of the exact shapes instead, negative in a collision.
 
         Parameters
         ----------
@@ -225,13 +225,14 @@ class _CollisionModel:
         pairs
             Indices of K pairs.
         exact
-            True to use the distance of the exact shapes where the hulls of any pair overlap; it is
-            below 0 in a collision.
+            True to use the distance of the exact shapes for measured pairs, too, if their hulls
+            overlap.
         outside
-            True to assume that no body is inside a mesh without touching its surface, which is far
-            faster; collision-only pairs then have a lower bound on the distance of their exact
-            surfaces. The assumption holds along a path on which all bounds are above 0, if it
-            holds at its start.
+            True to assume that no body is inside a mesh without touching the mesh's surface, which
+            is far faster. If the hulls of a collision-only pair overlap or are less than 1 cm
+            apart, its bound is then the larger of two distances: that of the hulls, and that of the
+            exact surfaces, where more than 1 cm counts as 1 cm. Along a path on which all bounds
+            are above 0, the assumption holds if it holds at the start of the path.
         """
         with self._lock:
             self._move(q)
@@ -246,9 +247,9 @@ class _CollisionModel:
     def pair_distances(self, Q: Array, pairs: NDArray[np.intp]) -> Array:
         """Compute a lower bound on the distance of one pair at each row of Q (K, N): (K,), m.
 
-        ``pairs`` (K,) are the indices of these pairs, one per row. The bound is the distance of the
-        hulls, below 0 where they overlap, or, where the hulls of a collision-only pair overlap, the
-        distance of the exact shapes.
+        ``pairs`` (K,) are the indices of these pairs, one per row. The bound is the signed distance
+        of the hulls, negative if these overlap. For a collision-only pair whose hulls overlap, the
+        bound is the distance of the exact shapes instead, negative in a collision.
         """
         found = np.empty(len(Q))
         with self._lock:
@@ -262,8 +263,9 @@ class _CollisionModel:
     def blocks(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
         """Yield (index of the first row, bounds, distances) for blocks of B rows of Q (K, N).
 
-        ``bounds`` (B, P) are lower bounds on the distances of all pairs, m, and ``distances`` (B,)
-        the minimum distances over the measured pairs, m; inf without one.
+        ``bounds`` (B, P) are lower bounds on the distances of all pairs, m. ``distances`` (B,) are
+        the minimum distances, m, over the measured pairs only: a collision of a collision-only pair
+        does not count. Without a measured pair they are inf.
         """
         measured = np.flatnonzero(~self._only_contact)
         last = int(measured[0]) if len(measured) else -1
@@ -370,10 +372,11 @@ class _CollisionModel:
                 request.security_margin = distance
 
     def _of_hulls(self, k: int) -> float:
-        """Compute the signed distance of the hulls of pair k, m, or that of a collision-only pair.
+        """Compute the signed distance of the hulls of pair k at the current placements, m.
 
-        The latter is inf, or negative in a collision, see :meth:`_exact`. The gradient of a hull
-        distance shows which motion separates overlapping bodies.
+        For a collision-only pair, the result is negative in a collision, else inf, see
+        :meth:`_exact`. The gradient of a hull distance shows which motion separates overlapping
+        bodies.
         """
         return self._exact(k) if self._only_contact[k] else self._apart(k)
 
@@ -446,8 +449,9 @@ class _CollisionModel:
     def _surfaces(self, k: int) -> float:
         """Compute a lower bound on the distance of the surfaces of pair k, m, as placed last.
 
-        It is 1 cm for all surfaces that are farther apart, which is far faster than their distance;
-        below 1 cm, it is the distance. It is −inf for two convex bodies, whose hulls are exact.
+        The bound is the distance or, if the surfaces are more than 1 cm apart, 1 cm: a test for
+        1 cm is far faster than the distance. The bound of two convex bodies is −inf, because the
+        distance of their hulls is exact already.
         """
         (a, b), request = self._both[k], coal.CollisionRequest()
         one, other = self._bodies[a].exact, self._bodies[b].exact

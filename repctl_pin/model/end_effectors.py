@@ -86,7 +86,10 @@ class _Body:
 
     @property
     def is_hand(self) -> bool:
-        """True if more than half of the longest branches are fingers: the arm ends at this body."""
+        """True if the arm ends at this body: more than half of its longest branches are fingers.
+
+        The longest branches are those with the most joints in a row.
+        """
         fingers = [
             self._is_finger(joint, tip)
             for joint, tip in self.branches
@@ -95,10 +98,9 @@ class _Body:
         return 2 * sum(fingers) > len(fingers)
 
     def _is_finger(self, joint: Joint, tip: _Body) -> bool:
-        """Test whether a branch is a finger: of small range, few joints, and with a sign of one.
+        """Test whether a branch of the body is a finger, as defined in :func:`arm_ends`.
 
-        ``joint`` is the first joint of the branch, and ``tip`` the body that it moves. Signs are
-        other branches beside it, a mimic or prismatic joint, and names.
+        ``joint`` is the first joint of the branch, and ``tip`` the body that it moves.
         """
         if not (_moves_little(joint, tip) and tip.narrow and 1 + tip.after <= self.before):
             return False
@@ -117,12 +119,17 @@ class _Body:
 def arm_ends(description: Description) -> list[_Body]:
     """Find the bodies at which arms, legs and heads end, without fingers, in the order of the file.
 
-    An arm ends at a **hand**: a body most of whose longest branches are fingers. A finger has a
-    small range (up to half a turn or 0.1 m, or it mimics another joint) and at most as many joints
-    as the arm. In addition, it shows at least one sign: it has other branches beside it, is a mimic
-    joint, is prismatic, is named a finger, or follows a link named as a tool. If every joint is
-    named a finger, the robot is a finger, and ends at its tip. An arm also ends at a link named as
-    a tool beyond which there are only ball joints: a load that hangs from it.
+    An arm ends at a **hand**: a body at which more than half of the longest branches are fingers.
+    The longest branches are those with the most joints in a row. A finger is a branch with at most
+    as many joints in a row as lie between the root and the body. Each of its joints has a range of
+    at most half a turn or 0.1 m, mimics another joint, or is named as a finger. In addition, at
+    least one of these holds: the body has other branches; the first joint of the branch is a mimic
+    joint or is named as a finger; the body is named as a tool; or the branch has one joint, which
+    is prismatic or named as a gripper.
+
+    If every joint is named as a finger, the robot is a finger, and ends at its tip. An arm also
+    ends at a link named as a tool beyond which there are only ball joints: a load that hangs from
+    it.
     """
     below: dict[str, list[Joint]] = {}
     for joint in description.joints:
@@ -172,10 +179,11 @@ def _ends(root: _Body, *, whole: bool) -> list[_Body]:
 
 
 def task_links(body: _Body) -> list[str]:
-    """Sort a body's links, the best end effector by its name first; then the farthest out.
+    """Sort a body's links by how well their names suit an end effector, the best one first.
 
-    All links of a body move together; only their names show which of them is meant as the tool's
-    frame. Links that only carry collision shapes are left out, unless the body has no others.
+    Among links with equally good names, the farthest out comes first. All links of a body move
+    together; only their names show which of them is meant as the tool's frame. Links that only
+    carry collision shapes are left out, unless the body has no others.
     """
     meant = [link for link in body.links if not _only_collides(link, body)] or list(body.links)
     return sorted(meant, key=lambda link: (rank(link), -body.links[link]))
@@ -184,9 +192,9 @@ def task_links(body: _Body) -> list[str]:
 def _only_collides(link: str, body: _Body) -> bool:
     """Test by its name whether a link only holds the collision shapes of another link.
 
-    Such a link of ``body`` is not drawn, and its name is that of another of its links with a
-    suffix, such as ``link7_sc``, or contains ``collision``. A link ``tool0`` with a collision shape
-    is not such a link.
+    Such a link has collision shapes and is not drawn. In addition, its name contains ``collision``,
+    or begins with the name of another link of ``body``, as ``link7_sc`` does. So a link ``tool0``
+    with a collision shape is not such a link.
     """
     extends = any(link != other and link.startswith(other) for other in body.links)
     return link in body.shells and (extends or "collision" in words(link))
@@ -236,9 +244,10 @@ def _says_finger(joint: Joint, digits: set[str]) -> bool:
 
 
 def _digits(description: Description) -> set[str]:
-    """Collect the words for fingers, such as ``index``, in a URDF's link names.
+    """Collect the words for fingers, such as ``index``, in the names of a URDF's links.
 
-    A single one can have another meaning, so the set is then empty.
+    The set is empty if there is only one such word, because it can have another meaning. The root
+    is not searched.
     """
     found = _DIGITS & {word for joint in description.joints for word in words(joint.child)}
     return found if len(found) > 1 else set()

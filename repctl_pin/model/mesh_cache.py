@@ -140,8 +140,8 @@ def _kept(path: Path, stamp: _Stamp, variant: str, textures: bool) -> Path | Non
 def _content(path: Path, _: _Stamp) -> tuple[str, bool]:
     """Hash the content of a mesh file, and test whether it is COLLADA that can name textures.
 
-    A file is read once for all of its variants. The second argument, its stamp, only makes a new
-    entry of the memory, and so a new reading, if the file was replaced.
+    Results are remembered, so a file is read once for all of its variants. The second argument,
+    the file's stamp, is only a key of this memory: a file that was replaced is read again.
     """
     content = read_bytes(path, _LARGEST)
     # a zero byte: UTF-16, in which the name is not found

@@ -20,12 +20,13 @@ def package_folder(given: str | Path) -> tuple[str, Path]:
 
 
 def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> Path | None:
-    """Find a mesh file by its name in a URDF; None if it is missing.
+    """Find a mesh file, also in a folder other than the one that the URDF names; None if missing.
 
-    If there is no file of that name, ever shorter ends of the name are looked up: for
-    ``package://a/b/meshes/x.stl``, first ``b/meshes/x.stl``, then ``meshes/x.stl``, in the folder
-    of the URDF, its parents and ``package_dirs``. The bare file name ``x.stl`` is looked up only
-    beside the URDF, and in those of ``package_dirs`` that are not parents of it.
+    If :func:`named_mesh` finds no file, leading folders of the name are left out one by one. For
+    ``package://a/b/meshes/x.stl``, the names ``b/meshes/x.stl`` and then ``meshes/x.stl`` are
+    looked up in the folder of the URDF, in the folders above it, and in ``package_dirs``. The bare
+    file name ``x.stl`` is looked up only in the folder of the URDF, and in those of
+    ``package_dirs`` that are not among the folders above it.
 
     Parameters
     ----------
@@ -53,13 +54,14 @@ def find_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> 
 
 
 def named_mesh(filename: str, urdf: Path, package_dirs: Sequence[str | Path]) -> Path | None:
-    """Find the mesh file that a URDF names; None if there is no file of that name.
+    """Find a mesh file exactly where a URDF names it; None if there is no file in that place.
 
-    ``package://name/rest`` is looked up as ``folder/name/rest``, then as ``folder/rest`` if the
-    folder itself is called ``name`` or is given as ``name=folder``. ``model://``, and the
-    misspelling ``package:///``, are read as ``package://``. ``file://`` and plain names are paths;
-    relative paths start at the URDF's folder, or at those of ``package_dirs``. ``filename`` is the
-    name in the file ``urdf``.
+    ``filename`` is the name in the file ``urdf``. For ``package://name/rest``, the places are
+    ``folder/rest`` if ``package_dirs`` has ``name=folder``, then ``folder/name/rest`` for each
+    folder of ``package_dirs``, then ``folder/rest`` if the folder itself is called ``name``.
+    ``model://``, and the misspelling ``package:///``, mean the same as ``package://``. ``file://``
+    is followed by a path. A name without a scheme is a path relative to the URDF's folder or, if
+    there is no such file, to a folder of ``package_dirs``.
     """
     scheme, mark, rest = filename.partition("://")
     folders = [package_folder(folder) for folder in package_dirs]

@@ -55,8 +55,8 @@ class Robot(Mechanism):
     frames : tuple of str
         Names of all links; any of them can be the frame of a task.
     default_frame : str
-        Default frame of a task: the catalogue's, else the end of the longest arm, before the
-        fingers of a gripper. ``repctl inspect`` shows it.
+        Default frame of a task: the one in the catalogue; for other robots, the end of the longest
+        arm, before the fingers of a gripper. ``repctl inspect`` shows this frame.
     end_frames : tuple of str
         Frames at the ends of arms, the default first.
     warnings : tuple of str
@@ -138,10 +138,11 @@ class Robot(Mechanism):
     def _poses_within(
         self, free: Sequence[str], ranges: Sequence[Range], notes: list[str]
     ) -> dict[str, Array]:
-        """Compute the named poses of the joints ``free``, within their ``ranges``: a dict by name.
+        """Compute the named poses of joints, within their ``ranges``: {pose name: values}.
 
-        A pose has one value per joint of ``free``, rad or m. A text is added to ``notes`` for each
-        value of the reference pose that is moved within the limits.
+        ``free`` are the names of the joints that mimic no other joint. A pose has one value per
+        joint of ``free``, rad or m. A text is added to ``notes`` for each value of the reference
+        pose that is moved within the limits.
         """
         lower, upper = np.array([(one.lower, one.upper) for one in ranges]).reshape(-1, 2).T
         turns = self._revolute(free)
@@ -155,8 +156,8 @@ class Robot(Mechanism):
     ) -> None:
         """Set the attributes of the movable joints: limits, ``revolute``, poses and reference.
 
-        ``free`` are the names of all joints that mimic no other, including locked ones. ``ranges``
-        has a range per joint of ``free``, and each pose a value per joint of ``free``.
+        ``free`` are the names of the joints that mimic no other joint, also of locked ones.
+        ``ranges`` has a range per joint of ``free``, and each pose a value per joint of ``free``.
         """
         mine = [free.index(name) for name in self.joint_names]
         kept = [ranges[i] for i in mine]
@@ -200,9 +201,10 @@ class Robot(Mechanism):
         lock
             Joints to hold at the reference pose.
         base
-            Link relative to which frames are controlled, as if it were fixed: a link of the chain
-            to the frame, or one on another branch, such as the other end effector. The task's
-            joints are those between the two links. By default, the root link.
+            Link relative to which tasks control their frames, as if this link were fixed. It can
+            lie between the root and the frame of a task, or on another branch, such as the other
+            end effector. The joints of a task are those between this link and the frame. By
+            default, the root link.
         surroundings
             URDF of the surroundings, with fixed joints only and its root at the robot's root;
             :class:`Bodies` measures the distances to it.
@@ -290,8 +292,8 @@ class Robot(Mechanism):
         Raises
         ------
         InputError
-            If there is no such frame, kind or joint, or no joint moves the frame relative to its
-            base; or if several frames are not redundant.
+            If there is no such frame, kind or joint; if no joint moves the frame relative to its
+            base; or if the task of several frames is not redundant, or names a frame twice.
         """
         if on is not None:
             self._frame_id(on)
@@ -457,8 +459,8 @@ class Robot(Mechanism):
     def _ends(self) -> list[list[str]]:
         """List the links at the ends of arms, legs and heads: one list per end.
 
-        The end with the most joints between it and the root is first; in each list, the best end
-        effector is first.
+        The end with the most joints between it and the root is first. In each list, the link whose
+        name is most typical of an end effector is first.
         """
         return [
             task_links(body)
@@ -466,10 +468,11 @@ class Robot(Mechanism):
         ]
 
     def _beyond_base(self, frame: str) -> bool:
-        """Test whether a frame is offered for tasks: the base lies between the root and the frame.
+        """Test whether a frame is offered for tasks.
 
-        If the base is itself the end of a branch, such as a workpiece, all frames that move
-        relative to the base are offered.
+        Normally, the base must be the root, or lie between the root and the frame. If the base is
+        itself the end of a branch, such as a workpiece, all frames that move relative to the base
+        are offered.
         """
         base = int(self.model.frames[self.base_id].parentJoint)
         at_end = self.base is not None and len(self.model.subtrees[base]) == 1
@@ -480,17 +483,19 @@ class Robot(Mechanism):
     def default_frame(self) -> str:
         """Default frame of a task: the catalogue's, else a link at the end of the longest arm.
 
-        An arm ends before its fingers, see :func:`repctl_pin.model.end_effectors.arm_ends`. Among
-        the rigidly connected links there, one named as a tool (``tcp``, ``tool0``, ``ee_link``,
-        ``flange``) comes first, then a gripper, a palm or a hand, then the farthest out."""
+        An arm ends before its fingers, see :func:`repctl_pin.model.end_effectors.arm_ends`. If
+        several links are rigidly connected at the end, one named as a tool (``tcp``, ``tool0``,
+        ``ee_link``, ``flange``) is preferred, then a gripper, a palm or a hand, then the link
+        farthest from the root."""
         return self.offered_frames[0]
 
     @property
     def offered_frames(self) -> tuple[str, ...]:
-        """Frames to offer for a task, the default first: the catalogue's, else a single one.
+        """Frames to offer for a task, the default first: the catalogue's, else a single frame.
 
-        It is the end of the arm with the most joints; among several, the one whose name is most
-        typical of an end effector. A sensor is offered only if there is no other end.
+        The single frame is the end of the arm with the most joints. If several arms have as many
+        joints, it is the end whose name is most typical of an end effector. A sensor is offered
+        only if there is no other end.
         """
         known = tuple(
             frame for frame in (self.entry.frames if self.entry else ()) if self._beyond_base(frame)
@@ -509,8 +514,8 @@ class Robot(Mechanism):
         """Candidate task frames, the default first.
 
         They are all links at the ends of the arms with the most joints, and one link at each other
-        end. Links that fewer than two joints move are omitted, and sensors at an end that has other
-        links.
+        end. An end that fewer than two joints move is omitted. A sensor is omitted unless its end
+        has no other links.
         """
         frames = list(self.offered_frames)
         most = len(self.chain(frames[0]))
@@ -522,7 +527,11 @@ class Robot(Mechanism):
 
     @property
     def movable_frames(self) -> tuple[str, ...]:
-        """All links offered for tasks that a joint moves; those of :attr:`end_frames` first."""
+        """All links that joints move and a task can control, those of :attr:`end_frames` first.
+
+        If the robot has a ``base``, they are the links beyond the base. If the base is the end of a
+        branch, they are all links that move relative to the base.
+        """
         moved = (frame for frame in self.frames if self._beyond_base(frame) and self.chain(frame))
         return tuple(dict.fromkeys([*self.end_frames, *moved]))
 
@@ -533,8 +542,8 @@ class Robot(Mechanism):
 def _loaded(given: Any) -> tuple[bytes | None, Any, list[str]]:
     """Convert a loaded model, of yourdfpy or MuJoCo, to (URDF text, file name, notes).
 
-    The file name is a substitute for error messages. Any other object, such as a path, gives
-    (None, the object, []).
+    The file name, such as ``panda.urdf``, is made up for error messages, because a loaded model has
+    no file. Any other object, such as a path, gives (None, the object, []).
 
     Raises
     ------
@@ -600,7 +609,7 @@ def read_surroundings(
     """Read the URDF of the surroundings; return it, and the folders in which its meshes may be.
 
     These folders are the file's parents and the folders of ROS packages. If the file is a xacro,
-    its ``$(find package)`` is looked up in ``package_dirs`` and then in them.
+    its ``$(find package)`` is looked up first in ``package_dirs``, then in these folders.
     """
     beside = Path(os.path.expanduser(str(file_name(path, "surroundings"))))
     near = default_package_dirs(beside)

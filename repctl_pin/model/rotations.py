@@ -78,8 +78,8 @@ def matrix_quaternions(R: Array) -> Array:
 def mean_rotation(R: Array) -> Array:
     """Return the rotation (3, 3) nearest to the mean of rotations (K, 3, 3).
 
-    Its quaternion is the eigenvector of ``Σ_k x_k x_kᵀ`` with the largest eigenvalue, of the
-    quaternions x_k of the rotations.
+    With x_k the quaternions of the rotations, the quaternion of the result is the eigenvector of
+    ``Σ_k x_k x_kᵀ`` with the largest eigenvalue.
     """
     x = matrix_quaternions(R)
     _, V = np.linalg.eigh(x.T.copy() @ x)

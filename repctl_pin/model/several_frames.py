@@ -202,16 +202,16 @@ class SeveralFrames(Task):
     def joint_origins(self, q: ArrayLike) -> Array:
         """Compute the origins of the joints, from the base outward: (n, 3), m.
 
-        An origin is in the robot's base frame if the joint moves a frame that is controlled
-        relative to it. Otherwise, it is in the base frame of the frame that the joint moves.
+        If the joint moves a frame that is controlled relative to the robot's base, its origin is in
+        the robot's base frame. Otherwise, its origin is in the base frame of a frame that the joint
+        moves.
         """
         return self._of_joints(q, "joint_origins")
 
     def axes(self, q: ArrayLike) -> Array:
         """Compute the joints' rotation axes: unit vectors (n, 3); 0 if prismatic.
 
-        They are in the robot's base frame or, if the joint moves only frames controlled relative to
-        another link, in the base frame of the frame that it moves.
+        Each axis is in the same base frame as the joint's origin, see :meth:`joint_origins`.
         """
         return self._of_joints(q, "axes")
 

@@ -171,8 +171,9 @@ def _read(path: Path, most: int) -> Surface:
 def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
     """Read the mesh files of shapes: a dict from the file to its surface or its error.
 
-    A file that cannot be drawn has an InputError. So has every file after the first two million
-    triangles, so that a page stays usable.
+    The error is an InputError: the file cannot be read, or has too many triangles. The limit is two
+    million triangles in all files together, so that a page stays usable; a file that would exceed
+    this limit is left out.
     """
     found: Surfaces = {}
     budget = _MOST_IN_ALL
@@ -256,8 +257,9 @@ def _read_bytes(path: Path) -> bytes:
 class _Beside:
     """Resolver for trimesh: it reads the textures and buffers that the mesh file ``path`` names.
 
-    Only regular files in the folder of the mesh, and in or below the folder above it, are read. So
-    a mesh cannot make the program read other files of the computer.
+    Only regular files in or below the parent of the mesh's folder are read: for
+    ``robot/meshes/x.dae``, those in or below ``robot``. So a mesh cannot make the program read
+    other files of the computer.
     """
 
     def __init__(self, path: Path) -> None:
@@ -346,8 +348,10 @@ def _colors(mesh: Any, corners: NDArray[np.int64]) -> NDArray[np.float64]:
 def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute averaged unit normals (3F, 3) of the corners of F faces, for smooth shading.
 
-    A corner's normal is the average over those faces at its point whose normals differ from that of
-    its own face by at most the crease angle, ``arccos(_CREASE)``.
+    Corners of several faces can lie at one point. The normal of a corner is the average over those
+    of these faces whose normals differ from that of the corner's own face by at most the crease
+    angle, ``arccos(_CREASE)``. Where more than ``_MANY`` corners lie at one point, each corner has
+    the normal of its own face.
 
     Parameters
     ----------
@@ -382,11 +386,10 @@ def _by_pairs(
 ) -> None:
     """Write averaged normals of K face corners into their rows of ``normals`` (3F, 3).
 
-    A corner's normal is the average over those faces at its point whose normals differ from its own
-    by at most the crease angle; each pair of corners at a point is compared. ``corner`` (K,) are
-    the numbers of the corners, and ``point`` (K,) those of the points at which they lie. ``flat``
-    (F, 3) are the normals of the faces, weighted by area, and ``unit_normal`` (F, 3) the same with
-    length 1.
+    The average is that of :func:`smooth`; each pair of corners at the same point is compared.
+    ``corner`` (K,) are the numbers of the corners, and ``point`` (K,) the numbers of the points at
+    which the corners lie. ``flat`` (F, 3) are the normals of the faces, weighted by area, and
+    ``unit_normal`` (F, 3) the unit normals of the faces.
     """
     order = np.argsort(point, kind="stable")
     corner, point = corner[order], point[order]

@@ -3,7 +3,8 @@
 Numbers in parentheses are equations of the paper (docs/notation.md). The base frame is that of the
 robot's ``base`` link, or of its root. A twist is the velocity (v, ω) of a frame, m/s and rad/s, in
 base axes. q (n,) is a configuration, rad (m for prismatic joints). The reference pose is the usual
-configuration of the robot, in which joints stay that a task does not move.
+configuration of the robot; joints that a task does not move are held there. The tool axes are the
+frame's own axes: the two rotations of an axis task are about the frame's x and y axes.
 
 ``Kind`` is the kind of a task, such as ``pose``, with the coordinates that it commands.
 ``Mechanism`` is the movable joints of a robot and their limits.
@@ -38,10 +39,11 @@ from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_be
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
-    """Return the remedy of an error for joint values that the user may have given in degrees.
+    """Return the remedy in an error message on joint values that may have been given in degrees.
 
-    ``joints`` (n,) are these values, converted to rad; the remedy is to give them instead. The text
-    is empty if they are not within the limits ``lower`` and ``upper`` (n,), rad or m.
+    The remedy is to give ``joints`` (n,), the user's values converted to rad (unchanged for
+    prismatic joints). The text is empty if one of them is outside its limits, ``lower`` and
+    ``upper`` (n,), rad or m.
     """
     if not ((joints >= lower) & (joints <= upper)).all():
         return ""
@@ -231,7 +233,7 @@ class Task:
 
         ``e = (p* − p, log(R* Rᵀ))`` from the placement (R, p) to the target (R*, p*), restricted to
         the rows of the task's kind. For an axis task, the rotation is the shortest one from the
-        frame's z axis to the target's z axis.
+        frame's z axis to the target's z axis, in tool axes.
         """
         target = self.as_target(target)
         return self.kind.error(self.placement(q), target)
@@ -276,8 +278,8 @@ class Task:
     def errors(self, Q: ArrayLike, targets: Sequence[Placement]) -> Array:
         """Evaluate the task error from each row of Q (K, n) to its target: (K, m), m and rad.
 
-        It is target minus pose; the rotation is in base axes, in an axis task in tool axes.
-        ``targets`` has one placement per row of Q.
+        The error is target minus pose. The rotation is in base axes or, for an axis task, in tool
+        axes. ``targets`` has one placement per row of Q.
         """
         targets = as_placements(targets, "target", "a list of placements")
         goals = {id(target): target for target in targets}  # many are the same object
@@ -373,7 +375,7 @@ class Task:
     def narrowed(self) -> list[str]:
         """Sentences on the joints whose limits in the URDF are narrowed by joints that mimic them.
 
-        A sentence on a large loss, over 5 %, begins with ``! ``.
+        A sentence begins with ``! `` if the range or the speed limit is reduced by more than 5 %.
         """
         narrowed = self.robot.narrowed
         return [narrowed[joint] for joint in self.joint_names if joint in narrowed]
@@ -382,7 +384,7 @@ class Task:
         """Extract q (..., n) from configurations of all movable joints of the robot.
 
         ``whole`` (..., R) has the R joints in the order of ``robot.joint_names``. This inverts
-        :meth:`to_robot`, which appends the reference pose of the other joints.
+        :meth:`to_robot`, which adds the reference positions of the other joints.
         """
         (whole,) = as_matrices(("the whole robot's q", whole, f"{len(self.robot.reference)}"))
         return whole[..., self._columns]

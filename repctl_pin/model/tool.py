@@ -1,4 +1,4 @@
-r"""Task of another tool: of another frame that is fixed in the same link as a task's frame.
+r"""Task of a tool: the task of a second frame, fixed in the same link as a task's frame.
 
 With T the placement of the tool in the task's frame, the tool has the pose ``x' = x T``. A pose
 task of the tool then has

@@ -609,9 +609,9 @@ def _replace(
 ) -> None:
     """Replace a joint by a chain of single-axis joints, with massless links between them.
 
-    ``steps`` has (suffix, type, axis (3,)) and ``names`` the name of each new joint. The names end
-    in the suffixes already, which are not used here. The chain takes the joint's place in
-    ``robot``, and keeps its line number for messages.
+    ``steps`` has (suffix, type, axis (3,)) of each new joint, and ``names`` its name. The suffix is
+    not used here, because the name already ends in it. The chain takes the joint's place in
+    ``robot``, and has the joint's line number for messages.
     """
     at = robot.index(joint)
     parent = joint.find("parent").get("link")

@@ -308,11 +308,12 @@ def _check_mimic(joint: etree._Element, joints: Mapping[str, etree._Element]) ->
 def mimic_chain(
     joint: etree._Element, joints: Mapping[str, etree._Element]
 ) -> list[tuple[etree._Element, str]]:
-    """List (``<mimic>`` element, name of the joint to which it refers), from a joint on.
+    """List the joints that a joint follows, one after another: (``<mimic>`` element, joint name).
 
-    The joint of the last pair is independent. The list is empty for an independent joint.
-    ``joints`` are the elements of all joints by name. UrdfError is raised for a name that does not
-    exist, and for a loop.
+    The first pair has the ``<mimic>`` of ``joint`` and the name of the joint to which it refers;
+    the second pair has the ``<mimic>`` of that joint, and so on. The joint named in the last pair
+    is independent. The list is empty for an independent joint. ``joints`` are the elements of all
+    joints by name. UrdfError is raised for a name that does not exist, and for a loop.
     """
     chain: list[tuple[etree._Element, str]] = []
     seen = {joint.get("name")}

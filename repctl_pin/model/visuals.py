@@ -1,10 +1,10 @@
 """Visible shapes of a robot, their placements at configurations, and their corners.
 
-Mesh files are read where they are drawn. A robot without shapes, and a link whose mesh is missing,
-are drawn from the kinematics: links as tubes, revolute joints as cylinders, and prismatic joints as
-sliders on rails. Surroundings are drawn by their collision shapes. An argument ``surfaces`` has the
-contents of the mesh files, by file; if it is None, the files are read. A placed shape is (shape,
-its placement on its link).
+A robot without shapes, and a link whose mesh is missing, are drawn from the kinematics: links as
+tubes, revolute joints as cylinders, and prismatic joints as sliders on rails. Surroundings are
+drawn by their collision shapes. A shape has the path of its mesh file, but not its content. An
+argument ``surfaces`` has the contents of the mesh files, by file; if it is None, the files are
+read. A placed shape is (shape, its placement on its link).
 
 ``Mechanism`` is the movable joints of a robot and their limits. ``Description`` is the content of a
 validated URDF as plain data. ``Shape`` is a shape of a URDF as plain data: its kind, size, link and
@@ -81,7 +81,7 @@ class Visuals:
     Attributes
     ----------
     shapes
-        The S shapes; the path of a mesh is known.
+        The S shapes; the ``path`` of a mesh is the file that was found.
     """
 
     shapes: tuple[Shape, ...]
@@ -262,7 +262,8 @@ def _joint_bones(joint: Joint, place: pin.SE3, thick: float, rail: bool) -> Iter
 def _joint_origin(model: pin.Model, links: dict[str, pin.Frame], joint: Joint) -> pin.SE3:
     """Compute the placement of a joint's origin in the frame of its parent link.
 
-    ``links`` are the link frames of the model, by name. A fixed joint is no joint of the model.
+    ``links`` are the link frames of the model, by name. The origin of a fixed or locked joint,
+    which the model does not contain, is that of its child link.
     """
     parent = links[joint.parent]
     child = links[joint.child]

@@ -145,10 +145,10 @@ class _LeafCandidate:
     def order(self) -> tuple[float, ...]:
         """Sort key: of two candidates, the better one has the larger key.
 
-        First, a candidate without violations is better than one with joint-limit violations or
-        collisions, or both. Then the smallest relative margins, rounded to 0.01, are compared. If
-        these are equal, the next smallest ones are compared, because two wrist links that are
-        always close would hide the other margins. Last, the smallest margins are compared
+        First, the candidate with fewer kinds of violations is better; there are two kinds, exceeded
+        joint limits and collisions. Then the smallest relative margins, rounded to 0.01, are
+        compared. If these are equal, the next smallest ones are compared, because two wrist links
+        that are always close would hide the other margins. Last, the smallest margins are compared
         unrounded.
         """
         broken = (self.limit_margin < -1e-9) + (self.body_distance < 0)
@@ -216,10 +216,10 @@ def best_leaf(
     leaf margin can be checked before the robot moves. Starts are sampled within the joint limits
     along the self-motion of the given start, in both directions; for r > 1, in several directions.
     The best start is then refined by a pattern search. There are two kinds of violations, exceeded
-    joint limits and collisions; the result has at most as many kinds as the given start. For
-    ``by="limits"``, the result's limit margin is never smaller than the given start's. With a
-    region, only starts whose cycle stays inside the region replace the given start. Without a
-    region, a cycle can go far outside the region of the design, where the inverse is no longer
+    joint limits and collisions; the result has no more kinds of violations than the given start.
+    For ``by="limits"``, the limit margin of the result is at least that of the given start.
+    With a region, only starts whose cycle stays inside the region replace the given start. Without
+    a region, a cycle can go far outside the region of the design, where the inverse is no longer
     close to G_d.
 
     Parameters
@@ -237,9 +237,9 @@ def best_leaf(
         evaluated; by default J⁺.
     by
         ``"limits"`` maximises the smallest of the three relative margins of the cycle (joint
-        limits, bodies, leaf). ``"speed"`` minimises the joint speed (rms) over the collision-free
-        leaves with at least half of the joint-limit margin of the start that ``"limits"`` finds;
-        for this, random starts are tried too, on all self-motions of the first point.
+        limits, bodies, leaf). ``"speed"`` minimises the joint speed (rms) over leaves without
+        collisions whose joint-limit margin is at least half of the margin that ``"limits"`` finds.
+        For ``"speed"``, random starts on all self-motions of the first point are tried too.
     steps
         Number of steps per cycle.
     seed
@@ -254,8 +254,8 @@ def best_leaf(
     Raises
     ------
     InputError
-        If the path's first point is out of reach, or no leaf that was tried allows a full cycle,
-        inside the region if one is given.
+        If the path's first point is out of reach, or no leaf that was tried allows a full cycle.
+        With a region, leaves other than the given one count only if the cycle stays inside.
 
     Examples
     --------
@@ -363,11 +363,11 @@ class _Search:
     def improved(
         self, best: _LeafCandidate | None, starts: Iterable[Array | None], better: _Better
     ) -> _LeafCandidate | None:
-        """Return the best candidate: ``best``, if it is not None, or an allowed one of ``starts``.
+        """Compare the candidate ``best`` with the allowed ones of ``starts``; return the best.
 
         The ``starts`` are configurations (n,). None in ``starts`` is a start that cannot be
-        reached. ``better`` is a function: it tells whether its first candidate is better than its
-        second.
+        reached. If ``best`` is None, only the ``starts`` are compared, and the result is None if
+        none of them is allowed. ``better(a, b)`` tells whether candidate a is better than b.
         """
         for candidate in self.allowed(starts):
             best = candidate if best is None or better(candidate, best) else best

@@ -71,7 +71,8 @@ def csv_text(
         One motion, or pairs (name of the strategy, motion). A timed motion gives columns for
         accelerations too, and no column ``cycle``.
     most
-        Maximum number of rows per cycle, cycle ends included; by default all rows, with all digits.
+        Maximum number of rows per cycle, cycle ends included; the numbers then have 10 digits. By
+        default, and for a timed motion, all rows are written with all digits.
 
     Raises
     ------
@@ -215,9 +216,10 @@ def _count(end: float | None, asked: int | None, table: CsvTable, row: int) -> i
 
 
 def _joints(names: Sequence[str], known: Sequence[str], where: str) -> tuple[str, ...]:
-    """Select the names of joints from the column names of a file, in their order.
+    """Select the names of joints from the column names of a file, in the order of the columns.
 
-    ``known`` are the names of the robot's joints, and ``where`` names the file in messages.
+    ``names`` are the column names, ``known`` the names of the robot's joints, and ``where`` names
+    the file in messages.
 
     Raises
     ------

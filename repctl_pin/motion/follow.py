@@ -1,12 +1,12 @@
 """Integration of a strategy along a closed path over several cycles.
 
 A strategy gives joint velocities q̇ from the configuration q and the task velocity ẋ. The path
-parameter s runs from 0 to 1 in each cycle; a cycle is divided into steps, which end at all corners.
-A repeatable strategy keeps its potentials h constant, and so the arm on a leaf, the set h(q) = c of
-the level c. A leaf lock replaces the integration by Newton steps, which correct pose and level at
-each point of the path; their damping λ limits joint speeds near singularities. J⁺ is the
-pseudoinverse, the usual strategy. A twist is the velocity (v, ω) of a frame, in base axes. T =
-cycles · steps is the number of all steps of a motion.
+parameter s runs from 0 to 1 in each cycle. A cycle is divided into steps; at each corner of the
+path, one step ends and the next begins. A repeatable strategy keeps its potentials h constant, and
+so the arm on a leaf, the set h(q) = c of the level c. A leaf lock replaces the integration by
+Newton steps, which correct pose and level at each point of the path; their damping λ limits joint
+speeds near singularities. J⁺ is the pseudoinverse, the usual strategy. A twist is the velocity (v,
+ω) of a frame, in base axes. T = cycles · steps is the number of all steps of a motion.
 
 ``ClosedPath`` is a closed path as a function of s, which goes from 0 to 1 in a cycle. ``_Method``
 is an integration method: the functions that take its steps. ``Strategy`` is a controller: a map (q,
@@ -72,7 +72,7 @@ class _Method:
         Takes one step in Python. With a leaf lock, q̇ is not that at the start, but the mean over
         the step.
     at_end : function q → q̇, optional
-        Velocity at the end of the motion; by default, q̇ there is that of the last step.
+        Velocity q̇ at the end of the motion; by default, the q̇ of the last step is used.
     compiled : function (most (n,)) → Steps or None
         Creates the function that takes steps in C, see :data:`.compiled_steps.Steps`, or None if C
         does not support the strategy. The created function stops before a step in which a joint

@@ -45,6 +45,8 @@ integration errors."""
 class JointMotion:
     """Joint motion over several cycles, independent of the path of the frame.
 
+    A time in cycles has fractions: 2.5 is the middle of the third cycle.
+
     Attributes
     ----------
     task : Task
@@ -55,8 +57,6 @@ class JointMotion:
         Joint positions and velocities, rad or m, and per second.
     cycles, steps : int
         Number of cycles, and of steps per cycle: T = cycles · steps.
-
-    A time in cycles has fractions: 2.5 is the middle of the third cycle.
     """
 
     task: Task
@@ -176,8 +176,8 @@ class JointMotion:
         """Minimum distance between the robot's bodies, or to its surroundings: (T + 1,), m.
 
         It is below 0 in a collision. Bodies are the URDF's collision shapes; a mesh of the robot is
-        replaced by its convex hull. The distance is 0 if only hulls overlap, and inf without pairs
-        of bodies to measure. See :class:`Bodies`.
+        replaced by its convex hull. The distance is 0 if the hulls overlap but the meshes do not
+        collide, and inf if there is no pair of bodies to measure. See :class:`Bodies`.
         """
         distances = bodies_of(self.task).distances(self.q)
         distances.setflags(write=False)
@@ -188,8 +188,9 @@ class JointMotion:
         """Minimum body distance and first collision, at the samples and between them.
 
         Between two samples, the joints move on a straight line. Distances are measured at about 100
-        samples per cycle. Bounds on the distances show where more samples are needed, and where
-        pairs that are only checked for collisions must be tested.
+        samples per cycle. Bounds on the distances show where more samples are needed. For some
+        pairs of links, see :class:`Bodies`, no distance is measured; they are tested for collisions
+        where the bounds do not exclude one.
         """
         return self._clearance_from(_COARSE)
 

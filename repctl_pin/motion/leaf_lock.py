@@ -38,8 +38,8 @@ class LeafLock:
     Attributes
     ----------
     corrections : int
-        Number k of Newton corrections per step. Newton's method leaves an error of the order ``2ᵏ``
-        in the length of the step. This error does not accumulate.
+        Number k of Newton corrections per step. For short steps, the remaining error is
+        proportional to the step length to the power ``2ᵏ``. This error does not accumulate.
     leaf : (r,) array, optional
         Level c; by default h(q0).
     velocity_limit : float or (n,) array, optional

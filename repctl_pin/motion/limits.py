@@ -91,7 +91,7 @@ class Limits:
 
     They are arguments of :func:`timed`, :func:`approach` and :class:`Governor`. Acceleration limits
     must be given unless the URDF has them (``acceleration`` and ``deceleration`` of ``<limit>``,
-    URDF 1.2), because without them no motion from rest is the fastest.
+    URDF 1.2). Without them, the fastest motion would leave rest with a jump in speed.
 
     Attributes
     ----------
@@ -112,8 +112,8 @@ class Limits:
     Raises
     ------
     InputError
-        If a number is not above 0, or no limits are published under a name. Missing acceleration
-        limits raise it later, in the function that uses the limits.
+        If a number is not above 0, or no limits are published under a name. If acceleration limits
+        are missing, the function that uses the limits raises the error.
 
     Examples
     --------

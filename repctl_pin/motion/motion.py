@@ -147,7 +147,7 @@ class Motion(JointMotion):
         Returns
         -------
         Motion
-            Motion with ``speed_ratio`` at most 1 for the robot's limits.
+            Motion within the limits; without ``limit``, its ``speed_ratio`` is at most 1.
 
         Raises
         ------

@@ -303,11 +303,12 @@ def _with_corner(
 
 
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
-    """Return the end of an error message: are the waypoints in mm, or relative to the start?
+    """Return the end of an error message: a question on a likely mistake in the waypoints.
 
-    The text asks whichever change would bring the path in reach; it is empty if neither does.
-    ``start`` (n,) is the start configuration, and ``knots`` are the values of the path parameter s
-    at the corners and both ends.
+    If the waypoints are in reach when read as mm, the text asks whether they are in mm. If they are
+    in reach when read as relative to the start, it asks whether they are. Otherwise, the text is
+    empty. ``start`` (n,) is the start configuration, and ``knots`` are the values of the path
+    parameter s at the corners and both ends.
     """
     if len(task.frames) > 1:
         return ""

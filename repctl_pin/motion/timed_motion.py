@@ -28,14 +28,14 @@ class TimedMotion:
         Times of the T samples, s, from 0. The first samples lie shortly before the motion and the
         last ones shortly after it, at rest.
     q, qdot, qddot : (T, n) arrays
-        Positions, rad or m, velocities and accelerations, per s and s². Velocities and
-        accelerations are central differences, because time-optimal q̈ jumps. The interval is a
-        millisecond to either side, or a sample if that is shorter.
+        Positions, rad or m, velocities and accelerations, per s and s². Velocities are central
+        differences over ±1 ms, and accelerations over ±2 ms, because the q̈ of a time-optimal
+        motion jumps. A sample time below 1 ms takes the place of 1 ms.
     starts : (cycles + 1,) array
         Times at which the cycles begin and the last one ends, s.
     length, speed : (K,) arrays
         Phase-plane profile: length of the joint path from the start, rad or m, and its rate, per s,
-        at K points. If all cycles but the first and the last are equal, only one of these is
+        at K points. If the cycles between the first and the last are equal, only one of them is
         included.
     velocity, acceleration, jerk : (n,) arrays
         Limits of the joints, rad/s, rad/s² and rad/s³ (m for prismatic joints); jerk is None if it
@@ -100,9 +100,10 @@ class TimedMotion:
 
     @property
     def _shortest_part(self) -> tuple[float, str]:
-        """Duration, s, of the shortest part that a file must resolve, and its noun in messages.
+        """Duration, s, of the shortest part that a file must resolve, and the part's name.
 
-        For a motion of several cycles, this part is a cycle.
+        Here, the part is a cycle. In a motion between poses, it is the shortest motion from one
+        rest to the next. The name, such as "cycle", is used in messages.
         """
         return self.cycle_time, "cycle"
 

@@ -37,10 +37,11 @@ _OTHER = (
 
 
 def library() -> ctypes.CDLL | None:
-    """Load the native library; None if ``REPCTL_NATIVE=no``, or with one warning if unusable.
+    """Load the native library; None if it is switched off by ``REPCTL_NATIVE=no`` or unusable.
 
-    A library is unusable if it is missing, does not load, or was built from other sources. Callers
-    that also have a slower version in NumPy use this function; others use :func:`required_library`.
+    A library is unusable if it is missing, does not load, or was built from other sources; the
+    first call then gives a warning. Callers that also have a slower version in NumPy use this
+    function; others use :func:`required_library`.
     """
     return None if os.environ.get("REPCTL_NATIVE") == "no" else _loaded()[0]
 
@@ -49,7 +50,8 @@ def library() -> ctypes.CDLL | None:
 def _loaded() -> tuple[ctypes.CDLL | None, str, str]:
     """Load the library and return (library, "", ""), or warn and return (None, fault, remedy).
 
-    ``fault`` is a predicate such as "is missing"; both texts complete an error message.
+    ``fault`` is a predicate such as "is missing"; fault and remedy complete an error message. The
+    result is cached, so there is at most one warning. ``REPCTL_NATIVE`` is not read here.
     """
     state, cause, remedy = _MISSING
     if _LIBRARY.exists():

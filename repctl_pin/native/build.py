@@ -137,14 +137,16 @@ def _run(line: list[str], folder: str) -> None:
 
 
 def _speed(name: str) -> str:
-    """Return the option of the compiler for the speed of a file."""
+    """Return the optimisation option for a C file of this name: ``-O1``, ``-O2`` or ``-O3``."""
     return next((speed for speed, names in _SPEEDS.items() if name in names), "-O2")
 
 
 def _levels(command: list[str]) -> list[str]:
-    """List the levels to build: those of this machine, or all of them for ``REPCTL_TARGET``.
+    """List the levels of vector instructions to build: names in ``_LEVELS``, lowest first.
 
-    All are built, too, if the compiler does not tell what this machine has.
+    On x86-64, they are the levels of this machine. All levels are built if ``REPCTL_TARGET`` is
+    set, or if the compiler does not tell which ones this machine has. Other processors have the
+    level ``plain`` only.
     """
     if not target().startswith("x86_64"):
         return ["plain"]

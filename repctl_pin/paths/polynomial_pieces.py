@@ -166,7 +166,7 @@ def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> 
 
 
 def _pickled(path: TaskPath) -> tuple[Callable[..., TaskPath], tuple[Any, ...]]:
-    """Describe a path to pickle by its polynomial pieces, since its functions cannot be pickled.
+    """Convert a path to polynomial pieces for pickle, which cannot store the path's functions.
 
     Returns what pickle's ``copyreg`` expects: a function that creates the path, and its arguments.
     """

@@ -98,8 +98,8 @@ def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPa
     Positions are in m. ``blend`` is the radius of rounded corners, m; 0 keeps the corners.
     Without quaternions in the file, a frame keeps its orientation at q0. In a file for several
     frames, each has its own columns, ``left.x, left.y, left.z``. The text before the dot is the
-    frame's name, the beginning of only one frame's name, or else a part of only one. A frame
-    without columns stands still; columns without a dot belong to the first frame.
+    frame's name or a part of the name, see :func:`_frame_of`. A frame without columns stands still;
+    columns without a dot belong to the first frame.
 
     Raises
     ------
@@ -173,8 +173,9 @@ def _by_frame(table: CsvTable) -> dict[str, dict[str, str]]:
 def _frame_of(text: str, task: Task, file: Path) -> str:
     """Find the frame of a task to which columns ``text.x`` belong; the first for an empty text.
 
-    ``text`` is the frame's name, the beginning of only one frame's name, or else a part of only
-    one; otherwise InputError is raised.
+    A frame called ``text`` is preferred, then the frame whose name begins with ``text``, then the
+    frame whose name contains ``text``. InputError is raised if there is no such frame, or if the
+    choice is ambiguous.
     """
     frames = task.frames
     if text in frames or not text:
@@ -194,6 +195,7 @@ def _known(columns: Mapping[str, str], file: Path) -> dict[str, str]:
     """Check the names of columns, and return ``columns`` with these names in lower case.
 
     The names are x, y, z, with or without qx, qy, qz, qw and time, in any order; t becomes time.
+    InputError is raised for other names.
     """
     named = {_TIMES.get(name.lower(), name.lower()): column for name, column in columns.items()}
     if len(named) < len(columns) or not any(set(named) == set(layout) for layout in _LAYOUTS):

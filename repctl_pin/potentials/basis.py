@@ -2,9 +2,9 @@
 
 A repeatable controller keeps r potentials h = Aᵀ (h_1 … h_N) constant, the paper's equation (35); a
 design chooses the coefficients A (N, r). V = ∂hᵀ/∂q (n, r) are their gradients, one column per
-potential. q (n,) is one configuration, Q (K, n) are K configurations. A class named ``…Map`` has r
-potentials whose coefficients are fixed; the method ``weighted`` of a basis makes it. A joined basis
-``a + b`` has the potentials of a, then those of b.
+potential. q (n,) is one configuration, Q (K, n) are K configurations. An object of a class named
+``…Map`` is r potentials with fixed coefficients A; the method ``weighted`` of a basis creates such
+objects. A joined basis ``a + b`` has the potentials of a, then those of b.
 
 ``CurvedPotentials`` are potentials with second derivatives. ``PotentialBasis`` is a basis of N
 functions of q, whose combinations are the potentials h of a design. ``SumMap`` is a sum of maps h
@@ -118,7 +118,8 @@ def coefficients(A: ArrayLike, size: int) -> Array:
 class SumMap(Potentials):
     """Sum ``h = h_a + h_b + …`` of several maps with r potentials each.
 
-    The method ``weighted`` of a joined basis makes it.
+    A map is r potentials with fixed coefficients. The method ``weighted`` of a joined basis creates
+    such a sum.
     """
 
     def __init__(self, maps: Sequence[Potentials]) -> None:

@@ -194,11 +194,11 @@ class PolynomialMap(Potentials):
     r"""r polynomials h(q) of k joints, evaluated from one table of weights of monomials.
 
     The polynomials are sums of monomials u^β with ``u = (q − center) / scale``, where the tuple β
-    has one exponent per joint. Multiplied by a power of ``z_0 = 1``, each monomial has the degree
-    d. So h is homogeneous of degree d in ``z = (1, q − center)`` (k + 1,), and by Euler's theorem
-    ``h = Σ_i w_i z_i / d`` with the derivatives ``w_i = ∂h/∂z_i``. These are weighted sums of
-    monomials of degree below d. One table of their weights gives values, gradients and second
-    derivatives, here and in the native library (arm.c).
+    has one exponent per joint. Let ``z = (1, q − center)`` (k + 1,). If each monomial is multiplied
+    by the power of ``z_0 = 1`` that raises its degree to d, h is homogeneous of degree d in z. Then
+    ``h = Σ_i w_i z_i / d`` by Euler's theorem, with the derivatives ``w_i = ∂h/∂z_i``. Each w_i is
+    a weighted sum of monomials of degree below d. One table of these weights gives values,
+    gradients and second derivatives, here and in the native library (arm.c).
 
     Attributes
     ----------

@@ -44,9 +44,9 @@ def nullspace(J: ArrayLike) -> Array:
 def null_vector(J: ArrayLike) -> Array:
     """Evaluate the null vector that is smooth in q, for r = 1: the generalized cross product.
 
-    ``n_i = (−1)^i det(J without column i)``, i counted from 0. This vector is that of (12) and of
-    (18), and √2 times that of (41). It is not normalised: ``‖n‖² = det(J Jᵀ)``, so n is 0 where J
-    loses rank.
+    ``n_i = (−1)^i det(J without column i)``, i counted from 0. This vector is not normalised:
+    ``‖n‖² = det(J Jᵀ)``, so n is 0 where J loses rank. In the paper's examples, n is the vector of
+    (12), that of (18), and √2 times the unit vector n̂_J of (41).
 
     Parameters
     ----------

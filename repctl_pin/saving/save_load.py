@@ -112,9 +112,9 @@ def load(path: str | Path, task: Task | None = None) -> Any:
     Warns
     -----
     UserWarning
-        If an older file lacks part of the fingerprint, if the proof in the file is dropped because
-        it belongs to another design, or if a cell's body distance is dropped because the collision
-        bodies have changed.
+        If an older file lacks part of the robot's fingerprint (see :func:`save`), if the proof in
+        the file is dropped because it belongs to another design, or if a cell's body distance is
+        dropped because the collision bodies have changed.
 
     Examples
     --------

@@ -99,8 +99,8 @@ class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
     ``frames`` are shoulder, elbow and wrist. ``reference`` is the direction, in base axes, from
     which the angle is measured. ``singular`` is the direction of the wrist at which a stereographic
     arm angle is undefined; null if the arm angle is the conventional one. ``points`` are the
-    origins of the frames, m, at the configurations that are stored with the task to recognise its
-    arm; if they differ on loading, a frame has moved. Older files lack ``points``.
+    origins of the frames, m, at each check configuration of the task; if they differ on loading, a
+    frame has moved. Older files lack ``points``.
     """
 
     frames: tuple[str, str, str]
@@ -233,10 +233,11 @@ class TaskFile(Part):
     coordinates: Rows | msgspec.UnsetType | None = msgspec.UNSET
 
     def found_beside(self, where: str | Path) -> str:
-        """Return the path of the robot's file, whose folder is not stored.
+        """Return the path of the robot's file, of which only the name is stored.
 
-        It is looked for in the working folder, and beside the design's file ``where``. If it is in
-        neither, its folder is ``PATH``, which stands for the one that the user knows.
+        The robot's file is looked for in the working folder, then beside the design's file
+        ``where``. If it is in neither folder, the result is ``PATH/name``, in which the user
+        replaces ``PATH`` by the folder.
         """
         near = Path(self.file), Path(where).parent / self.file
         return str(next((path for path in near if path.is_file()), Path("PATH", self.file)))
@@ -289,10 +290,13 @@ class CycleFile(Part):
 class Figures(Part):
     """Figures of merit of a saved design: cost, margins and errors, as in :class:`Design`.
 
-    They are computed when the design is made, not when it is loaded. ``cost`` to ``inside_limits``
-    are figures over Ω, ``fit_cost`` to ``steps`` of the optimiser. ``samples`` and ``held_out`` are
-    numbers of nodes. ``dropped`` are the potentials left out, ``shrunk`` is the width of Ω over the
-    requested one, and ``degrees`` has (degree, cost, standard error) of each degree tried.
+    They are computed when the design is made, not when it is loaded. ``cost``, ``cost_error``,
+    ``relative_distance``, ``leaf_margin``, ``leaf_margin_at`` and ``inside_limits`` are evaluated
+    over Ω. ``fit_cost``, ``gradient_norm``, ``converged`` and ``steps`` are results of the
+    optimiser. ``samples`` and ``held_out`` are the numbers of nodes of the fit and of the
+    evaluation, and ``seed`` is their random seed. ``dropped`` lists the potentials that were left
+    out. ``shrunk`` is the width of Ω divided by the requested width. ``degrees`` has (degree, cost,
+    standard error) of each degree tried.
     """
 
     cost: float
@@ -320,9 +324,11 @@ class ClosingRadiusFile(Part):
     the radius in position and orientation; ``radians`` is null if the task commands no orientation.
     ``around`` is ``start`` or ``path``, ``kind`` the kind of task, and ``start`` a configuration.
     ``positions``, m, and ``rotations``, matrices, are those of the start pose, or along the path.
-    ``boxes``, ``complete`` and ``reason`` tell how the proof ended. ``checked`` is the number of
-    points at which a path was checked to close, 0 if that is proved. ``leaf`` is the change of the
-    levels that the radius allows.
+    ``boxes`` is the number of boxes that were bounded. ``complete`` is false if the proof ran out
+    of time, and ``reason`` says why the radius is not larger. ``checked`` is the number of points
+    at which the path itself was checked to close; 0 if that is proved, or for a radius around a
+    start. ``leaf`` is the maximum change of each level h(q), from its value at ``start``, that the
+    proof covers.
     """
 
     metres: float
@@ -343,14 +349,15 @@ class ProofFile(Part):
     """Bounds that are proved over a whole region or cell.
 
     They are lower bounds of the leaf margin, the limit margin and σ_min(J). ``boxes`` is the number
-    of boxes that were bounded, and ``worst`` ± ``half`` the box with the smallest bound, or that
-    could not be decided. ``what``, ``proved`` and ``reason`` state the result, and ``theorem`` is
-    the version of the theorem. Joints in ``excepted`` are left out of the limit margin, and
-    ``closes`` is the closing radius. A null ``limit_margin`` means that the robot has no joint
-    limits. A null ``asked_leaf_margin`` or ``asked_limit_margin`` means that no such bound was
-    required. ``subject`` is a hash of what is proved, and ``seal`` a hash of the whole proof; a
-    proof without them, from an older file, is dropped. ``seconds``, the computing time, occurs in
-    older files only, so that equal proofs give equal files.
+    of boxes that were bounded. ``worst`` and ``half`` are the centre and the half-widths of one
+    box: the one at which the proof failed, otherwise the one with the smallest bound of the leaf
+    margin. ``what`` describes the design, ``proved`` is true if all that was required is proved,
+    and ``reason`` is the cause of an early end. ``theorem`` is the version of the theorem. Joints
+    in ``excepted`` are left out of the limit margin, and ``closes`` is the closing radius. A null
+    ``limit_margin`` means that the robot has no joint limits. A null ``asked_leaf_margin`` or
+    ``asked_limit_margin`` means that no such bound was required. ``subject`` is a hash of what is
+    proved, and ``seal`` a hash of the whole proof; a proof without them, from an older file, is
+    dropped. ``seconds``, the computing time, is in older files only.
     """
 
     what: str
@@ -408,11 +415,11 @@ R = TypeVar("R", bound="DataclassInstance")
 
 
 def described(kind: type[P], thing: object, **others: Any) -> P:
-    """Create a part of a file, of class ``kind``, from attributes with the names of its keys.
+    """Create a part of a file, of class ``kind``, from the attributes of an object ``thing``.
 
-    ``thing`` is the object that has the attributes. Arrays become lists; some attributes, such as a
-    limit margin without limits, become null if they are not finite. ``others`` are values of
-    further keys, or values to use instead of the object's attributes.
+    Each key of the part gets the value of the attribute with the same name. Arrays become lists;
+    some attributes, such as a limit margin without limits, become null if they are not finite.
+    ``others`` are the values of keys that are not taken from the object.
     """
     own = {}
     for name in kind.__struct_fields__:
@@ -428,10 +435,11 @@ def described(kind: type[P], thing: object, **others: Any) -> P:
 
 
 def made(kind: type[R], part: msgspec.Struct, **others: Any) -> R:
-    """Create an object of the dataclass ``kind`` from a part of a file, by the names of its keys.
+    """Create an object of the dataclass ``kind`` from a part of a file.
 
-    Lists become arrays, and a null becomes None or, for numbers that need not be finite, inf or
-    NaN. ``others`` are values of further attributes, or values to use instead of those of the file.
+    Each attribute gets the value of the key with the same name. Lists become arrays, and a null
+    becomes None or, for numbers that need not be finite, inf or NaN. ``others`` are the values of
+    attributes that are not taken from the file.
     """
     own = {}
     for name in kind.__dataclass_fields__:

@@ -238,8 +238,8 @@ def require_arm_angles(basis: BasisFile, made_for: TaskFile, task: Task) -> list
 
     An arm angle is a potential made of shoulder, elbow and wrist frames; other potentials of
     ``basis`` are not checked. Returns the names of what could not be compared: ["the frames of the
-    arm angle"] if the file is from an older version that lacks their positions, otherwise []. The
-    InputError of a frame that has moved names it.
+    arm angle"] if the file is from an older version that lacks their positions, otherwise []. If a
+    frame has moved, an InputError names that frame.
     """
     if isinstance(basis, JoinedFile):
         parts = [require_arm_angles(part, made_for, task) for part in basis.parts]

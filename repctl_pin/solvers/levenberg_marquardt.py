@@ -166,7 +166,8 @@ class _Solution(Generic[D]):
     start : float
         The cost at the start.
     steps : int
-        Number of iterations: accepted steps, and iterations that only lowered μ.
+        Number of accepted steps, and of iterations that lowered μ instead of taking a step.
+        Rejected steps are not counted.
     converged : bool
         True if a condition of convergence was met; False if the number of iterations was used up,
         no step was accepted, or the merit at the start is infinite.

@@ -193,8 +193,8 @@ class Elbow:
     def _velocity(self, frame: int) -> Array:
         """Return the Jacobian of the model's frame with index ``frame``: rows of v, then ω.
 
-        v is the velocity of the frame's origin; v and ω are in world axes. The Jacobian has six
-        rows, and one column per joint velocity of the model, of which q has a part.
+        v is the velocity of the frame's origin; v and ω are in world axes. The Jacobian is (6, nv),
+        with one column for each of the nv joint velocities of the model, also of joints outside q.
         """
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return np.asarray(pin.getFrameJacobian(self._model, self._data, frame, axes))
@@ -224,6 +224,9 @@ def leaf_toward(
     at a limit stays there unless the minimum is inside its limits. The search also ends where no
     step brings the elbow nearer within these limits and away from singularities. ``margin`` is the
     distance to keep from the joint limits, rad or m.
+
+    Return the level and the configuration at the end of the search, with the distance that is left.
+    SingularityError is raised if the search cannot begin because q is near a singularity.
     """
     task = inverse.task
     lower, upper = task.lower + margin + _INSIDE, task.upper - margin - _INSIDE
@@ -345,8 +348,8 @@ def _accepted(
 
     ``point`` (3,) is in the base frame, m. The step is halved until its end is within the
     ``limits`` (lower, upper), with the tolerance :data:`_INSIDE`, and within the bounds
-    ``regular``; the result is None if no step is. If q is beyond the limits, the step moves the
-    joints back, and may move the elbow away from the point.
+    ``regular``. The result is None if no such configuration is found. If q is beyond the limits,
+    the step moves the joints back, and may move the elbow away from the point.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)

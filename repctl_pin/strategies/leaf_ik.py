@@ -192,8 +192,9 @@ def _unreached(
 ) -> InputError:
     """Create the error for a target that cannot be reached on the leaf; the path ends at q (n,).
 
-    The message gives ``done``, the share of the path that was followed, 0 to 1. It says that J is
-    nearly singular at q, or else gives the leaf margin at q: from 1 to 0, where J_V is singular.
+    The message gives ``done``, the share of the path that was followed, 0 to 1, and the cause at
+    q: J is nearly singular or, otherwise, the leaf margin, which is 1 at best and 0 where J_V is
+    singular.
     """
     where = np.array2string(np.asarray(target.translation), precision=3, separator=", ")
     J = task.jacobian(q)

@@ -20,10 +20,10 @@ class LimitWeight:
 
     The sum is over the two distances μ of q_i from its lower and its upper limit, and ρ_i is
     ``onset`` times half the joint's range. w_i is about 1 in the middle of the range and 1 + gain
-    at a limit and beyond, with a continuous slope; it is 1 for joints without limits. Let M be
-    diag w, e_i the i-th unit vector, and J⁺_M the inverse with the weight M. Then
-    ``‖G − J⁺_M‖²_M`` is ``‖G − J⁺‖² + Σ_i (w_i − 1) ‖e_iᵀ G‖²`` up to a constant. So a design near
-    J⁺_M is near J⁺, but slow near limits.
+    at a limit and beyond, with a continuous slope; it is 1 for a joint that lacks either limit. Let
+    M be diag w, e_i the i-th unit vector, and J⁺_M the inverse with the weight M. The norm with
+    this weight is ``‖X‖²_M = tr(Xᵀ M X)``. Then ``‖G − J⁺_M‖²_M`` is ``‖G − J⁺‖² + Σ_i (w_i − 1)
+    ‖e_iᵀ G‖²``, up to a constant. So a design near J⁺_M is near J⁺, but slow near limits.
 
     Parameters
     ----------

@@ -149,8 +149,9 @@ class NativeLaw:
         ``target`` is the placement x, ``twist`` the feed-forward (v, ω), m/s and rad/s, whose task
         coordinates are ẋ, and ``leaf`` the level c. If ``twist`` or ``leaf`` is None, its term is
         omitted. ``gain`` is K, 1/s; None removes the whole error in one step. ``bounds`` are the
-        speed limits and the maximum damping; None is neither. An InputError or a SingularityError
-        is raised if C finds no step. ``dt`` is the duration of the step, s.
+        speed limits and the maximum damping; with None, the step is neither shortened nor damped.
+        ``dt`` is the duration of the step, s. If C finds no step, an InputError or a
+        SingularityError is raised.
         """
         given = 0
         self._q[...] = q

@@ -221,8 +221,8 @@ class RepeatableInverse:
             whole step. :meth:`damped_step` reports the factor.
         damping
             Maximum damping λ_max near singularities, in the units of J; with 0, SingularityError is
-            raised instead. A damped step is at most ``‖error‖ / (√3 λ_max)`` long.
-            :meth:`damped_step` reports λ.
+            raised instead. A damped step is at most ``‖b‖ / (√3 λ_max)`` long, where b is the
+            vector by which J_V⁻¹ is multiplied above. :meth:`damped_step` reports λ.
         outside
             Action if q lies outside the design region Ω, or the next q beyond the joint limits:
             ``"ignore"``, ``"warn"``, or ``"raise"`` (an InputError). The check takes about as
@@ -326,10 +326,10 @@ class RepeatableInverse:
         return self._law.own.leaf(vector(q, self.task.n, "q"))
 
     def same_leaf(self, q: ArrayLike, other: ArrayLike) -> bool:
-        """Test whether two configurations lie on one leaf: ``|h(q) − h(q′)| ≤ 1e-6``.
+        """Test whether two configurations lie on one leaf: ``max |h(q) − h(q′)| ≤ 1e-6``.
 
-        A leaf is the set of configurations with one value of h(q). A proof for paths on one leaf
-        does not cover another leaf.
+        The maximum is over the r potentials. A leaf is the set of configurations with one value of
+        h(q). A proof for paths on one leaf does not cover another leaf.
 
         Parameters
         ----------
@@ -369,9 +369,9 @@ class RepeatableInverse:
 
         The search moves along the self-motion from q, within the joint limits and away from
         algorithmic singularities, to the next minimum of the distance. Where a self-motion hardly
-        changes this distance, ``unique`` is False, and the level depends on q. If the search begins
-        at a configuration that is a function of the pose, such as :meth:`solve` from the start, the
-        result is a function of pose and point.
+        changes this distance, ``unique`` is False, and the level depends on q. If q depends only on
+        the pose, as the result of :meth:`solve` from a fixed start does, then the level depends
+        only on the pose and the point.
 
         Parameters
         ----------

@@ -1,8 +1,9 @@
 """Argument checks of control steps, and the errors of steps that cannot be computed.
 
 Arrays of doubles of the right size are passed on as they are; other values are converted, or
-refused by an error that names the argument. Python's function calls take as long as the arithmetic
-of a step, so the tests come first. A level c is the value of the potentials h(q) at which a
+refused by an error that names the argument. A call of a Python function takes as long as the
+arithmetic of a step; so each argument is tested in place, and a function is called only if the
+argument must be converted. A level c is the value of the potentials h(q) at which a
 repeatable inverse keeps the arm. q (n,) is a configuration, ẋ (m,) a task velocity, and the twist
 (v, ω) the velocity of a target.
 
@@ -56,9 +57,9 @@ def as_joints(q: ArrayLike, n: int) -> Array:
 
 
 def as_velocity_arguments(q: ArrayLike, xdot: ArrayLike, n: int, m: int) -> tuple[Array, Array]:
-    """Check q (n,) and ẋ (m,) of a velocity, and return them as arrays of doubles.
+    """Check the arguments q (n,) and ẋ (m,) of a controller, and return them as arrays of doubles.
 
-    Arrays of doubles pass without a test of their values, which the solver tests.
+    The values of an array of doubles are not tested here: the solver tests them.
     """
     if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == (n,)):
         q = vector(q, n, "q")

@@ -200,8 +200,9 @@ def _named(task: Task, start: ArrayLike | str) -> tuple[Array, str]:
 def _with_a_circle(task: Task, offers: Iterable[tuple[Array, str]]) -> Iterator[PathStart]:
     """Generate the starts of a problem without a path, those with space for a circle first.
 
-    From these, the arm can follow a circle, and no bodies collide at the start. The others follow
-    in their given order. ``offers`` are pairs (configuration, description).
+    A start has space for a circle if the arm can follow one from there, and no bodies collide at
+    the start. Other starts follow in their given order. ``offers`` are pairs (configuration,
+    description).
     """
     others: list[PathStart] = []
     for q0, name in offers:
@@ -223,9 +224,9 @@ def _reachable(
     """Generate the starts at which J is not singular, and from which the whole path is reached.
 
     ``offers`` are pairs (configuration, description), and ``draw`` is the function (task, q0) →
-    path. If the path does not begin at a start, the start is moved to the path's first point. The
-    path then does not depend on the start, and starts found by a search are not tried. ``remedy``
-    is the remedy in the error of a singular start.
+    path. If the path does not begin at the pose of a start, the start is moved to the path's first
+    point. Such a path is taken to lie at a fixed place, whatever the start, so the starts found by
+    a search are not tried. ``remedy`` is the remedy in the error of a singular start.
 
     Raises
     ------

@@ -255,7 +255,7 @@ class Problem:
 def tube_around(motion: Motion, width: float | None = None) -> Tube:
     """Create the tube around a motion's first cycle, the default region Ω of a design.
 
-    The tube has every configuration from which some configuration of the motion differs by at most
+    A configuration q is in the tube if some configuration of that cycle differs from q by at most
     ``width`` in each joint, rad or m; by default 0.1 rad or 0.05 m.
     """
     radius = np.where(motion.task.revolute, 0.1, 0.05) if width is None else width
@@ -267,7 +267,8 @@ def at_minimum_speed(problem: Problem) -> Problem:
 
     In a self-motion the joints move and the frame does not, so the path does not change. The new
     start has at least half of the largest joint-limit margin found, and no bodies collide. A note
-    of the copy says by how much the joint speed falls.
+    of the copy says by how much the joint speed falls. If no such start needs less joint speed, the
+    start is kept, and the note says so.
 
     Raises
     ------
@@ -340,9 +341,9 @@ def _checked_path(path: Any, plane: str | None) -> PathOf | None:
 def _checked_region(region: Any) -> float | Region | _RegionOf | None:
     """Check the argument ``region`` of a problem: a number, a region, a function, or None.
 
-    A number is the half-width of a box, rad; a function is (task, q0) → region. None stands for the
-    default, a tube around the motion. All are returned unchanged, because a region can be made only
-    when the start is known. InputError is raised for any other value.
+    A number is the half-width of a box, rad (and m); a function is (task, q0) → region. None stands
+    for the default, a tube around the motion. All are returned unchanged, because a region can be
+    made only when the start is known. InputError is raised for any other value.
     """
     if region is None or isinstance(region, Region):
         return region

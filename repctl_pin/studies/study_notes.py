@@ -196,9 +196,9 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
     """Make the notes that compare a design's motion with closed motions of minimum joint speed.
 
     The first note compares the joint speed with the minimum from the start q0 (n,). A second one
-    follows if a free start nearby needs over 5 % less joint speed. The list is empty if the
-    design's motion violates a limit, leaves the path or is not closed, or if no closed motion of
-    minimum speed is found.
+    follows if another start near it, on its self-motion, needs over 5 % less joint speed than the
+    design's motion from q0. The list is empty if the design's motion violates a limit, leaves the
+    path or is not closed, or if no closed motion of minimum speed is found.
     """
     lock = LeafLock(4)
     try:
@@ -221,10 +221,11 @@ def least_motion_notes(design: Design, path: TaskPath, q0: Array) -> list[str]:
 
 
 def _from_anywhere(least: Motion) -> float:
-    """Find the minimum joint speed (rms) of closed motions with a free start near a given motion.
+    """Find the minimum joint speed (rms) of closed motions whose start is optimised, too.
 
-    ``least`` is the given motion, of which the others keep at least half of the joint-limit margin.
-    The result is in rad/s or m/s; it is infinite if no such motion is found, or bodies collide.
+    The search begins at the closed motion ``least``, and moves its start along the self-motion. At
+    least half of the joint-limit margin of ``least`` is required. The result is in rad/s or m/s; it
+    is infinite if no such motion is found, or if bodies collide in the motion found.
     """
     margin = float(least.limit_margin.min()) / 2
     try:

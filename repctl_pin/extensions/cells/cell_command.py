@@ -209,7 +209,7 @@ def run(options: Options) -> int:
     """Run ``repctl cell``: find the function, print its table, and write its files.
 
     The files are cell.json, cell.html and, unless the cell has a single coordinate, cell.png.
-    Return the exit code.
+    Return the exit code: 3 if a proof requested by ``--prove`` was not reached, else 0.
     """
     folder = options.output_folder(Path(options.robot).stem)
     needed("matplotlib", "meshcat", by="repctl cell")
@@ -444,10 +444,10 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
 def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.CellDesign, list[str]]:
     """Choose the design over a whole table, and write the notes on its sector: (design, notes).
 
-    With ``prove``, a design over a sector whose range of radius depends on the height is returned
-    with its certificate. If this design cannot be proved, the design over the largest sector with
-    the same range of radius at all heights is returned instead, without a certificate. ``report``
-    is the progress callback of the proof.
+    The design is that of ``table``. With ``prove``, and if the sector's range of radius depends on
+    the height, this design is proved here, and returned with its certificate. If this proof is not
+    reached, the design over the largest sector with the same range of radius at all heights is
+    returned instead, without a certificate. ``report`` is the progress callback of the proof.
     """
     notes = []
     if prove and table.by_height:
@@ -482,10 +482,11 @@ def _approach_note(place: rp.BestCell) -> list[str]:
 
 
 def _oriented_task(options: Options) -> rp.Task:
-    """Make the task of ``--task``; without it and ``--size``, a task that fixes the approach axis.
+    """Make the task of ``--task``, or a default task that fixes the approach axis.
 
-    A task that fixes the approach axis is a pose task if the arm has more than 6 joints, else an
-    axis task, which commands the position and the direction of the tool.
+    The default is a pose task if the arm has more than 6 joints, else an axis task, which commands
+    the position and the direction of the tool. With ``--size``, the task is that of
+    :meth:`Options.asked_task`.
     """
     if options.task is not None or options.size is not None:
         return options.asked_task()

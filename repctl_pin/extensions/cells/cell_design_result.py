@@ -390,8 +390,9 @@ def _cell_parts(cell: Cell) -> tuple[Any, ...]:
 def _left_out(joints: Sequence[str], turns: Sequence[Turn]) -> str:
     """Write which joints the limit margin leaves out, as lines to append to the margin.
 
-    ``joints`` are the names of these joints, and ``turns`` the ranges of symmetric coordinates. If
-    a joint makes a full turn within its limits, its line has its own margin.
+    ``joints`` are the names of these joints, and ``turns`` the ranges of symmetric coordinates. One
+    line names the joints whose limits end a range. A joint that makes a full turn within its limits
+    has a line of its own, with its distance from the limits, rad.
     """
     full = {turn.joint: turn.left for turn in turns if turn.left}
     bounded = [name for name in joints if name not in full]

@@ -89,11 +89,12 @@ class _TurnFile(Part):
     All ranges are full widths. Null stands for an unknown number. ``joint_range`` is the range of
     the joint (null without limits). ``spread`` is the difference between the joint's largest and
     smallest value over the covered poses. ``reach``, ``nearly`` and ``most`` are the ranges of the
-    coordinate that are left at all, at 99.9 % and at 99 % of the covered poses. ``price`` is the
-    extra joint speed that the requested range costs. ``unasked`` is the ``reach`` of a function
-    that was designed without that request. ``covered`` is the fraction of poses that the function
-    covers without regard to the joint's limits; ``as_covered`` is the range that is left at this
-    fraction of the covered poses. ``bodies`` are the links that collide beyond the range.
+    coordinate in which the joint stays within its limits at all, at 99.9 % and at 99 % of the
+    covered poses. ``price`` is the extra joint speed that the requested range costs. ``unasked`` is
+    the ``reach`` of a function that was designed without that request. ``covered`` is the fraction
+    of poses that the function covers without regard to the joint's limits; ``as_covered`` is the
+    range in which the joint stays within its limits at this fraction of the covered poses.
+    ``bodies`` are the links that collide beyond the range.
     """
 
     coordinate: str

@@ -311,8 +311,9 @@ class InverseFunction:
         """Find the range (r, 2) of each component c_j of the level at a pose, with the others at 0.
 
         A row is (low, high), rad (m for prismatic joints). A range ends at a joint limit, at ±π, or
-        where ``σ_min(Nᵀ n̂_ref)`` falls to 0.1. This singular value is near 1 where n_ref
-        approximates the null space N well, and 0 at a fold of the leaf.
+        where ``σ_min(Nᵀ n̂_ref)`` falls to 0.1, with n̂_ref an orthonormal basis of the columns of
+        n_ref. This singular value is 1 where n_ref spans the null space N, and 0 where the matrix
+        [J; n_refᵀ] is singular.
         """
         task, r = self.task, self.task.r
         u, shift = self.chart.cell._split(self.cell.coordinates_of(target)[None])

@@ -132,8 +132,8 @@ class ToolFunction:
     def leaves(self, target: Placement) -> Array:
         """Find the range (low, high) of each component of the level at a pose of the tool: (r, 2).
 
-        The other components are 0. A range ends at a joint limit, at ±π, or near a fold of the
-        leaf, see :meth:`InverseFunction.leaves`.
+        The other components are 0. A range ends at a joint limit, at ±π, or near a singularity of
+        the equations of F, see :meth:`InverseFunction.leaves`.
         """
         intervals: Array = self.of_frame.leaves(as_placement(target) * self._back)
         return intervals

@@ -183,8 +183,8 @@ def pose_and_leaf(
 def velocity(inverse: RepeatableInverse, xp: Namespace) -> Callable[[Numbers, Numbers], Numbers]:
     """Convert the control law ``q̇ = G_r(q) ẋ`` of a repeatable inverse to a function of arrays.
 
-    The joint velocity solves ``J q̇ = ẋ`` and ``Vᵀ q̇ = 0`` (37); V (n, r) are the gradients of the
-    potentials of the inverse, which stay constant.
+    The joint velocity solves ``J q̇ = ẋ``, and the potentials of the inverse stay constant:
+    ``Vᵀ q̇ = 0``, with V (n, r) their gradients (37).
 
     Parameters
     ----------

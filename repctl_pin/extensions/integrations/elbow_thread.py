@@ -23,9 +23,10 @@ _SAME = 1e-9
 
 
 class ElbowSearch:
-    """Search, in a thread, of the level whose elbow is nearest to a point p_e at a pose x.
+    """Search, in a thread, for the level at which the elbow is nearest to a point p_e.
 
-    The search is for the newest pose and point; one search runs at a time.
+    The search is along the self-motion at a pose x of the frame. One search runs at a time; the
+    next one is for the newest pose and point.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ class ElbowSearch:
     Attributes
     ----------
     point : (3,) array or None
-        Point p_e for the elbow, base frame, m; None without a point.
+        Point p_e for the elbow, base frame, m; None while no point is set.
     said : str
         Display text: the distance of the last level's elbow from its point, or the reason why no
         level was found; empty before the first search has ended.

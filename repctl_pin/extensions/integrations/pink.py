@@ -110,8 +110,8 @@ class RepeatableTask(PinkTask):
     def _find(self, model: pin.Model) -> None:
         """Find the design's joints in pink's model by name, and store their indices in q and v.
 
-        It is also stored which joints are continuous, because these are (cos, sin) pairs in q.
-        InputError is raised if a joint is missing.
+        A mask of the continuous joints, which are (cos, sin) pairs in q, is stored, too. InputError
+        is raised if a joint is missing.
         """
         missing = [name for name in self._names if not model.existJointName(name)]
         if missing:

@@ -33,9 +33,9 @@ def answer(
     """Fill in and return MoveIt's response to a request: the joints F(pose), or an error code.
 
     F is the function of a cell, a box of poses: it gives one configuration per pose. The seed, the
-    group and the constraints of the request are ignored: the pose alone determines the joints. With
-    ``avoid_collisions``, the robot is checked for collisions with itself, except for links without
-    a shape.
+    group and the constraints of the request are ignored: the pose alone determines the joints. If
+    the request has ``avoid_collisions``, and the robot collides with itself at F(pose), the answer
+    is the error code of a collision. Links without a shape are not checked.
 
     Parameters
     ----------

@@ -82,8 +82,8 @@ class Servo:
     potentials h, until :meth:`leaf`, :meth:`level` or :meth:`elbow` gives another level c. A
     governor computes the commands, and also stops the arm at the edge of Ω, the design's region.
     All times, passed as ``now``, are of one clock, in s. While the clock steps back or stops, each
-    tick counts as one period, so time-outs still end. An invalid target or twist raises no error,
-    but stops the arm, and :attr:`reason` describes why.
+    tick counts as one period, so time-outs still expire. An invalid target or twist raises no
+    error, but stops the arm, and :attr:`reason` describes why.
 
     Parameters
     ----------
@@ -258,6 +258,7 @@ class Servo:
 
         The point has an effect only while the clutch is engaged. A point that is not finite
         releases the elbow alone: the level then stays constant until the clutch is engaged again.
+        A message whose ``age``, s, exceeds the timeout stops the arm.
         """
         if not self._clutch.engaged or not self._usable("elbow", "", age):
             return
@@ -290,7 +291,8 @@ class Servo:
     def level(self, leaf: ArrayLike) -> None:
         """Move to the level c (r,), even while the frame is at rest.
 
-        The motion ends when the arm is stopped. An invalid level stops the arm.
+        If the arm is stopped before it reaches the level, it does not move there later. An invalid
+        level stops the arm.
         """
         if self._usable("level", "", 0.0):
             c = np.atleast_1d(np.asarray(leaf, float))
@@ -385,8 +387,8 @@ class Servo:
     def brake(self) -> Array | None:
         """Compute the next configuration (n,) of a stop; None once at rest, or while WAITING.
 
-        A servo is WAITING until it has measured joints for the first time. Call this method once
-        per tick when the program ends; measured joints are not needed.
+        A servo that is WAITING commands no motion. Call this method once per tick when the program
+        ends; measured joints are not needed.
         """
         self._forget()
         return None if self.state is State.WAITING or self.at_rest else self._command()
@@ -427,10 +429,9 @@ class Servo:
     def beyond_closing_radius(self) -> bool:
         """True if the commanded pose is beyond the closing radius of the design's certificate.
 
-        The radius is a distance of the pose from the certificate's start or path, within which
-        closed paths are proved to end in the configuration they began in. At levels that the
-        certificate does not cover, the result is also True; without such a certificate, it is
-        False.
+        Closed paths within this radius of the certificate's start or path are proved to end in the
+        configuration they began in. The result is also True at a level that the certificate does
+        not cover. It is False if the design has no proved closing radius.
         """
         if not self._closes or self.command is None:
             return False
@@ -560,9 +561,9 @@ class Servo:
         self._elbow.drop()
 
     def _replace(self) -> None:
-        """Drop the target and the twist of the last message, and release the clutch.
+        """Drop the target and the twist, and release the clutch, before a new one is stored.
 
-        The next message replaces them. The level and the elbow's point are kept.
+        The level and the elbow's point are kept.
         """
         self._target, self._twist, self._heard = None, None, 0.0
         self._hand, self._joined = None, False

@@ -56,7 +56,7 @@ class JointReadings:
     def measured(self, now: float) -> tuple[Array | None, float]:
         """Return the latest joint positions (n,), and the age of the oldest of them, s.
 
-        A stamp that is ahead of the clock counts as equally far behind the clock. If a joint has
+        A stamp that is 1 s ahead of the clock counts like a stamp that is 1 s old. If a joint has
         not been measured yet, the positions are None and the age is 0.
         """
         found = [self._found[name] for name in self.names if name in self._found]
@@ -68,7 +68,7 @@ class JointReadings:
     def absent(self, now: float) -> str:
         """Describe why the joints are not known at the time ``now``, s: missing, or too old.
 
-        It is called only in this case. Joints are too old after the timeout of the servo.
+        Call it only if :meth:`measured` returns None, or an age above the timeout of the servo.
         """
         missing = [name for name in self.names if name not in self._found]
         if len(missing) == len(self.names):

@@ -8,8 +8,8 @@ import numpy as np
 class SteadyTime:
     """Time that never runs backwards, and advances at every tick, whatever the clock does.
 
-    A servo computes one joint command per tick of the control loop. Time-outs must end even if a
-    clock is set, or the clock of a simulation stops or restarts.
+    A servo computes one joint command per tick of the control loop. Its time-outs must expire even
+    if the system clock is set back, or the clock of a simulation stops or restarts.
 
     Parameters
     ----------

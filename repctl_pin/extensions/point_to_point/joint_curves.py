@@ -7,8 +7,8 @@ proportional to the length of the tool's path along each line or blend. Letters:
 of s, n joints.
 
 ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
-numbers. ``Segment`` is a smooth part of a joint path between two stops, with its speed at each
-stage. ``Line`` is a line between two poses, along which the tool moves. ``Blend`` is a transition
+numbers. ``Segment`` is a smooth part of a joint path between two stops, with its speed profile
+ṡ(s). ``Line`` is a line between two poses, along which the tool moves. ``Blend`` is a transition
 from one line of a motion to the next, without a stop.
 """
 
@@ -85,9 +85,9 @@ class Part:
     def timed(self, limits: JointLimits) -> tuple[Segment, float]:
         """Compute the fastest motion along the part, from rest to rest, and its duration, s.
 
-        The motion meets the limits at the values ``grid``. If it exceeds a limit in between, the
-        returned duration is longer than that of the returned segment; the caller slows the segment
-        down to it.
+        The segment meets the limits at the values ``grid``. If it exceeds a limit in between, the
+        returned duration is longer than the segment: the caller must slow the segment down to this
+        duration.
         """
         found = fastest_along(self.curve, self.grid, limits)
         if limits.jerk is not None:

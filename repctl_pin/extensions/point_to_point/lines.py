@@ -109,9 +109,9 @@ class Line:
 def tool_line(cell: Cell, start: Array, end: Array) -> Line:
     """Create the straight line of the tool from a pose (p₀, R₀) to a pose (p₁, R₁), (4, 4) each.
 
-    With a from 0 to 1, the commanded components of the position are ``p₀ + a (p₁ − p₀)``, and the
-    frame turns about one axis, with the rotation ``exp(a ω̂) R₀``; ω is the rotation vector from R₀
-    to R₁, in base axes. The line may leave the cell.
+    With a from 0 to 1, the position is ``p₀ + a (p₁ − p₀)``, and the rotation, which is about one
+    axis, is ``exp(a ω̂) R₀``; ω is the rotation vector from R₀ to R₁, in base axes. Components that
+    the task leaves free keep their values at the start. The line may leave the cell.
     """
     p, R = start[:3, 3], start[:3, :3]
     e = cell.errors(end[None, :3, 3], end[None, :3, :3], p[None], R[None])[0]
@@ -148,7 +148,7 @@ def _between(U: Array, a: Array) -> Array:
 def _placed(F: Function, U: Array) -> Array:
     """Convert cell coordinates U (K, k) to poses (K, 4, 4) of the tool.
 
-    F is the function of the cell, of its frame or of a tool on it.
+    F is the function of the cell, for its frame or for a tool on this frame.
     """
     return homogeneous(*F.cell.placements(U)) @ tool_of(F)
 
@@ -164,9 +164,9 @@ class Blend:
     """Curve that leaves one line before a pose and joins the next line after it.
 
     The lines (p_in, R_in) and (p_out, R_out) meet at the pose (p₁, R₁). The blend is ``p = p_in(1 −
-    α c_in) − p₁ + p_out(β c_out)``, ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``. Along it, the
-    share α falls from 1 to 0 and β rises from 0 to 1, see :meth:`.Bend.shares`. Between two lines
-    in the cell's coordinates, it is ``u = u_in(1 − α c_in) − u₁ + u_out(β c_out)``.
+    α c_in) − p₁ + p_out(β c_out)``, ``R = R_in(1 − α c_in) R₁ᵀ R_out(β c_out)``. From a = 0 to 1,
+    α(a) falls from 1 to 0 and β(a) rises from 0 to 1, see :meth:`.Bend.shares`. Between two lines
+    in the cell's coordinates, the blend is ``u = u_in(1 − α c_in) − u₁ + u_out(β c_out)``.
 
     Attributes
     ----------
@@ -200,12 +200,11 @@ def _angle(into: Line, out: Line) -> float | None:
 def blend_of(F: Function, into: Line, out: Line, radius: float) -> Blend | None:
     """Blend two lines that meet at a pose; return None if the arm must rest there.
 
-    F is the function of the cell; its coordinates u give the poses of a blend between two lines
-    that are straight in u. The blend begins and ends where an arc of the given radius, m, would
-    begin and end. It replaces at most half of each line. If the second line continues the first
-    without a bend, the blend has length 0. The arm must rest if a line is a rotation in place, or
-    the second line reverses the first; if the blend would replace more than half of a line; or if
-    the radius is 0.
+    F is the function of the cell. If both lines are straight in the cell's coordinates u, the blend
+    is made in u. It begins and ends where an arc of the given radius, m, would begin and end. If
+    the second line continues the first without a bend, the blend has length 0. The arm must rest if
+    a line is a rotation in place; if the direction changes by less than 0.001 rad, or is reversed;
+    if the blend would replace more than half of a line, or less than 1e-6 m; or if the radius is 0.
     """
     if into.turns or out.turns or not radius:
         return None

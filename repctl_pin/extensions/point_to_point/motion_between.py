@@ -8,7 +8,7 @@ samples, n joints.
 ``ToolFunction`` is the inverse kinematic function of a tool, made from that of the frame that
 carries it. ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques
 and jerks, as numbers. ``Segment`` is a smooth part of a joint path between two stops, with its
-speed at each stage. ``Part`` is a part of a motion between two rests: one line, or several with
+speed profile ṡ(s). ``Part`` is a part of a motion between two rests: one line, or several with
 blends.
 """
 
@@ -139,13 +139,14 @@ def motion_between(
     F
         Function of a cell or sector, such as ``design.function``, or ``F.with_tool(…)``.
     poses : list of placements, or (P, 4, 4) or (P, 7) array
-        Two poses or more, as ``F.batch`` takes them.
+        Two poses or more: placements, homogeneous matrices, or rows x, y, z, qx, qy, qz, qw, with
+        positions in m.
     limits
         Limits of acceleration and, if given, of speed, jerk, torque and the tool's speed.
     blend
-        Radius, m, of the arcs that would round the corners, as for :func:`waypoints`. At a pose
-        that can be blended, the tool cuts the corner without a rest. The arm rests at the other
-        poses; with 0, it rests at all poses.
+        Radius, m, of rounded corners, as for :func:`waypoints`: a blend begins and ends where an
+        arc of this radius would. At a pose that can be blended, the tool cuts the corner without a
+        rest. The arm rests at the other poses; with 0, it rests at all poses.
     rate
         Samples per second, Hz. The time between two rests is a whole number of samples.
     progress

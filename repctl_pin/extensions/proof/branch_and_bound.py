@@ -173,12 +173,12 @@ class _Search:
         return self.goal
 
     def _still_short(self, enough: float, stays: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Test which undecided boxes stay undecided, now that a bound of ``enough`` decides a box.
+        """Find older boxes that have become decided, because ``enough`` has fallen.
 
-        ``stays`` is a mask of the undecided boxes: False for boxes that were just halved. Return a
-        mask of the same boxes: False for boxes that become decided, True for all others, also for
-        those just halved. Record the smallest bounds of the boxes that become decided. This can
-        happen only without a goal: ``enough`` then falls when a smaller leaf margin is found.
+        Call this only without a goal: ``enough`` then falls when a smaller leaf margin is found, so
+        that the bound of an older box can suffice. Return a mask with one entry per undecided box,
+        False where the box is now decided. Record the smallest bounds of these boxes. ``stays`` is
+        a mask, too: boxes where it is False were just halved, and are not tested.
         """
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():
@@ -204,8 +204,8 @@ class _Search:
     def _stop(self, Q: Array, half: Array, at: int, why: str) -> None:
         """Stop the search for the reason ``why`` at the box in row ``at`` of Q ± half, (K, n) each.
 
-        If an arm angle is not defined at the centre of the box, the recorded reason is this
-        instead.
+        If an arm angle is not defined at the centre of the box, this is stored as the reason
+        instead of ``why``.
         """
         if self.problem.undefined(Q[at, None], 0 * half[at, None])[0]:
             why = "the arm angle is not defined there"
@@ -240,10 +240,10 @@ class _Search:
         return Proof("", proved, bound, np.nan, sigma, self.boxes, *worst, self.reason, self.goal)
 
     def _with_arm_angle(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
-        """Say in the reason whether an arm angle may be undefined in the smallest undecided box.
+        """Choose the box that the proof names, ``worst`` or one with an undefined arm angle.
 
-        ``worst`` is the box that the proof names so far: its centre and half-widths, (n,) each.
-        Return the smallest undecided box if an arm angle may be undefined there, else ``worst``.
+        If an arm angle may be undefined in the smallest undecided box, add this to ``reason`` and
+        return this box; else return ``worst``. A box is its centre and half-widths, (n,) each.
         """
         small = int(np.argmin(np.prod(self.high - self.low, axis=1)))
         Q, half = centered(self.low[small, None], self.high[small, None])

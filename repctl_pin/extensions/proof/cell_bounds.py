@@ -450,10 +450,10 @@ def _nested(found: Array) -> Array:
 def limits_of(cell: Cell) -> tuple[Array, Array]:
     """Return the joint limits (lower, upper) that F of a cell must keep, (n,) each, rad or m.
 
-    If F leaves out a coordinate of a sector, because a single joint moves the frame along it, the
-    limits of this joint are narrowed by the half-width of the coordinate, so that the joint can
-    still move the frame along the coordinate. If the coordinate has the range ``"all"``, which ends
-    at the joint's limits, the result has −inf and inf for this joint.
+    F leaves out a coordinate of a sector if a single joint moves the frame along it. The limits of
+    this joint are narrowed by the half-width of the coordinate, so that the joint can still move
+    the frame over the whole range. The range ``"all"`` ends where the joint's limits are, so the
+    joint has no further limits: the result is −inf and inf.
     """
     lower, upper = cell.task.lower, cell.task.upper
     lower, upper = lower.copy(), upper.copy()
@@ -531,13 +531,14 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     r"""Return the arrays, by name, from which C computes the poses of a cell and their velocities.
 
     The position at the coordinates u is ``p = o + R_a(φ) (d + D u)``, the rotation ``R = R_a(φ)
-    exp(\hat{Ω u}) R_0 R_z(ψ)``. R_a rotates about a sector's axis, R_z about the tool's z axis; the
-    angles φ and ψ are linear in u. If a sector's range of radius depends on the height η, ``(b(η) +
-    (s(η) − 1) y) e`` is added to ``D u``, with polynomials b and s. Here y is the radial
-    coordinate, and e is the radial direction at the cell's centre.
+    exp(\hat{Ω u}) R_0 R_z(ψ)``. The matrix Ω (3, k) is named ``Omega`` below. R_a rotates about a
+    sector's axis, R_z about the tool's z axis; the angles φ and ψ are linear in u. If a sector's
+    range of radius depends on the height η, ``(b(η) + (s(η) − 1) y) e`` is added to ``D u``, with
+    polynomials b and s. Here y is the radial coordinate, and e is the radial direction at the
+    cell's centre.
 
     Velocities are given along each of the m task coordinates: first the k coordinates u, then the l
-    coordinates that symmetries remove from u, then the coordinates of width 0.
+    coordinates that symmetries remove from u, then those that are constant in the cell.
 
     Returns
     -------
@@ -550,8 +551,8 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     angle, spin : (k,) arrays
         φ and ψ per coordinate, rad; 0 in a cell that is not a sector.
     way, turn : (m, 3) arrays
-        Displacement, m, and rotation, rad, per metre or radian of each task coordinate, in the
-        axes before the rotation R_a.
+        Displacement, m, and rotation, rad, per metre or radian of each task coordinate. The axes
+        are those of the base; R_a(φ) is not applied yet.
     around, twirl : (m,) arrays
         ``around`` is 1 for the coordinate φ, else 0; ``twirl`` is 1 for the coordinate ψ, else 0.
     outward, profile : (3,) and (2, g + 1) arrays
@@ -601,8 +602,8 @@ def _coordinate_rates(cell: Cell) -> tuple[Array, Array, Array]:
 
     Row i of the table belongs to coordinate i of the cell, in m or rad; rows from m on are not
     used. The first six columns are the displacement (3), m, and the rotation (3), rad, of the frame
-    per unit of the coordinate, at the cell's middle, in base axes. Column 6 is 1 for the angle of a
-    sector, column 7 for its spin; all other entries of these two rows and columns are 0. A box of
+    per unit of the coordinate, at the cell's middle, in base axes. For the angle and the spin of a
+    sector, these are 0; instead, column 6 is 1 for the angle, and column 7 for the spin. A box of
     poses has no axis; the point and the direction are then those of the base's z axis.
     """
     m, R0, rows = cell.task.m, cell.placement.rotation, len(cell.half_width)

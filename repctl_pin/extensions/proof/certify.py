@@ -98,9 +98,10 @@ def prove(
     ratio
         Radians per metre of the closing radius; 0 for paths of constant orientation.
     leaf
-        Largest change of each level h_i(q) from its value at the start, in the unit of h, that the
-        closing radius allows: whenever the pose and the levels return, the joints return. 0 for
-        paths on one leaf; a closed path as ``closes`` requires 0.
+        Largest change of each level h_i(q) from its value at the start, in the unit of h_i, for
+        which the closing radius is to hold; 0 for motions on one leaf. Above 0, the levels may
+        change during a motion. If it ends with the pose and the levels it began with, it then also
+        ends in the same configuration. A closed path as ``closes`` requires 0.
     seconds
         Processor time, s, after which the bounds found so far are returned: once for the margins,
         once for the closing radius.
@@ -371,11 +372,12 @@ def _determinants(task: Task, field: Potentials, Q: Array) -> Array:
 
 
 def _without(design: Design, region: Region, share: float, report: reporting.Report) -> str:
-    """Write to which share of its width Ω can be shrunk to have, provably, no singularity.
+    """Search for a smaller Ω that is proved to have no singularity, and state its width as text.
 
-    The text ends a sentence. ``share`` is the factor by which Ω is scaled such that a known
-    singularity is on its boundary. Ω is scaled by 0.95, 0.8, 0.6 and 0.4 times this factor, one
-    after the other, until a proof succeeds. If none succeeds, the text is empty.
+    The text is the last part of the reason of a failed proof. ``share`` is the factor by which Ω is
+    scaled such that a known singularity is on its boundary. Ω is scaled by 0.95, 0.8, 0.6 and 0.4
+    times this factor, one after the other, until a proof succeeds. If none succeeds, the text is
+    empty.
     """
     task, field = design.task, design.inverse.potentials
     for part in (0.95, 0.8, 0.6, 0.4):

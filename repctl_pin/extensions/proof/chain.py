@@ -46,11 +46,10 @@ They are the base axes along which it can translate, and the tool axes about whi
 class Chain:
     """Serial chain of P joints, virtual ones included, with a middle link.
 
-    N is the number of the task's own joints, n, and of the virtual joints that can move. At all q,
-    virtual joints stand still: they represent motions that the task leaves free, so that the task
-    of the chain is a pose. The screws of the joints, twists per unit of joint speed, are expressed
-    in the frame of the middle link. The choice of that link decides how tight the bounds of a proof
-    are.
+    N counts the n joints of the task, and one virtual joint for each motion that the task leaves
+    free, so that the task of the chain is a pose. Virtual joints do not move; only their screws
+    are used. The screws of the joints, twists per unit of joint speed, are expressed in the frame
+    of the middle link. The choice of that link decides how tight the bounds of a proof are.
 
     Attributes
     ----------
@@ -59,9 +58,10 @@ class Chain:
     revolute : (P,) array of bool
         False for prismatic joints.
     level : (P,) array of bool
-        True for virtual joints at the tool whose axes are kept parallel to axes of the middle link.
-        If the task leaves all rotations free, these are three joints. For a pose task, there is one
-        such joint, which only marks the frame: its row of S is 0.
+        True for virtual joints at the tool whose axes are those of the middle link, not of the
+        tool. If the task leaves all rotations free, these are three joints, because any three axes
+        span the rotations. For a pose task, there is one such joint, with 0 as its row of S; only
+        its origin is used, which is that of the frame.
     S, o : (P, N) and (P,) arrays
         Map ``θ = S q + o`` from q to the positions of the P joints. The last N − n entries of q
         belong to the virtual joints.
@@ -204,13 +204,13 @@ def tool_reach(chain: Chain) -> float:
 
 
 def frame_change(kind: str, distance: Array) -> Array:
-    """Bound the factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``: the norm of a change of frame for twists.
+    """Bound the factor β of ``σ_min(J) ≥ 1 / (β ‖Y‖_F)``, for a right inverse Y at another point.
 
-    Y is a right inverse of the Jacobian whose twists are those of the middle link; the twists of J
-    are those of the task's frame. ``distance``, m, an array of any shape, bounds the distance
-    between the points to which the two kinds of twists refer; the result has the same shape.
-    ``kind`` is the kind of the task, such as "pose". For a task of positions β = 1, because its
-    twists have no rotation.
+    The twists of J refer to the task's frame, but Y is a right inverse of the Jacobian whose twists
+    refer to the origin of the screws. β is the norm of the matrix that transforms one kind of
+    twists to the other. ``distance``, m, an array of any shape, bounds the distance between both
+    points; the result has the same shape. ``kind`` is the kind of the task, such as "pose". For a
+    task of positions β = 1, because its twists have no rotation.
     """
     t = np.asarray(distance, float)
     turns = kind in ("pose", "axis")

@@ -130,8 +130,9 @@ def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
     """Choose poses of a path through Q (K, n), from which to measure distances to the path.
 
     Neighbouring poses are about half of ``radius``, m, or of ``angle``, rad, apart, if Q has enough
-    rows. Return the positions (P, 3 F), m, and the rotations (P, 3 F, 3) of P poses. The second
-    axis has three entries for each of the F frames of the task, one frame after the other.
+    rows. ``angle`` is None or 0 if rotations do not count. Return the positions (P, 3 F), m, and
+    the rotations (P, 3 F, 3) of P poses. The second axis has three entries for each of the F frames
+    of the task, one frame after the other.
     """
     poses = [task.placements(q) for q in Q]
     p = np.array([[x.translation for x in pose] for pose in poses])

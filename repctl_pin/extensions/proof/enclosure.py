@@ -85,8 +85,8 @@ class Enclosure:
     proved : bool
         True if the motion is proved to close, and the boxes to contain it.
     reason : str
-        Reason why the motion cannot be used: it ends in a singularity, or does not close, or its
-        levels are not proved. Empty if it can be used.
+        Reason why there are no boxes: the motion ends in a singularity or does not close, or a
+        configuration at some level around the start is not proved. Empty if there are boxes.
     """
 
     Q: Array
@@ -149,9 +149,9 @@ def _boxes(
 ) -> Array | None:
     """Bound how far the lift moves from sample Q_i between s_i and s_(i+1): (K + 1, n).
 
-    s_i are the ends of the path's K arcs, which follow from ``steps``, the number of steps per
-    cycle; ``Q`` (K + 1, n) are the joints there. The last row of the result repeats the first.
-    Return None if the bounds are not proved.
+    ``Q`` (K + 1, n) are the joints at the values s_i of a cycle of ``steps`` steps, see
+    :func:`.path_grid`. The last row of the result repeats the first. Return None if the bounds are
+    not proved.
     """
     K = len(Q) - 1
     samples = _Samples.of(inverse, problem, path, steps, Q[:-1])
@@ -198,9 +198,9 @@ class _Samples(NamedTuple):
     ) -> _Samples:
         """Bound the arcs of the frames from s_i to s_(i+1), and the errors of the samples Q_i.
 
-        s_i are the ends of the path's K arcs, which follow from ``steps``, the number of steps per
-        cycle. The samples Q (K, n) should have the poses of the path at s_i, and the levels of the
-        first sample.
+        s_i are the K + 1 values of s of a cycle of ``steps`` steps, see :func:`.path_grid`. The
+        samples Q (K, n) should have the poses of the path at s_i, and the levels of the first
+        sample.
         """
         s = path_grid(path, steps)
         arcs = np.array(
@@ -383,11 +383,12 @@ def _pose_changes(chain: JointChain, Q: Array, h: Array) -> tuple[Array, Array]:
     Return bounds (K,) on the norm of the linear part, m, and of the angular part, rad.
 
     Let L_l bound the distance from joint l to the frame, and η be the half-widths of the joints.
-    The linear part of a revolute joint's column changes by ``η_j min(L_j, L_l)`` for each revolute
-    joint j, and by η_j for each prismatic joint j. The linear part of a prismatic joint's column
-    changes by η_j for each revolute joint j. The angular part of a column changes by at most α, the
-    sum of η_j over the revolute joints. Rotations are measured by the rotation vector from the
-    sample, so α is added once more to the angular part.
+    Column l of the Jacobian belongs to joint l. If this joint is revolute, the linear part of its
+    column changes by ``η_j min(L_j, L_l)`` for each revolute joint j, and by η_j for each prismatic
+    joint j. If it is prismatic, the linear part changes by η_j for each revolute joint j. The
+    angular part of a column changes by at most α, the sum of η_j over the revolute joints. The
+    bound of the angular part is doubled, because rotations are measured by the rotation vector from
+    the sample; it is inf if α is 0.5 rad or more.
     """
     S = np.abs(chain.S)
     turns: NDArray[np.bool_] = chain.revolute

@@ -9,11 +9,12 @@ the cell, the joints stay in a box,
 .. math:: |q − Q_k| ≤ |A_h|\, a + |A|\, Δ(h)\, h < h,
 
 with A_h the last r columns of A and Δ a bound of the change of J_V on the box of half-widths h. The
-motion ends at F_k(c). A wider box, in which Φ is injective, contains the ends of the neighbouring
-cells, so they agree on common faces: one continuous function F(x₀, c). The theory, "Hand and
-elbow", has the theorem. Ω is the region of joint space of the design. An argument ``inverse`` is
-the repeatable inverse with the potentials h, ``problem`` has bounds on its J_V over boxes of
-joints, and ``start`` (n,) is the start. Letters: K cells, n joints.
+motion ends at F_k(c). A wider box around Q_k, in which Φ is injective, also contains the values of
+F_j for each neighbouring cell j. So F_k and F_j agree where the cells meet, and all F_k together
+are one continuous function F(x₀, c). The theory, "Hand and elbow", has the theorem. Ω is the region
+of joint space of the design. An argument ``inverse`` is the repeatable inverse with the potentials
+h, ``problem`` has bounds on its J_V over boxes of joints, and ``start`` (n,) is the start. Letters:
+K cells, n joints.
 
 ``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
 of joint space. ``Enclosure`` is boxes of joints that contain a motion, their half-widths, and

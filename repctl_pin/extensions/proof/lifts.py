@@ -260,7 +260,7 @@ class _Search:
         return low, high, self.place[order], self.within[order]
 
     def _raise(self, place: NDArray[np.intp], within: NDArray[np.intp], value: Array) -> None:
-        """Raise the rates to prove where the rate at a box's centre exceeds the sampled rates.
+        """Raise the rates to prove where the rate at the centre of a box exceeds them.
 
         ``value`` (L, n) are the rates at the centres of L boxes. ``place`` (L,) are the indices of
         their places, and ``within`` (L,) the numbers k − 1 of the smallest S_k that contain them.
@@ -380,9 +380,10 @@ def _sampled(
 
 
 def _rates_at_start(rates: Array) -> Array:
-    """Replace zero rates (K, n), which joints that do not move have, by 1e-9 of the largest rate.
+    """Raise rates (K, n) to at least 1e-9 of the largest rate of their place.
 
-    A SingularityError is raised if a rate is above 1e8 or NaN, because J_V is singular there.
+    The rates are divisors, and those of joints that do not move are 0. A SingularityError is raised
+    if a rate is above 1e8 or NaN, because J_V is singular there.
     """
     if not rates.max() < _SINGULAR:
         raise SingularityError("J_V is singular at the start")

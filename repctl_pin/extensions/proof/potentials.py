@@ -379,9 +379,9 @@ class _Builder:
         return G, C
 
     def _third_and_fourth(self) -> tuple[NDArray[np.int32], Array, Array]:
-        """Create the arrays ``third``, ``C3`` and ``T4`` of :class:`Features`, for its attributes.
+        """Create the arrays ``third``, ``C3`` and ``T4`` for the attributes of :class:`Features`.
 
-        ``third`` (F_3,) are the numbers of the features of C_3, ``C3`` (r, n, n, n, F_3) are their
+        ``third`` (F_3,) are the indices of the features of C_3, ``C3`` (r, n, n, n, F_3) are their
         coefficients, and ``T4`` (r, n, n, n, n) are the bounds. If F_3 is 0, ``T4`` is (r, 0, 0, 0,
         0).
         """

@@ -143,8 +143,8 @@ class Audit:
     def begins(self) -> float | None:
         """Time from the start of the log, s, at which a drift begins after equal visits.
 
-        This is the time of the last of the equal visits; None unless the verdict is ``drifts
-        later``.
+        The drift begins after the last of the equal visits, and the result is the time of that
+        visit. It is None unless the verdict is ``drifts later``.
         """
         if self.found is None or self.verdict != LATER:
             return None
@@ -286,8 +286,9 @@ def audit(
     robot
         Catalogue name, path to a URDF, a loaded robot or a task.
     frame, kind : str, optional
-        Frame of the end effector and kind of task; by default the end of the arm, and the first
-        redundant kind. With several frames, as :meth:`Robot.task` takes them, all must be at their
+        Frame of the end effector and kind of task. By default, the end of the arm, and the first of
+        the kinds pose, position, xy, xz and yz for which the arm is redundant. With several frames,
+        as :meth:`Robot.task` takes them, the default kind is pose, and all frames must be at their
         poses at once.
     degrees
         True if revolute joints are in degrees.

@@ -251,7 +251,7 @@ def _number(value: float) -> str:
 
 
 def _table(audit: Audit) -> str:
-    """Format the table of drift: the most displaced link, then the joints, the largest first.
+    """Format the table of drift: the most displaced link, then the joints that differ most.
 
     The columns are the largest difference, the drift per return and per unit of time, and the
     half-width of the 95 % interval.
@@ -314,10 +314,10 @@ def _next_step(audit: Audit) -> list[str]:
 
 
 def _order(groups: NDArray[np.intp]) -> str:
-    """Write the configuration of each visit as a letter, such as ABAB, and the largest group.
+    """Write a letter for the configuration of each visit, such as ABAB, and how many are equal.
 
-    ``groups`` (N,) has the index of each visit's configuration. The largest group is the number of
-    visits with the most frequent configuration.
+    ``groups`` (N,) has the index of each visit's configuration. The text ends with the number of
+    visits in the most frequent configuration.
     """
     names = "".join(chr(ord("A") + g) if g < _LETTERS else "…" for g in groups)
     more = "…" if len(names) > _SHOWN else ""

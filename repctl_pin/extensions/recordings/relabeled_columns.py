@@ -128,10 +128,10 @@ def plain_columns(
 ) -> dict[str, Column]:
     """Make the columns of a recording with new configurations Q (K, n), for any output format.
 
-    Returns a dict from name to column. For a recording that was read from a file, it has the new
-    joints and the other columns of the file that are kept. For any other recording, it has the new
-    joints, times, sessions and poses. ``further`` are the new configurations of further columns of
-    joints, by name.
+    Returns a dict from name to column. If the recording was read from a file, these columns are the
+    new joints and the columns of the file that are kept. Otherwise, they are the new joints, times,
+    sessions and poses. ``further`` are the new configurations of further columns of joints, by
+    name.
     """
     source = recording.source
     if source is None:

@@ -91,7 +91,8 @@ class Verdict:
     trend : Trend
         Drift of every joint, rad/s or m/s, over the visits from ``begins`` on.
     begins : int
-        Index of the visit at which a later drift begins; 0 for all other kinds.
+        Index of the first visit that differs from those before it, for ``drifts later``; 0 for all
+        other kinds.
     groups : (N,) array of int
         Index of each visit's configuration. Visits with equal indices differ by no more than the
         noise.
@@ -108,14 +109,14 @@ class Verdict:
 
 
 def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> Verdict:
-    """Compare the configurations q (N, n) of visits at times t (N,), s, in view of their noise.
+    """Find the verdict on the configurations q (N, n) of visits at times t (N,), s.
 
     An arm that repeats has the same configuration at all visits. Each value of q has an interval,
     whose half-width is its deviation times a quantile of the normal distribution, plus its bias.
     The quantile is corrected for the number of pairs (Bonferroni), so that intervals of equal
     configurations with equal deviations fail to overlap in only one of 10,000 logs. The bias is a
-    wide bound, and must not hide a difference. So an arm counts as repeating only if the intervals
-    also overlap with a quarter of the bias.
+    generous bound, so intervals with the whole bias could hide a difference. An arm therefore
+    counts as repeating only if the intervals also overlap with a quarter of the bias.
 
     Parameters
     ----------
@@ -186,8 +187,9 @@ class _Visits(NamedTuple):
         """Find the index of the visit at which a drift begins after equal visits; 0 if none does.
 
         ``groups`` (N,) has the number of each visit's group. The result is the index of the first
-        visit that is not in group 0. From that visit on, a joint must drift steadily, and so fast
-        that it would have exceeded the noise before, had its drift begun at the first visit.
+        visit that is not in group 0, if some joint drifts steadily from that visit on. At the same
+        rate, this joint would have left the noise during the equal visits, so its drift cannot have
+        begun earlier.
         """
         head = int(np.argmax(groups != 0))
         if not ENOUGH <= head <= len(self.t) - _LATER:
@@ -241,10 +243,11 @@ def _significant(found: Trend) -> NDArray[np.bool_]:
 
 
 def _steady(t: Array, q: Array, r: Array, found: Trend) -> NDArray[np.bool_]:
-    """Test which joints (n,) drift: a significant slope, and a line that explains their values.
+    """Test which joints drift: their slope is significant, and a line explains their values: (n,).
 
-    The line explains the values q (N, n) if the range of their distances from it is at most half of
-    their own range, or within the noise r (N, n). A jump also has a slope, but no such line.
+    ``found`` has the slopes. A line explains the values q (N, n) if the range of their distances
+    from it is at most half of their own range, or within the noise r (N, n). Values that jump also
+    have a slope, but no such line.
     """
     rest = np.ptp(q - t[:, None] * found.rate, axis=0)
     most = np.maximum(_EXPLAINED * np.ptp(q, axis=0), 2 * np.median(r, axis=0))

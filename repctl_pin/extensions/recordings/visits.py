@@ -4,8 +4,10 @@ A visit is a time at which the hand is within a tolerance of the pose. The confi
 is estimated from nearby rows of the log. Two errors are given: the deviation is the scatter due to
 noise, the bias a bound on systematic errors. Distances between poses are in m; a rotation by 1 rad
 counts as a length, ``radian``, m. A gap is a time step of the log that is too long; ``whole``
-(T − 1,) is False there. Levels are what was commanded beside the pose: positions along the
-self-motion, such as the position of the elbow. A pass is a run of consecutive rows near the pose.
+(T − 1,) is False there. Levels are positions along the self-motion, such as the position of the
+elbow, that were commanded together with the pose. The search tries the poses of up to 65 rows, and
+takes the one that is visited most often. A pass is a run of consecutive rows near a pose: within
+three times the sum of the tolerance and the 95 % quantile of the distances between rows.
 
 Letters: T rows of the log, K rows of one visit, n joints, k levels, N visits, d coordinates of a
 pose as a point, m task coordinates; e is the task error. ``noise`` (n,) is the standard deviation
@@ -92,8 +94,8 @@ class Visits:
     noise : (n,) array
         Noise of each joint, standard deviation, rad or m.
     nearest : float
-        Smallest distance, m, at which the hand came back to one of the tried poses, within the
-        tolerance or not. A difference of a level by 1 rad counts as a quarter of the arm's length.
+        Smallest distance, m, at which the hand came back to any pose that the search tried, within
+        the tolerance or not. Rotations count as in ``tolerance``, and so do differences of levels.
     deviation : (N, n) array
         Standard deviation of the joints at each visit due to the noise of the log, rad or m.
     bias : (N, n) array
@@ -117,8 +119,8 @@ def _most_visited(
 
     The rows of X (T, d) are points in m, ``steps`` (T - 1,) the distances between them; ``whole``
     is False at gaps of the log. Return three values: the index of the row; the passes at which the
-    hand is within the tolerance of its pose; and the smallest distance, m, at which the hand
-    returns to any of the tried poses, within the tolerance or not.
+    hand is within the tolerance of the row's pose; and the smallest distance, m, at which the hand
+    returns to any row that :func:`_candidates` chooses, within the tolerance or not.
     """
     radius = tolerance + float(np.quantile(steps, 0.95))
     tree = cKDTree(X)
@@ -143,12 +145,12 @@ def find_visits(
     """Find the pose to which the hand returns most often, and all visits there.
 
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
-    The pose with the most visits within a quarter of the tolerance is chosen, so passages farther
-    away do not count; among equals, the pose at which the hand stayed longest. If the hand rests
-    for 0.2 s at nearly all visits of a pose, the visits of this pose count twice, because the hand
-    passes the poses on its way twice, there and back. Nearby poses are found in a k-d tree of
-    points ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand; a rotation by 1 rad counts like
-    the length ℓ.
+    The pose with the most visits within a quarter of the tolerance is chosen; among equals, the
+    pose at which the hand stayed longest. On the way to a pose and back, the hand passes other
+    poses twice per visit of this pose. So visits count twice for a pose at which the hand nearly
+    always rests for 0.2 s or more. Nearby poses, with position p and rotation matrix R, are found
+    in a k-d tree of points ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand; a rotation by
+    1 rad counts like the length ℓ.
 
     Parameters
     ----------
@@ -163,8 +165,9 @@ def find_visits(
         noise of the distance between two poses, plus the sagitta of the path between two rows, plus
         1e-4 arm lengths.
     levels : (T, k) array, optional
-        Commanded levels, rad or m. A visit is then a time at which the hand is at the pose and the
-        levels are those of the pose; a difference of 1 rad or m counts like a rotation by 1 rad.
+        Commanded level of each row, rad or m. The levels are then part of the pose: at a visit,
+        they too are near those of the chosen row. A difference of 1 rad or m counts like a rotation
+        by 1 rad.
     """
     levels = np.empty((len(t), 0)) if levels is None else levels
     noise = _noise_of(Q)
@@ -205,7 +208,7 @@ def _score(there: list[_Pass], each: float, tolerance: float) -> tuple[float, fl
 class _Pass(NamedTuple):
     """Consecutive rows of a log near one pose: a stay of the hand, or a passage.
 
-    ``run`` are the indices of the rows near the pose, ``rows`` those within the tolerance. ``at``
+    ``run`` are the indices of all its rows, ``rows`` those within the tolerance of the pose. ``at``
     is the fractional row index at which the hand is nearest to the pose, and ``distance`` the
     distance there, m.
     """
@@ -372,10 +375,10 @@ class _Estimate(NamedTuple):
 def _configuration(
     task: Task, t: Array, Q: Array, one: _Pass, target: pin.SE3, noise: Array, late: bool
 ) -> _Estimate:
-    """Estimate the configuration of a visit: the mean of at least four rows, or an interpolation.
+    """Estimate the configuration of a visit, and correct it by J⁺ to reach the pose ``target``.
 
-    ``one`` is the visit, and ``target`` the pose. If the arm moves during the visit by more than
-    the noise, the mean is over the last half of the rows if ``late``, else over the first half.
+    If at least four rows of the visit ``one`` are within the tolerance, the configuration is their
+    average, see :func:`_average`, which also explains ``late``. Otherwise it is interpolated.
     """
     if len(one.rows) >= _AVERAGED:
         q, A, bend = _average(task, Q[one.rows], target, noise, late)
@@ -388,9 +391,10 @@ def _errors(task: Task, made: list[_Estimate], noise: Array, quantum: Array) -> 
     """Compute the standard deviations and biases, (N, n) each, rad or m, of N estimates ``made``.
 
     ``quantum`` (n,) is the resolution of the log. The correction by J⁺ removes the part of an error
-    that moves the hand, and leaves the part in the null space, by ``P = I − J⁺ J``. The correction
-    does not remove a self-motion between the pose and the position of the hand; the bias must bound
-    that motion.
+    that moves the hand, and leaves the part in the null space, by ``P = I − J⁺ J``. The bias bounds
+    this part. If the hand is off the pose by e, the arm may also be off in self-motion, which the
+    correction does not change. For this, the bias contains ten times ‖J⁺ e‖, with e relative to the
+    median visit.
     """
     off = np.array([one.off for one in made])
     off = off - np.median(off, axis=0)
@@ -428,9 +432,9 @@ def _average(
     The rows need not lie evenly around the pose ``target``. A linear regression of q on the task
     error e, along the directions in which the hand moves most, gives the configuration at ``e =
     0``. If the arm also moves in other ways during the visit, by more than the noise, only the
-    first half of the rows is used, or the last half if ``late``. The mean of all rows would be the
-    same for a motion from one configuration to another and for the reverse motion, and so would
-    hide a difference.
+    first half of the rows is used, or the last half if ``late``; this is repeated while at least
+    eight rows are left. The mean of all rows would be the same for a motion from one configuration
+    to another and for the reverse motion, and so would hide a difference.
 
     Returns
     -------

@@ -10,11 +10,12 @@ with s the distances that the joints move between the two samples. If d changes 
 part of a plan, the part is safe if d, in its middle, is at least w plus the distance to keep;
 otherwise the part is halved. At a sample, d is bounded by spheres, boxes, and remembered distances.
 Distances are measured only for pairs and samples that these bounds do not decide. The C code is
-body_guard.c. The work of a tick is counted, not timed, so that equal ticks give equal motions.
+body_guard.c.
 
 A plan is the motion of the next ticks, which ends at rest. A pair is a pair of bodies, numbered
-from 0. Letters: K samples of n joints. The governor allows the work of a tick to measure 30
-distances or the equivalent.
+from 0. Letters: K samples of n joints. The work of a tick is at most 30 measured distances, or
+other computations that take as long. It is counted, not timed, so that equal ticks give equal
+motions.
 """
 
 from __future__ import annotations
@@ -247,7 +248,7 @@ class BodyGuard:
         )
 
     def begin_tick(self) -> None:
-        """Allow the work of a new tick: a number of distance measurements, which tests use up."""
+        """Begin a new tick, in which calls of :meth:`allows` may measure 30 distances in all."""
         self._own.left, self._outside = _WORK, True
 
     def allows(self, Q: Array, S: Array) -> bool:

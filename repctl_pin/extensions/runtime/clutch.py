@@ -78,7 +78,10 @@ class Clutch:
 
     @property
     def engaged(self) -> bool:
-        """True from :meth:`engage` to :meth:`release`, or to a hand pose that is not valid."""
+        """True while the target moves with the hand.
+
+        That is from :meth:`engage` until :meth:`release`, or until :meth:`target` returns None.
+        """
         return self._start is not None
 
     def engage(
@@ -89,20 +92,21 @@ class Clutch:
         elbow: ArrayLike | None = None,
         elbow_at: ArrayLike | None = None,
     ) -> None:
-        """Begin to move the target with the hand, and the point for the arm's elbow with an elbow.
+        """Begin to follow the operator's hand and, if given, the operator's elbow.
 
         Parameters
         ----------
         hand : pinocchio.SE3 or (4, 4) array
-            Pose of the hand, in the tracker's frame. The clutch stays released if the pose is not
-            finite.
+            Pose of the operator's hand, in the tracker's frame.
         at : pinocchio.SE3 or (4, 4) array
-            Commanded pose of the arm's frame, ``task.placement(governor.q)``.
+            Commanded pose of the arm's frame, ``task.placement(governor.q)``. The clutch is
+            released if this pose or ``hand`` is not finite, or has no rotation matrix.
         elbow : (3,) array, optional
-            Operator's elbow, in the tracker's frame, m; without this point, or if it is not finite,
-            the elbow stays released.
+            Position of the operator's elbow, in the tracker's frame, m. Without it,
+            :meth:`elbow` returns None.
         elbow_at : (3,) array, optional
-            Commanded elbow of the arm, ``inverse.elbow(governor.q)``; ``elbow`` requires it.
+            Commanded position of the arm's elbow, ``inverse.elbow(governor.q)``, m. Give both
+            elbows or none; if one is not finite, both are ignored.
         """
         hand, at = as_placement(hand, "hand"), as_placement(at, "at")
         if (elbow is None) != (elbow_at is None):

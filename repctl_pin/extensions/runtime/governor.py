@@ -75,8 +75,8 @@ class Status(IntEnum):
     LIMIT
         A joint limit is ahead: the arm slows down and stops before it.
     RECOVERING
-        A joint that started beyond its limit is moving back inside; afterwards, the arm follows the
-        target.
+        A joint that started beyond its limit, or within ``margin`` of it, is moving back inside;
+        afterwards, the arm follows the target.
     BODIES
         Two bodies, :attr:`Governor.nearest_bodies`, would come near each other ahead: the arm slows
         down and stops before their distance falls below ``body_distance``.
@@ -104,7 +104,7 @@ _STATUS = {int(status): status for status in Status}
 
 
 class Governor:
-    """Online motion generator that moves an arm to any target, or by any twist, within all limits.
+    """Online motion generator that moves an arm to a target, or at a twist, within all limits.
 
     The pose x and the level c of the inverse's potentials h together determine q. So both form one
     target, and a plan is a straight line in both. Without a new level, the commanded configuration
@@ -297,10 +297,12 @@ class Governor:
     def beyond_closing_radius(self) -> bool | None:
         """True if the commanded pose is beyond the proved closing radius; None without ``closes=``.
 
-        Every closed path within this radius is proved to end in the configuration it began in.
-        Paths beyond the radius may close too, but this is not proved. The proof holds for the level
-        of its start, and for levels that differ from this by at most :attr:`ClosingRadius.leaf`, by
-        default 0. At any other level, every pose counts as beyond the radius.
+        The radius is around a start pose or a path, as ``closes.around`` says. Every closed path
+        within this radius is proved to end in the configuration it began in. Paths beyond the
+        radius may close too, but this is not proved. The proof holds for the levels h(q) at q =
+        ``closes.start``, and for levels that differ from them by at most
+        :attr:`ClosingRadius.leaf`, by default 0. At other levels, every pose counts as beyond the
+        radius.
         """
         return beyond(self._closes, self._inverse, self.q) if self._closes else None
 
@@ -431,8 +433,9 @@ class Governor:
         Raises
         ------
         InputError
-            If an argument has the wrong type or size. Numbers that are not finite raise no error,
-            but stop the arm, with ``Status.BAD_NUMBER``.
+            If an argument has the wrong type or size, or both a target and a twist are given.
+            Numbers that are not finite raise no error, but stop the arm, with
+            ``Status.BAD_NUMBER``.
         RepctlError
             If the body distances of a plan could not be computed. The command and the whole state
             of the governor are then as before the call.
@@ -462,10 +465,10 @@ class Governor:
     def _guarded_step(self, guard: BodyGuard, given: int) -> tuple[Array, Status]:
         """Compute the next configuration (n,) and its status, with a guard of body distances.
 
-        ``given`` is the sum of 1 for a target, 2 for a twist and 4 for a level: those arguments of
-        :meth:`step` that are given, and stored for C already. Errors of the guard must not pass
-        through C, so they are raised after the call. After an error, the governor is as it was
-        before the tick.
+        ``given`` tells which arguments of :meth:`step` were given: it is the sum of 1 for a target,
+        2 for a twist and 4 for a level. C finds their values in its memory. Errors of the guard
+        must not pass through C, so they are raised after the call. After an error, the governor is
+        as it was before the tick.
         """
         self._native.call_governor_keep(self._address)
         self._error: BaseException | None = None
@@ -489,8 +492,9 @@ class Governor:
         """Tell C whether a plan keeps all body distances: 1 if so, else 0.
 
         The plan is the first ``count`` samples in the memory that C shares with Python. C calls
-        this in the middle of a tick; ``first`` is 1 for the first plan that is tested for the next
-        motion, else 0. The first error of a tick is kept, and raised after the call of C.
+        this in the middle of a tick. It can try several plans, one after the other: ``first`` is 1
+        for the first of them, before which the work of a new tick begins, else 0. The first error
+        of a tick is kept, and raised after the call of C.
         """
         if self._error is not None:
             return 0

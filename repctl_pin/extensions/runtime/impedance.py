@@ -1,8 +1,8 @@
 """Torque control on a leaf: impedance of the end effector, and a null-space spring to the leaf.
 
 A leaf is the set h(q) = c on which the r potentials h of a repeatable inverse have the level c.
-Letters: q (n,), joint positions; J (m, n), the task Jacobian; V (n, r), the gradients of h; F
-frames of the task.
+Letters: q (n,), joint positions; J (m, n), the task Jacobian; V (n, r), the gradients of h; F (m,),
+the force on the end effector.
 
 ``Observer`` is the state of a disturbance observer, which estimates what moves the joints off their
 leaf. ``Kind`` is the kind of a task, such as ``pose``, with the coordinates that it commands.
@@ -177,9 +177,9 @@ class LeafImpedance:
             Joint positions and velocities, rad or m, and per second.
         target : pinocchio.SE3 or (4, 4) array
             Desired placement of the frame; for several frames, a list of one placement per frame.
-        twist : (6,) or (6 F,) array, optional
-            Velocity (v, ω) of the target in base axes, m/s and rad/s; for several frames, that of
-            each frame in turn. By default 0.
+        twist : (6,) or (6 k,) array, optional
+            Velocity (v, ω) of the target in base axes, m/s and rad/s; for k frames, the six numbers
+            of each frame in turn. By default 0.
         leaf : (r,) array
             Level c, from ``inverse.leaf(q)`` at the start.
         observer : Observer, optional

@@ -63,7 +63,7 @@ def approach(
     Returns
     -------
     TimedMotion
-        Motion of one cycle, in one direction.
+        Motion from q_now to the goal: one traversal of the straight path, without a return.
 
     Raises
     ------

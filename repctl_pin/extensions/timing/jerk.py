@@ -577,7 +577,7 @@ def _most_speed(path: _Path, limits: JointLimits, x0: Array, tight: Array) -> Ar
     """Compute the upper bounds (m,) of x at the inner stages, in units of x̄ = ``x0`` (m,).
 
     A bound is the smallest of three values: x at the speed limits, 3 x̄ and, at the two stages next
-    to rest, the x that all limits allow, divided by ``tight``.
+    to rest, the result of :func:`_most_beside_rest` divided by ``tight``.
     """
     most = np.minimum(path.most[1:-1], 3 * x0) / x0
     h = np.diff(path.s)
@@ -590,9 +590,10 @@ def _most_speed(path: _Path, limits: JointLimits, x0: Array, tight: Array) -> Ar
 def _most_beside_rest(path: _Path, limits: JointLimits, end: int, step: float) -> float:
     """Compute the largest x₁, the value of x = ṡ² at the stage next to rest, within the limits.
 
-    ``end`` is 0 or -1, the end of the path at which the arm rests, and ``step`` the signed distance
-    h from there to the stage. At the fraction σ of this interval, ``x = x₁ σ^4/3``, hence
-    ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and ``q̈ = x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 / h)``.
+    The limits are those of acceleration and jerk. ``end`` is 0 or -1, the end of the path at which
+    the arm rests, and ``step`` the signed distance h from there to the stage. At the fraction σ of
+    this interval, ``x = x₁ σ^4/3``, hence ``q⃛ = x₁^3/2 (q‴ σ² + 2 q″ σ/h + 2/9 q′/h²)`` and
+    ``q̈ = x₁ (q″ σ^4/3 + 2/3 q′ σ^1/3 / h)``.
     """
     assert limits.jerk is not None
     sigma = np.linspace(0, 1, 4 * _MERGED + 1)

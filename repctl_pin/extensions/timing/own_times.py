@@ -79,8 +79,9 @@ def with_own_times(
     limits
         Limits to respect.
     added
-        Number of ends of the path, 0 to 2, at which the duration may grow, by half the smoothing
-        time each. At other ends, the path is instead traversed a little faster.
+        Number of ends of the path, 0 to 2, at which smoothing may make the motion longer, by half
+        the smoothing time each. For each other end, the whole path is traversed a little faster, to
+        save that time.
     most
         Longest smoothing time allowed, s.
     joints
@@ -168,8 +169,8 @@ def _smoothed(curve: Any, s: Array, own: Array, r: float, added: int) -> _OwnTim
     """Smooth s(t), at rest before and after, by convolution with a triangle of width r, in seconds.
 
     ``curve`` is q(s), and ``s`` (T,) are the values of s(t) at the times ``own`` (T,), s, linear in
-    between. Smoothing makes the motion longer by r, half of it at each end. At ``added`` ends, 0 to
-    2, the duration may grow: each keeps r/2. A higher speed compensates the rest. With h = r/2, the
+    between. Smoothing makes the motion longer by r/2 at each end. At ``added`` of the two ends, it
+    stays longer; for each other end, the whole motion is sped up to save r/2. With h = r/2, the
     smoothed acceleration is ``(s(t + h) − 2 s(t) + s(t − h)) / h²``, piecewise linear in t.
     """
     h = r / 2

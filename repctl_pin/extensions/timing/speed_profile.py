@@ -376,8 +376,9 @@ def _tangent(points: Array) -> Array:
 def fastest(Q: Array, limits: JointLimits, stages: float = STAGES) -> Segment:
     """Compute the time-optimal profile of a smooth joint path Q (T, n), from rest to rest.
 
-    The profile has at least ``stages`` stages, and at least 50. In the result, ``passed`` (T,) are
-    the times at which the points Q are passed. Limits of jerk are ignored.
+    The number of stages is at least ``stages``, and at least 50; every point of Q is a stage. In
+    the result, ``passed`` (T,) are the times at which the points Q are passed. Limits of jerk are
+    ignored.
 
     Raises
     ------
@@ -462,9 +463,9 @@ class _Program:
 def _program(curve: Any, grid: Array, limits: JointLimits) -> _Program:
     """Create the linear program of a curve q(s) with stages ``grid`` (K,).
 
-    The unit of x at a stage is the largest x that two limits allow: those of speed, and those of
-    acceleration if the arm starts from rest at the nearer end. Limits that cannot be the tightest
-    at their stage are left out.
+    The unit of x at a stage is the smaller of two values: the largest x within the speed limits,
+    and an estimate of the x that the arm reaches from rest at the nearer end, at the largest
+    acceleration. Limits that cannot be the tightest at their stage are left out.
     """
     Q, slope, bend = curve(grid), curve(grid, 1), curve(grid, 2)
 

@@ -211,9 +211,11 @@ def _as_fast_as_possible(
     """Time a joint path as quickly as possible, in segments between corners and pauses.
 
     Return the profile, and the stops inside the first cycle, as indices of points. If ``steady`` is
-    −1, jerk is not limited; if it is 0 or more, jerk is limited. A positive ``steady`` is the
-    number of times that the second of three cycles will be traversed. If the arm stops at both ends
-    only, this cycle begins and ends with equal ṡ and s̈, and its duration counts ``steady`` times.
+    −1, the limit of jerk is ignored; if it is 0 or more, the limit is respected. A positive
+    ``steady`` means that ``laps`` has three cycles, the second of which will be traversed
+    ``steady`` times. Unless there are stops between the ends of the path, the second cycle then
+    begins and ends with equal ṡ and s̈, and its duration is multiplied by ``steady`` in the total
+    that is minimised.
     """
     stops = laps.stops(laps.corners())
     steps = np.linalg.norm(np.diff(laps.Q, axis=0), axis=1)

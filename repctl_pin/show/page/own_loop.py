@@ -179,10 +179,11 @@ def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
 
 
 def _path(motion: Motion) -> list[int | None] | None:
-    """List the index of each frame's path, in the order of the frames; None for a frame at rest.
+    """List, for each frame, the index of its path among the paths of the page.
 
-    If a visitor changes the start, the page follows these paths from the new start. The result is
-    None if a frame rotates along its path, which the page cannot compute.
+    The entry of a frame at rest is None. If a visitor changes the start, the page follows these
+    paths from the new start. The whole result is None if a frame rotates along its path, which the
+    page cannot compute.
     """
     paths = paths_of(motion.path)
     if any(np.abs(path.twist(s)[3:]).max() > 1e-12 for path in paths for s in (0.1, 0.4, 0.7)):
@@ -233,11 +234,11 @@ def _law(strategy: Strategy) -> list[_Numbers] | None:
 
 
 def _potentials(h: Potentials) -> list[_Numbers] | None:
-    """Describe potentials h as a sum of polynomials and Fourier series, one dictionary per term.
+    """Describe potentials h as a list of polynomials and Fourier series, of which h is the sum.
 
-    The keys are attributes of :class:`PolynomialMap` (``joints``, ``center``, ``scale``, ``terms``)
-    or :class:`FourierMap` (``waves``, ``sines``, ``cosines``). The result is None for any other
-    potentials.
+    Each is a dictionary, whose keys are attributes of :class:`PolynomialMap` (``joints``,
+    ``center``, ``scale``, ``terms``) or :class:`FourierMap` (``waves``, ``sines``, ``cosines``).
+    The result is None for any other potentials.
     """
     if isinstance(h, SumMap):
         found: list[_Numbers] = []

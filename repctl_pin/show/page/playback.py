@@ -204,8 +204,9 @@ def playback_page(
     dialog
         Texts of the page's dialog; by default those of a study.
     cover
-        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads.
-        The edges of the surface are then the first path. None for no surface.
+        Numbers of a surface around the positions of a cell, by the keys that ``cover.js`` reads.
+        The page draws this surface in a pale colour; the first path must then be its edges. None
+        for no surface.
     """
     cycles = _common_cycles(tracks)
     visuals = Visuals.of(chains[0].task.robot)
@@ -449,8 +450,8 @@ def _summary(
 
     ``played`` has the motion of each chain; ``moved`` is the most displaced link, and its
     displacement, m. For several chains, each quantity is that of the worst chain, but the joint
-    speed is a norm over the joints of all chains. With several chains, body distances and other end
-    effectors are left out, because each chain moves bodies of the others.
+    speed is a norm over the joints of all chains. Body distances, and the displacements of end
+    effectors outside the task, are then left out, because each chain moves bodies of the others.
     """
     alone = len(played) == 1
     summaries = [motion_summary(track.label, one, moved, bodies=alone) for one in played]

@@ -330,8 +330,8 @@ def animation_page(
         ``live``.
     own
         Numbers with which the page follows a closed path that its visitor draws: start, joints and
-        potentials; None if the visitor cannot draw a path. ``weights``, an array of one row, is
-        packed with the motion.
+        potentials; None if the visitor cannot draw a path. Its array ``weights`` (1, K), the
+        coefficients of a cell's function, is packed with the motion.
     hands
         Display names of the traced frames.
     joints
@@ -339,8 +339,9 @@ def animation_page(
     dialog
         Texts of the page's dialog; by default those of a study.
     cover
-        Surface to draw in pale around the positions of a cell, by the keys that ``cover.js`` reads.
-        The edges of the surface are then the first path. None for no surface.
+        Numbers of a surface around the positions of a cell, by the keys that ``cover.js`` reads.
+        The page draws this surface in a pale colour; the first path must then be its edges. None
+        for no surface.
 
     Returns
     -------

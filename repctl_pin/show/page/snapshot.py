@@ -139,10 +139,10 @@ def _same_room(axes: list[Any], flat: bool) -> None:
 
 
 def _azimuth(stations: NDArray[np.float64]) -> float:
-    """Choose the azimuth of the view, degrees, from the side on which the arm works.
+    """Choose the azimuth of the view, degrees: 50° less than that of the direction to the path.
 
-    ``stations`` (P, 3) are points of the arm and, last, of the path. The side is the direction from
-    the mean of all points to the last point.
+    ``stations`` (P, 3) are points of the arm and, last, of the path. The direction leads from the
+    mean of all points to the last point.
     """
     tip = stations[-1]
     middle = stations.mean(axis=0)

@@ -323,10 +323,12 @@ class Viewer:
             client.give(self._last)
 
     def _moved(self, message: str) -> None:
-        """Move the target by a message of the page, in JSON: ``"home"``, or [x, y, z], m.
+        """Move the target by a message of the page, in JSON.
 
-        A message with a component above 0.1 m, or an invalid one, is ignored. Each component of
-        ``offset`` is limited to the arm's length.
+        The message is a displacement [x, y, z], m, or "home". The displacement is added to
+        ``offset``, and "home" resets ``offset`` to 0. A displacement with a component beyond
+        ±0.1 m, or an invalid message, is ignored. Each component of ``offset`` is limited to the
+        arm's length.
         """
         try:
             move = json.loads(message)

@@ -62,10 +62,11 @@ _PAD = 0.045
 def arrange(
     figure: Figure, axes: NDArray[np.object_], *, top: float, bottom: float, gap: float = 0.0
 ) -> None:
-    """Place a grid of axes in a figure, with space for tick labels on the left, texts on the right.
+    """Place a grid of axes in a figure, with space for tick labels and for texts beside the axes.
 
-    Each text is measured once. matplotlib's constrained layout measures each four times, which
-    takes longer than all drawing.
+    The tick labels are to the left of each column. The texts, such as labels at the ends of lines,
+    are to the right of the last column. Labels and texts are measured once. matplotlib's
+    constrained layout measures each four times, which takes longer than all drawing.
 
     Parameters
     ----------

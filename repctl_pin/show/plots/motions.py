@@ -155,7 +155,7 @@ _LEAST = 1e-17
 def _top(curves: Sequence[_Curve]) -> float | None:
     """Choose the upper end of a linear axis, in its unit, so that small drifts remain visible.
 
-    The axis leaves out the curves that :func:`_near` does: they jump in cycle 1, far above all
+    Curves that :func:`_near` leaves out may end above the axis: they jump in cycle 1, far above all
     others, and then stay. The result is None if there are no such curves.
     """
     kept = {label for label, _, _ in _near([curve[:3] for curve in curves])}
@@ -367,10 +367,10 @@ def joints_figure(motions: Sequence[tuple[str, Motion, str]], title: str) -> Fig
 
 
 def liveliest_joints(motions: Sequence[tuple[str, Motion, str]], count: int = 3) -> list[int]:
-    """Find the joints that drift most at the ends of cycles; return their indices, sorted.
+    """Find the joints that drift most at the ends of cycles; return their indices.
 
-    At most ``count`` indices are returned. Motions that move away in the first cycle and then stay
-    are ignored, unless all motions do so.
+    At most ``count`` indices are returned, counted from 0, in increasing order. Motions that move
+    away in the first cycle and then stay are ignored, unless all motions do so.
     """
     going = [motion for _, motion, _ in motions if not _stays(motion.drift)]
     ends = [

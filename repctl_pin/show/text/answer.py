@@ -2,8 +2,8 @@
 
 A span is a piece of text with a tone (``bad``, ``good``, ``near``), which a terminal shows as
 colour. A row is the result of one strategy, such as J⁺, in the study; a summary holds the numbers
-of its motion. The displacement of a part is the distance between its positions at the start and
-after all cycles.
+of its motion. The rows of the short table are called lines here. The displacement of a part is the
+distance between its positions at the start and after all cycles.
 
 ``Row`` is the result of one strategy in a study: its motion and figures, or why it stopped.
 ``Span`` is a piece of text with its tone, which is shown as colour. ``MotionSummary`` is the
@@ -123,18 +123,20 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
 def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
     """Format the displacements of the hand and of the farthest part, for every controller.
 
-    Each of the two rows is a name, and a text per controller: the maximum distance of the hand, the
-    task's frame, from its path; and the displacement of the most displaced part.
+    The result has two lines of the short table, each a name and a text per controller. The first
+    is the maximum distance of the hand, the task's frame, from its path; the second is the
+    displacement of the most displaced part.
     """
     rows = _cells(study, study.rows)[:2]
     return [(name, [cell.text for cell in line]) for name, line in rows]
 
 
 def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
-    """List the rows of the short table: name of a quantity, and its value for every controller.
+    """List the lines of the short table: name of a quantity, and its value for every controller.
 
-    A controller without a motion has the word ``stopped``, or a dash, in each row. The row of the
-    body distance is left out if no body has a collision shape.
+    ``rows`` has one result per controller. A controller without a motion has the word ``stopped``,
+    or a dash, in each line. The line of the body distance is left out if no body has a collision
+    shape.
     """
     summaries = [row_summary(row) for row in rows]
     some = next((row.motion for row in rows if row.motion is not None), None)
@@ -168,10 +170,10 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
 def _column(
     motion: Motion, summary: MotionSummary, usual: MotionSummary | None, ends: Sequence[str]
 ) -> list[Span]:
-    """Format the values of one controller, in the order of the rows of the short table.
+    """Format the values of one controller, in the order of the lines of the short table.
 
     ``usual`` is the summary of J⁺, with which the joint speed is compared; None if J⁺ stopped.
-    ``ends`` lists links of further end effectors whose displacement has a row: none or one.
+    ``ends`` lists links of further end effectors whose displacement has a line: none or one.
     """
     off = float(motion.tracking_error.max())
     drift = number(float(motion.drift[-1]))

@@ -23,13 +23,13 @@ _COLOURS = {"bad": "31", "good": "32"}
 
 
 class Span(NamedTuple):
-    """Piece of text, its tone (``bad``, ``good``, ``near`` or none), exact value, and controller.
+    """Piece of text, with its tone, its exact value and the controller to which it belongs.
 
-    A terminal and a page show a tone as colour; ``near`` marks small distances and gaps in checks,
-    and an empty tone is none. The exact value belongs to a rounded text, such as
-    ``elbow_link: 0.0321 m``; it can be empty.
-    ``whose`` names the controller of a number, ``usual`` or ``repeatable``, or is ``ink`` if the
-    number has no controller with a name; a page then shows that colour instead of the tone.
+    ``tone`` is ``bad``, ``good``, ``near`` (a small distance, or a gap in a check) or empty. A page
+    shows every tone as a colour, a terminal only ``bad`` and ``good``. ``exact`` is the value that
+    a rounded text stands for, such as ``elbow_link: 0.0321 m``, or empty. ``whose`` chooses a
+    colour that a page shows instead of the tone: that of the controller ``usual`` or
+    ``repeatable``, or ``ink``, that of plain text. If ``whose`` is empty, the tone is shown.
     """
 
     text: str

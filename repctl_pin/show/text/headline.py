@@ -109,7 +109,7 @@ def names_of(label: str) -> dict[str, str]:
 
     ``title`` is the title of its pane, ``law`` the technical name in brackets that follows the
     title, ``about`` a sentence on what the controller does, and ``under`` its name in a sentence.
-    ``law`` and ``about`` can be empty. ``whose`` is the controller of :attr:`.Span.whose`.
+    ``law`` and ``about`` can be empty. ``whose`` is the colour of its numbers, see :class:`.Span`.
     """
     return {
         "title": _TITLES.get(label, label),
@@ -121,7 +121,7 @@ def names_of(label: str) -> dict[str, str]:
 
 
 def _whose(label: str) -> str:
-    """Return the controller whose colour the numbers of a label have; else ``ink``."""
+    """Choose the colour of a controller's numbers: ``usual``, ``repeatable``, else ``ink``."""
     return _WHOSE.get(label, "ink")
 
 
@@ -261,8 +261,8 @@ def _drifted(summaries: Sequence[MotionSummary], times: str, after: str) -> list
 
     The part is the one that is displaced most under any controller. If no part is displaced by 1 cm
     or more, the sentence names a joint instead, which is displaced by 0.1 rad or more. ``times`` is
-    the number of cycles as text, "10 cycles". The sentence begins with ``after``, such as "After 10
-    cycles "; it is empty if the sentence before has begun so.
+    the number of cycles as text, "10 cycles". ``after`` is the beginning of the sentence, such as
+    "After 10 cycles "; empty if the preceding sentence begins with these words.
     """
     worst = max(summaries, key=lambda one: one.off)
     numbered = worst.part.removeprefix("link ").isdigit()
@@ -408,9 +408,8 @@ def _exact(one: MotionSummary) -> str:
 def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
     """Format the displacement of the most displaced part under each controller: one span each.
 
-    ``unit`` is a text that follows each value, such as " from its start"; it is left out after a 0
-    that is not the first value. If the most displaced part differs between controllers, each value
-    names its part, except values of the part with the largest displacement.
+    The text ``unit``, such as " from its start", follows each value, except a 0 that is not the
+    first value. A value other than 0 names its part if another part has the largest displacement.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
@@ -435,7 +434,8 @@ def _turned(one: MotionSummary) -> Span:
 def _notes(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     """Make the notes of a headline: extra joint speed, limits, body distances, unchecked bodies.
 
-    Limits are named that will be violated after ``cycles`` cycles if the drift continues.
+    The note on limits names joints that will leave their ranges later, if the drift continues.
+    ``cycles`` is the number of cycles of each motion.
     """
     return [
         *_extra_speed(summaries[0], summaries[-1], cycles),
@@ -480,7 +480,8 @@ def _higher(cost: float) -> str:
 def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     """State that the joint limits are kept, and when they will not be if the drift continues.
 
-    A violation in ``cycles`` cycles is left to the sentence.
+    ``cycles`` is the number of cycles of each motion. If a limit is violated in these cycles, the
+    first statement is left out, because the sentence of the headline names the violation.
     """
     broken = any(one.limit_violation or one.overspeed for one in summaries)
     later = _outlook(summaries, cycles)
@@ -490,10 +491,10 @@ def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
 
 def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
-    """State which joints leave their ranges after ``cycles`` cycles if the drift continues.
+    """State which joints will leave their ranges in a later cycle if the drift continues.
 
-    Controllers under which the same joint leaves its range in the same cycle are named together.
-    The list is empty if no joint does.
+    ``cycles`` is the number of cycles of each motion. Controllers under which the same joint leaves
+    its range in the same cycle are named together. The list is empty if no joint will leave it.
     """
     exits: dict[tuple[int, str], list[MotionSummary]] = {}
     for one in summaries:

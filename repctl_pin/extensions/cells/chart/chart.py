@@ -183,7 +183,7 @@ class Chart:
         return _Goals(*self.reference(U), *self.cell.placements(U))
 
     def goals_of(self, at: Points) -> _Goals:
-        """Return the terms of :meth:`goals` at the poses of ``at``, which has q_ref and n_ref."""
+        """Return the terms of :meth:`goals` at the poses of ``at``, with its q_ref and n_ref."""
         return _Goals(at.q_ref, at.n_ref, *self.cell.placements(at.U))
 
     def solve(
@@ -484,7 +484,7 @@ class CellPotentials:
         return self.chart.gradients(U, dU, J, n_ref, away)
 
     def _native_part(self) -> Any:
-        """Create the C struct :data:`PART` of the potentials, with which a controller runs in C."""
+        """Create the struct ``Part`` of arm.h, with which C evaluates the potentials."""
         chart = native_chart(self.chart)
         part, _ = filled_struct(PART, {}, {}, {"kind": _CELL, "count": chart.terms})
         point(part, "chart", [chart])
@@ -492,7 +492,7 @@ class CellPotentials:
 
 
 def native_chart(chart: Chart) -> Any:
-    """Create the C struct :data:`CHART` of a chart and its cell, so that C evaluates the chart."""
+    """Create the struct ``Chart`` of chart.h, with which C evaluates a chart and its cell."""
     ints, reals, scalars = chart.cell._tables()
     terms, both, weights = _weights(chart)
     row, column = _elimination_order(chart)

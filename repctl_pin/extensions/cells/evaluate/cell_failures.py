@@ -181,10 +181,11 @@ def most_singular(cell: Cell, U: Array, Q: Array) -> tuple[Array, float]:
 def touching(
     cell: Cell, U: Array, distances: Array, links: tuple[str, str], share: float, required: float
 ) -> FailureReason | None:
-    """Describe the failure that two links collide, from body distances (K,), m, at poses U (K, k).
+    """Describe the failure that two links collide, or come nearer than ``required``, m.
 
-    ``links`` are the two links with the smallest of all distances, ``share`` is the share of poses
-    with a collision. Return None if no distance is below ``required``, m.
+    ``distances`` (K,) are the body distances, m, at the poses U (K, k). ``links`` are the two links
+    with the smallest distance, and ``share`` is the share of poses with a collision. Return None if
+    no distance is below ``required``.
     """
     at = int(np.argmin(distances))
     least = float(distances[at])

@@ -187,10 +187,10 @@ class Margin(Quantity):
     ) -> Array:
         """Find the largest margin that self-motion attains at the poses of K points ``at``: (K,).
 
-        The fit asks for no larger margin at these poses. At each pose, the search changes one
-        component of the label s at a time, by up to 0.7 rad in steps of 0.06 rad, and refines the
-        best label. With ``far``, the changes are up to 2.4 rad, which for r = 1 covers the
-        self-motion inside the limits. The search at a pose ends when its margin is at least
+        The fit never requires more than this largest margin at a pose. At each pose, the search
+        changes one component of the label s at a time, by up to 0.7 rad in steps of 0.06 rad, and
+        refines the best label. With ``far``, the changes are up to 2.4 rad, which for r = 1 covers
+        the self-motion inside the limits. The search at a pose ends when its margin is at least
         ``enough``.
         """
         search = _LeafSearch(self, chart, at, enough)
@@ -373,8 +373,10 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
     hulls overlap, the bodies themselves must be tested, which takes forty times as long. So only
     two groups of these rows are tested. The first is a sample, from which the fraction is
     estimated. The second are the rows with the deepest overlap, until no other row can have a
-    smaller distance. In the other rows with overlap, the distance is set to 0. With ``quick``, only
-    the 8 rows with the deepest overlap are tested.
+    smaller distance. In the other rows with overlap, the distance is set to 0.
+
+    With ``quick``, only the 8 rows with the deepest overlap are tested. The fraction counts only
+    collisions in these rows, and another row can have a smaller distance.
     """
     hulls = _nearest_hulls(bodies, Q)
     overlap = np.flatnonzero(hulls < 0)
@@ -467,8 +469,9 @@ def with_edges(cell: Cell, count: int, seed: int, rng: np.random.Generator) -> A
 def _between_corners(cell: Cell, rng: np.random.Generator) -> Array:
     """Sample 4096 poses of which all coordinates but two are −1 or 1: (4096, k).
 
-    The two coordinates are selected at random, and have random values. At a corner of radius and
-    height, bodies may be near in a small range of the others, which fewer poses would miss.
+    The two coordinates are selected at random, and have random values. Where radius and height are
+    at their ends, bodies may be near each other only in a small range of the other coordinates,
+    which fewer poses would miss.
     """
     U = np.sign(rng.uniform(-1, 1, (_BETWEEN, cell.k)))
     free = rng.random(U.shape).argsort(axis=1) < 2

@@ -120,12 +120,13 @@ class Rays(NamedTuple):
     Attributes
     ----------
     U : (K, k) array
-        End poses of the rays, in coordinates of the cell.
+        Poses to which the rays lead, in coordinates of the cell. A ray that stops early does not
+        reach its pose.
     Q, N : (K, n) and (K, n, r) arrays
         Last configuration on each ray, and basis of the null space of J there. The bases of
         neighbouring points on a ray are chosen as similar as possible.
     reached : (K,) array
-        Fraction of each ray that was followed; 1 means that the end pose was reached.
+        Fraction of each ray that was followed; 1 means that its pose was reached.
     least : (K,) array
         Minimum joint-limit margin on each ray, rad or m.
     """
@@ -193,7 +194,8 @@ class Grown(NamedTuple):
     steps : (K,) array
         Number of steps by which the box grew; :data:`STEPS` is its full size.
     margin : (K,) array
-        Smallest limit margin at the points of the box at all its sizes, rad or m.
+        Smallest limit margin, rad or m, over the corners, edge middles and face centres of the box
+        at every size from a point to its final size.
     ends : (K, C, n) array
         Configurations at the C corners, edge middles and face centres of the grown box, in the
         order of :meth:`Cell.rim`.

@@ -1,14 +1,14 @@
 """Range of a function along the symmetric coordinates (angle, spin) of its sector.
 
-A single joint moves the frame along such a coordinate, so the function is designed without it; the
-coordinate is then removed from the coordinates u of a pose, which go from −1 to 1. The range of the
-coordinate ends at the limits of that joint. A range that is given as ``"all"`` ends nowhere else.
-Every range that is a number is the full width of the range, from end to end, rad. A pose is covered
-if the function has a configuration there inside the joint limits. A sector is a cell in cylindrical
-coordinates, numbered from 0: radius, angle and height about an axis, two tilts of the tool, and its
-spin. A chart is the pair of polynomials of u in which the function is written: q_ref approximates
-its configurations, n_ref the null space of J. K poses are the rows of U (K, k). n is the number of
-joints, m that of task coordinates.
+A single joint moves the frame along a symmetric coordinate. The function is designed without this
+coordinate, which is removed from the coordinates u of a pose; these go from −1 to 1. The range of
+the function along the coordinate ends at the limits of its joint. The user requests a range in rad,
+or ``"all"`` for the largest range inside these limits. A computed range is a number, its full width
+from end to end, rad. A pose is covered if the function has a configuration there inside the joint
+limits. A sector is a cell in cylindrical coordinates, numbered from 0: radius, angle and height
+about an axis, two tilts of the tool, and its spin. A chart is the pair of polynomials of u in which
+the function is written: q_ref approximates its configurations, n_ref the null space of J. K poses
+are the rows of U (K, k). n is the number of joints, m that of task coordinates.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses,
@@ -73,8 +73,8 @@ class Turn:
         Fraction of 4096 sampled poses that the function covers, without regard to the limits of the
         joints of symmetric coordinates; NaN in older files.
     as_covered : float
-        Range in which the joint stays within its limits at the fraction ``covered`` of the covered
-        poses, rad; NaN in older files.
+        Range of the coordinate, rad, in which the joint stays within its limits at a part of the
+        covered poses. This part is the fraction ``covered`` of them. NaN in older files.
     bodies : str
         Links that collide beyond the range; empty if the range ends at the joint's limits.
     """
@@ -290,11 +290,11 @@ def turn_at(chart: Chart, U: Array) -> Array | None:
 
 
 def reduced(cell: Cell, desired: Inverse) -> Cell:
-    """Remove from u the coordinates of a cell along which the arm and G_d are symmetric.
+    """Return a cell without the coordinates u along which the arm and G_d are symmetric.
 
-    A design without these coordinates is faster. The desired inverse G_d is symmetric if its joint
-    velocity per unit of each task coordinate does not change with the joint that moves the frame
-    along the coordinate.
+    A design without these coordinates is faster. The desired inverse G_d is symmetric along a
+    coordinate if its values, joint velocities per m or rad of each task coordinate, do not change
+    when the joint that moves the frame along this coordinate moves. A box is returned unchanged.
     """
     if not isinstance(cell, Sector):
         return cell

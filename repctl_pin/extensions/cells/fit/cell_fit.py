@@ -248,14 +248,17 @@ class CellFit:
         )
 
     def _first_chart(self, cell: Cell, q: Array, ends: Rays, quick: bool) -> Chart:
-        """Fit the first chart to the ends of rays; its degree is such that n_ref follows N.
+        """Fit the first chart to the ends of rays, of a degree with which n_ref is near N.
 
         N is the null space of J at the ends. Where N turns by more than 90° over a short distance,
         a polynomial n_ref of low degree can be perpendicular to N. The equations of the chart are
-        then singular although the function is not. So for a cell with two coordinates, n_ref is
-        compared with the null space at many poses (fewer with ``quick``). If n_ref is not near the
-        null space there, rays from the configuration q (n,) in the middle are followed to these
-        poses. The degree is then raised until n_ref is near N at the ends of all these rays.
+        then singular although the function is not.
+
+        This is tested for cells with two coordinates only: n_ref is compared with the null space at
+        many poses (fewer with ``quick``). If n_ref is not near the null space there, rays from the
+        configuration q (n,) in the middle are followed to these poses. The degree is then raised
+        until n_ref is near N at the ends of all these rays. If no degree up to 14 is high enough,
+        the degree is not raised.
         """
         chart = Chart.fitted(cell, ends.U, ends.Q, ends.N, 2 if cell.k > 4 else 4)
         if cell.k != 2:
@@ -277,13 +280,14 @@ class CellFit:
         return chart
 
     def priced(self, found: CellDesign, q: Array) -> CellDesign:
-        """Add to a design over a sector the extra joint speed that its requested angle costs.
+        """Add to a design over a sector the extra joint speed that its range of the angle costs.
 
-        The user thus sees what a smaller angle would save. For comparison, a second function is
-        designed with the angle ``"all"``, from the configuration q (n,) in the middle. The
+        The user thus sees what a smaller range would save. For comparison, a second function is
+        designed with the range ``"all"``, from the configuration q (n,) in the middle. The
         difference of the two extra joint speeds is stored with the range of the angle. The design
-        is returned unchanged if its angle is not requested in rad, or if the joint stays far from
-        its limits at both ends of the angle.
+        is returned unchanged if the range was not requested in rad, if the symmetry of the angle is
+        not used, if the joint limits would allow a range that is wider by 0.5 rad or more, or if
+        the second design fails.
         """
         sector = found.function.chart.cell
         names = found.cell.coordinate_names
@@ -442,8 +446,8 @@ def _fit(cost: Cost, a: Array) -> Descent:
 def _follows(chart: Chart, U: Array, N: Array) -> bool:
     """Test whether n_ref of a chart is near the null spaces N (K, n, r) at all poses U (K, k).
 
-    The test is ``σ_min(Nᵀ n̂_ref) > 0.4``. This singular value is 0 if a direction of n_ref is
-    perpendicular to N, and 1 if all directions of n_ref are in N.
+    The test is ``σ_min(Nᵀ n̂_ref) > 0.4``; n̂_ref is an orthonormal basis of the columns of n_ref.
+    This singular value is 0 if a direction of n_ref is perpendicular to N, and 1 if n_ref spans N.
     """
     return bool(leaf_margin(N, chart.reference(U)[1]).min() > _UPRIGHT)
 
@@ -513,9 +517,9 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
 
 
 def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
-    """Describe the failure that the joint of a symmetric coordinate would have to leave its range.
+    """Describe why a function fails: the joint of a symmetric coordinate has too small a range.
 
-    Over the cell, the values of this joint differ by more than the joint's range.
+    Over the cell, the values of this joint differ by more than the range between its limits.
     """
     what = f"{turn.joint} turns {turn.joint_range:.3g} rad, and differs by {turn.spread:.3g} rad"
     return FailureReason("limit", 1.0, np.zeros(cell.whole.k), f"{what} over the cell")

@@ -10,10 +10,10 @@ and n_ref of u: q_ref approximates a configuration, from which s is measured, an
 space.
 
 Letters: n joints, r components of s, N monomials of u in which s is written, K nodes, L penalised
-poses, which are the poses of all penalties, P margins of one kind per configuration. In arrays of K
-+ L rows, the nodes come first, then the poses of one penalty after the other. ``weight`` is the
-factor of all penalties. The residual is ``(∂F − G_d E) C``. A hinge is max(0, asked − margin), by
-which a margin falls short of the asked value.
+poses (the sum over all penalties), P margins of one kind per configuration. In arrays of K + L
+rows, the nodes come first, then the poses of one penalty after the other. ``weight`` is the factor
+of all penalties. The residual is ``(∂F − G_d E) C``. A hinge is max(0, asked − margin): the amount
+by which a margin is below ``asked``, the value that its penalty requires.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
 along its self-motion. ``Penalty`` is a kind of margin that the cost penalises, and the poses at
@@ -21,10 +21,10 @@ which the margin is penalised. ``Monomials`` are all monomials ``u^α`` up to a 
 coordinates u, the constant 1 first. ``_Value`` is the cost of a candidate function, with the
 configurations at which it was evaluated. ``Points`` are the configurations Q (K, n) of a function q
 = F(u) at K poses, with the kinematics there. ``Descent`` is the result of a minimisation:
-coefficients a, the cost with its configurations, and the number of steps. ``Point[D]`` is the
-objective at one x: ``merit``, ``cost``, and ``data`` of a type D, here the evaluated cost, from
-which the model is computed. ``Step`` is a damped Gauss–Newton step dx, with its predicted decrease
-and its damping.
+coefficients a, the cost with its configurations, and the number of steps. ``Point[_Value]`` is the
+result of one evaluation by the minimiser: the cost as a number, and the ``_Value`` from which
+gradient and Hessian are computed. ``Step`` is a damped Gauss–Newton step dx, with its predicted
+decrease and its damping.
 """
 
 from __future__ import annotations
@@ -198,8 +198,8 @@ class Cost:
 
         ``at`` is the evaluated cost at the coefficients a (N, r). The residual (∂F − G_d E) C at a
         node depends on a only through s and ∂s/∂u there. The residual is linear in ∂s/∂u, with the
-        matrix ∂F/∂s; its derivative with respect to s is computed by central differences. A margin
-        depends on s only. The last result is cached.
+        matrix ∂F/∂s. The derivative of the residual with respect to s is computed by central
+        differences. A margin depends on s only. The last result is cached.
         """
         if self._model is None or self._model[0] is not at:
             self._model = at, self._modelled(at)
@@ -312,12 +312,18 @@ class Cost:
 def _products(features: Array, L: Array, r: int) -> Array:
     """Evaluate ``Σ (Lᵀ f)ᵀ (Lᵀ f)`` over all poses, with f = blockdiag(features): (N r, N r).
 
-    The result is half of the Hessian of the cost. In this function, K counts all poses, and k
-    includes the coordinates that symmetries remove. ``features`` (K, 1 + k, N) are the monomials
-    and their slopes, the same for each of the r components of the label. L (K, r (1 + k), r (1 +
-    k)) has, per pose, the lower Cholesky factor of the pose's part of the Hessian with respect to s
-    and ∂s/∂u C. L is lower triangular: the rows of component j are 0 in the blocks of later
-    components, and the products leave these blocks out.
+    The result is half of the Hessian of the cost with respect to a. In this function, K is the
+    number of all poses, K + L elsewhere, and k stands for k + l.
+
+    Parameters
+    ----------
+    features : (K, 1 + k, N) array
+        Monomials and their slopes, the same for each of the r components of the label s.
+    L : (K, r (1 + k), r (1 + k)) array
+        Per pose, the lower Cholesky factor of half of the Hessian with respect to s and ∂s/∂u C.
+        The upper blocks of L are 0, so they are not multiplied.
+    r
+        Number of components of s.
     """
     p, N = features.shape[1:]
     rows = []
@@ -439,11 +445,11 @@ def _scaling(H: Array) -> Array:
 def _held(H: Array, at: _Value) -> Array:
     """Add a small multiple of the identity to the Hessian H (N r, N r).
 
-    This term keeps components of the label, on which the cost hardly depends, from changing. In an
-    axis task, a joint that turns the tool about its axis changes the task coordinates only because
-    the URDF is rounded, for example 1.5708 in place of π/2. Newton's step along such a joint would
-    be a ratio of rounding errors. The term is proportional to ``at.desired_square`` of the
-    evaluated cost ``at``.
+    The cost may hardly depend on some component of the label; the added term keeps this component
+    from changing. In an axis task, for example, a joint that turns the tool about its axis changes
+    the task coordinates only because the URDF is rounded, 1.5708 in place of π/2. Newton's step
+    along such a joint would be a ratio of rounding errors. The term is proportional to
+    ``at.desired_square`` of the evaluated cost ``at``.
     """
     return H + _IDLE * at.desired_square * np.eye(len(H))
 

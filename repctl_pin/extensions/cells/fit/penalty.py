@@ -110,14 +110,13 @@ class ActiveConstraint:
         return True
 
     def _shortage(self, chart: Chart, at: Points, near: Array) -> tuple[Array, Array]:
-        """Evaluate the margins asked for at the first points of ``at``, and the shortages there.
+        """Evaluate the margins asked for, and the shortages, at the first L of K points ``at``.
 
-        A shortage is the asked margin minus the actual one. ``near`` (K,) are the margins at the K
-        points; both are sorted, the smallest margin first. The results (L,) are only for the first
-        L points, because the search for the margin asked for is slow. L is so large that further
-        points can change nothing: if no shortage is too large at the first L points, none is at the
-        others. Otherwise the ``margin.violators`` largest shortages, which the caller needs, are
-        among the first L points.
+        A shortage is the margin asked for minus the actual margin. ``near`` (K,) are the actual
+        margins; the points are sorted by them, the smallest first. Return two arrays (L,). The
+        margin asked for is found by a slow search, so the points after the first L are left out. L
+        is large enough for the caller: if a shortage is too large at any of the K points, one is at
+        the first L. The ``margin.violators`` largest shortages are then among the first L, too.
         """
         margin, count = self.margin, self.margin.violators
         most = margin.required - near  # no more than the required margin is asked for
@@ -202,7 +201,7 @@ class PenaltyMethod:
 
         If no margin is too small in the last result, this result is returned. Otherwise the cost is
         minimised with the monomials ``terms``; a degree above 2 is preceded by a fit of degree 2.
-        All poses at which the functions without penalties have too small a margin are penalised.
+        The poses at which functions without penalties fall short most stay penalised in every fit.
 
         Parameters
         ----------

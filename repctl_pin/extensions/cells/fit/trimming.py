@@ -3,17 +3,19 @@
 A box or sector in which the function fails at one corner thus becomes smaller on one side only. To
 cut a cell along a coordinate is to move one or both ends of its range inward, so that a part of the
 cell is left. Coordinates u of a pose go from −1 to 1 between the sides. A coordinate of a sector,
-angle or spin, is symmetric if a single joint moves the frame along it; it is then removed from u,
-and "all coordinates" include it. Its range ``"all"`` ends only at the limits of that joint. A ray
-is a motion along a straight line from the middle of the cell. A quick design is faster and less
-accurate. A chart is the pair of polynomials of u in which a function is written. Extra joint speed
-is the joint speed relative to that of the desired inverse, such as J⁺, minus 1.
+angle or spin, is symmetric if a single joint moves the frame along it. A symmetric coordinate is
+removed from u; "in all coordinates" means u together with the removed coordinates. The range
+``"all"`` of a symmetric coordinate ends only at the limits of its joint. A ray is a motion along a
+straight line from the middle of the cell. A quick design is faster and less accurate. A chart is
+the pair of polynomials of u in which a function is written. Extra joint speed is the joint speed
+relative to that of the desired inverse, such as J⁺, minus 1.
 
-The argument ``fit`` has the arguments of the design, ``limits`` what a function must meet, and q
-(n,) is the configuration in the middle of the cell. ``found`` is a design or, if too few poses are
-reached, a tuple of the reasons for failure. ``useful`` is a function that tells whether a part of a
-cell is still of use. K poses are the rows of U (K, k), with k coordinates u each; n is the number
-of joints. A corner, low or high (k,), has the ends of all ranges, from −1 to 1.
+The argument ``fit`` has the arguments of the design, ``limits`` are the limits that a function must
+meet, and q (n,) is the configuration in the middle of the cell. ``found`` is a design or, if too
+few poses are reached, a tuple of the reasons for failure. ``useful`` is a function that tells
+whether a part of a cell is still of use. K poses are the rows of U (K, k), with k coordinates u
+each; n is the number of joints. A part of a cell is given by two corners, ``low`` and ``high``
+(k,): its smallest and its largest u_i, from −1 to 1.
 
 ``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
 ``Required`` holds the limits of a function: mean and maximum extra joint speed relative to G_d
@@ -122,11 +124,12 @@ def trimmed(
 ) -> CellDesign | None:
     """Move sides of a cell inward until one function meets the limits on the rest; design it.
 
-    ``fit`` has the arguments of the design. Quick designs show how far to move most sides. ``q``
-    (n,) is the configuration in the middle, ``guess`` a quick design from there, if there is one.
-    The function of full accuracy is designed only once; if it fails somewhere, sides are moved
-    until the same function covers the rest. Return None if the rest would be less than 5 % of the
-    cell or not ``useful``.
+    ``fit`` has the arguments of the design. ``q`` (n,) is the configuration in the middle,
+    ``guess`` a quick design from there, if there is one. First, sides are moved by quick designs,
+    until these leave nearly the whole cell. Then one function of full accuracy is designed. If this
+    function fails somewhere, sides are moved further, until the same function covers the rest.
+    Return None if the rest would be less than 5 % of the cell or not ``useful``, or if no function
+    is found.
     """
     volume = 1.0
     for _ in range(_ROUNDS):
@@ -277,11 +280,11 @@ def _range(cell: Cell, window: Window | None) -> tuple[float, float]:
 
 
 def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) -> Array:
-    """Return the configuration (n,) at the pose u (k,): of the design, or at the end of a ray.
+    """Return a configuration (n,) at the pose u (k,) of a cell.
 
-    The ray begins at q (n,), and is used if ``found`` is no design. A design may have moved its
-    sector along symmetric coordinates; u and the result refer to ``cell``, the sector before this
-    move.
+    If ``found`` is a design, the configuration is that of its function; otherwise it is the end of
+    a ray from q (n,). A design may have moved its sector along symmetric coordinates. The result is
+    in the middle of these coordinates of ``cell``, the sector before it was moved.
     """
     if not isinstance(found, CellDesign):
         return rays(fit.desired, cell, q, u[None]).Q[0]
@@ -372,9 +375,9 @@ def _cut_until_good(
 def _weights(cell: Cell, coordinates: Sequence[int]) -> Array:
     """Return one weight per coordinate: how much a loss of its range counts in the choice of a cut.
 
-    Radius, height and tilts have the weight 1. A symmetric angle or spin has the weight s / (1 +
-    s), with s its fraction of a full turn, because a sector over this fraction counts as (1 + s) /
-    2 of a sector over a full turn.
+    Radius, height and tilts have the weight 1. A symmetric angle or spin whose range is the
+    fraction s of a full turn has the weight s / (1 + s). This is the relative loss of (1 + s) / 2
+    per relative loss of s; (1 + s) / 2 is the factor with which a sector of that range is rated.
     """
     s = cell.widths[list(coordinates)] / np.pi
     turns = np.isin(coordinates, [one.coordinate for one in cell.removed])

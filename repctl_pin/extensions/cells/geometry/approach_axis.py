@@ -59,9 +59,9 @@ class Approach(NamedTuple):
 def approach_axis(task: Task, given: Any = None) -> Approach:
     """Find the approach axis of a task's frame, or check a given name such as ``"-z"``.
 
-    It is the axis that :func:`tool_axis` finds, or z if there is none. The result has the name of
-    the axis, and a text on how it was found. With a ``given`` name, that is returned; InputError is
-    raised if it names no axis.
+    The result has the name of the axis, and a text on how it was found. The axis is the one that
+    :func:`tool_axis` finds, or z if it finds none. If a name is ``given``, the result has this
+    name; an InputError is raised if it names no axis.
     """
     if given is not None:
         require_choice(given, AXES, "approach axis")
@@ -74,12 +74,14 @@ def approach_axis(task: Task, given: Any = None) -> Approach:
 
 
 def tool_axis(task: Task) -> Approach | None:
-    """Find the axis of a task's frame along which the tool points, or None.
+    """Find the axis of a task's frame along which the tool points; None if there is none.
 
-    The tool points along the axis of the last joint, toward the fingers or, without fingers, the
-    frame's origin; if this is the origin of the joint, away from the joint before it. If the
-    fingers or the frame lie beside that axis, the tool points from the joint to them. The axis of
-    the frame must be nearly along that direction.
+    The tip is the mean position of the fingers or, without fingers, the origin of the frame. If the
+    tip lies roughly on the axis of the last joint, the tool points along this axis, from the joint
+    toward the tip. If the tip is at the joint's origin, the tool points along this axis, away from
+    the joint before. Otherwise, and if this axis is along no axis of the frame, the tool points
+    straight from the joint to the tip. The result is the axis of the frame nearest to the direction
+    of the tool; None if it is not near enough.
     """
     name, (origin, axis) = last_axis(task)
     fingers = _fingers(task)

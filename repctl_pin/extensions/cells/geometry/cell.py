@@ -1,17 +1,19 @@
 """Cell of the workspace: a box of positions, and a box of rotations around one orientation.
 
-The m task coordinates of a pose are its positions, m, and rotations, rad; an offset is their
-difference from the middle of the cell. The coordinates u (k,) of a pose are the offsets divided by
-the half-widths, from −1 to 1 in the cell. A task coordinate does not belong to u if its half-width
-is 0, or if a symmetry of the arm removes it: then a single joint moves the frame along it, and a
+The task coordinates of a pose are its position, in metres, and its rotation, in rad; their number
+is m. The offsets of a pose are the differences of its task coordinates from those of the cell's
+placement, which is the middle of the cell. (In some sectors, the middle of the spin differs from
+the placement.) The coordinates u (k,) of a pose are its differences from the middle, divided by the
+half-widths: from −1 to 1 in the cell. A task coordinate does not belong to u if its half-width is
+0, or if a symmetry of the arm removes it: then a single joint moves the frame along it, and a
 function q = F(x) over the cell, which gives one configuration for each pose, is designed without
 it. The number of removed coordinates is l. A chart consists of polynomials of u, of which q_ref
 approximates F. A sector is a cell in cylindrical coordinates, among them the angle about its axis
 and the spin about the axis of the tool.
 
 Letters: n joints, p (K, 3), m, and R (K, 3, 3) are positions and rotation matrices of the frame at
-K poses, in base axes. Q (K, n) are configurations, U (K, k) coordinates u, Y (K, m) offsets. A
-corner, low or high (k,), has the ends of all ranges of u in a part of the cell.
+K poses, in base axes. Q (K, n) are configurations, U (K, k) coordinates u, Y (K, m) offsets. A part
+of a cell is given by two corners, ``low`` and ``high`` (k,): its smallest and its largest u_i.
 """
 
 from __future__ import annotations
@@ -750,9 +752,9 @@ class Cell:
         return np.zeros(len(self.widths))
 
     def spread(self, U: ArrayLike) -> Array:
-        """Convert coordinates U (K, k) to offsets (K, m) from the placement, m and rad.
+        """Convert coordinates U (K, k) to offsets (K, m), m and rad.
 
-        Task coordinates that do not belong to u are included, with their values in the middle.
+        A task coordinate that does not belong to u gets its offset in the middle of the cell.
         """
         (U,) = as_matrices(("U", U, f"K {self.k}"), exact=True, finite=False)
         Y = np.empty((len(U), len(self.widths)))
@@ -811,6 +813,6 @@ class Cell:
 
 
 def unit_speeds(E: Array) -> Array:
-    """Evaluate ``(EᵀE)^(−1/2)`` (K, k, k) of matrices E = ∂x/∂u (K, m, k): unit task speed."""
+    """Evaluate C = (EᵀE)^(−1/2) (K, k, k) for E = ∂x/∂u (K, m, k); E C has orthonormal columns."""
     s, V = np.linalg.eigh(np.swapaxes(E, 1, 2) @ E)
     return (V / np.sqrt(s)[:, None, :]) @ np.swapaxes(V, 1, 2)

@@ -216,9 +216,10 @@ def no_joint(task: Task, name: str, line: Array) -> InputError:
     """Make the error that no joint of the arm allows the range "all" of ``angle`` or ``spin``.
 
     ``name`` is ``angle`` or ``spin``. The range "all" requires a joint that alone moves the frame
-    along the coordinate. The message states how far the axis of a joint differs from the axis of
-    the coordinate: for the angle, this is ``line`` (2, 3); for the spin, the tool's z axis. If a
-    joint turns the arm about another axis, the remedy names that axis.
+    along the coordinate. For the angle, the message states how far the axis of the joint that turns
+    the whole arm, if there is one, differs from the sector's axis ``line`` (2, 3); the remedy names
+    the axis of that joint. For the spin, it states how far the axis of the last joint differs from
+    the tool's z axis.
     """
     what = {
         "angle": "turns the whole arm about the axis",

@@ -116,10 +116,11 @@ def gap_phrase(sector: Sector, reaches: Mapping[str, float] | None = None) -> st
 
 
 def tool_direction(sector: Sector) -> str | None:
-    """Return ``down`` or ``up`` if the tool points there in all of a sector, or None.
+    """Return ``down`` or ``up`` if the tool has this direction in the whole sector, else None.
 
-    The tool points along the axis that :func:`.tool_axis` finds. The result is None if there is
-    none, or if it is not the z axis of a frame that was given, whose z axis may be meant.
+    The tool points along the axis of its frame that :func:`.tool_axis` finds; the result is None if
+    it finds none. The result is also None if the task has a frame of its own (a ``ToolTask``) and
+    this axis is not its z axis, because z may be the intended direction.
     """
     task, (tilt, _) = sector.task, difference(sector.axis, VERTICAL)
     if not task.kind.turns or sector.widths[3:5].any() or tilt > NEAR:

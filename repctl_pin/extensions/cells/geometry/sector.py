@@ -2,14 +2,16 @@
 
 The axis is by default the base's z axis. A sector suits an arm whose first joint turns the whole
 arm: then a function need not be designed along the angle. The task coordinates of a pose are
-radius, angle, height, two tilts and spin, or the first m of them; offsets are their differences
-from the middle, m and rad. They are numbered from 0 (``RADIUS``) to 5 (``SPIN``). A coordinate is
+radius, angle, height, two tilts and spin, or the first m of them, numbered from 0 (``RADIUS``) to 5
+(``SPIN``). Offsets are their differences from those of the placement, m and rad. The placement is
+the middle of the sector, except that a design may move the middle of the spin. A coordinate is
 symmetric if a single joint moves the frame along it; it can be removed from the coordinates u (k,)
-of a pose, which are the offsets divided by the half-widths, from −1 to 1. The range of angle or
-spin can be ``"all"``, as far as the limits of that joint. The profile of a sector is its range of
+of a pose, which go from −1 to 1 between the sides of the sector. The range of angle or spin can be
+``"all"``: it then ends only at the limits of that joint. The profile of a sector is its range of
 radius as a function of the height η above the middle: its bend shifts the range, its stretch scales
-it. A corner, low or high (k,), has the ends of all ranges of u. Letters: m task coordinates, K
-poses; p (K, 3), m, and R (K, 3, 3) are positions and rotation matrices of the frame in base axes.
+it. A part of a sector is given by two corners, ``low`` and ``high`` (k,): its smallest and its
+largest u_i. Letters: m task coordinates, K poses; p (K, 3), in metres, and R (K, 3, 3) are
+positions and rotation matrices of the frame in base axes.
 
 ``Symmetry`` is a joint that changes only one coordinate of the frame: the indices of both, and the
 sign, 1 or −1, of the change.
@@ -91,9 +93,9 @@ class Sector(Cell):
         Middle of the sector, away from the axis: a rigid transform, a homogeneous matrix (4, 4), or
         a position (3,), m, with the orientation of the task's reference.
     radius : float or (list, list)
-        Half-width, m; or the smallest and the largest radius, m, as coefficients of polynomials in
-        the height above the placement divided by ``height``, the constant first. The placement is
-        then moved along its radius to the middle between the two.
+        Half-width, m; or two lists: coefficients, the constant first, of the smallest and of the
+        largest radius, m, as polynomials of η / ``height``, with η the height above the placement.
+        The placement is then moved along its radius to the middle between the two.
     height : float
         Half-width, m.
     angle : float or "all"

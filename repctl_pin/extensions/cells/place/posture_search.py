@@ -93,13 +93,13 @@ def given(cell: Cell, posture: ArrayLike) -> Array:
 def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
     """Search for configurations in the middle of the cell; return up to four, the best first.
 
-    A design tries the configurations in this order. They differ from each other by more than 0.3 in
-    joint space. If some candidates are free of collisions in the middle, the others are dropped.
-    From each remaining candidate, the arm moves along rays to the corners. The criteria are, in
-    this order: most corners reached, no collision at these corners, largest joint-limit margin (up
-    to 0.1 rad or m), smallest joint speed. Among nearly equal candidates, the one nearest to the
-    task's reference configuration is the first. ``seed`` is for the random configurations at which
-    the search begins.
+    A design tries the configurations in this order. The norm of the difference of any two of them
+    is above 0.3 (rad and m). If some candidates are free of collisions in the middle, the others
+    are dropped. From each remaining candidate, the arm moves along rays to the corners. The
+    criteria are, in this order: most corners reached, no collision at these corners, largest
+    joint-limit margin (up to 0.1 rad or m), smallest joint speed. Among nearly equal candidates,
+    the one nearest to the task's reference configuration is the first. ``seed`` is the random seed
+    of the configurations at which the search begins.
 
     Raises
     ------
@@ -183,8 +183,8 @@ class Candidate:
         Minimum joint-limit margin on the rays that reach their corners, rad or m; infinite if no
         ray does.
     body_distance : float
-        Minimum body distance in the middle and at the corners reached, m. At corners without a
-        collision, the distance of the convex hulls, a lower bound, is used instead.
+        Minimum body distance in the middle and at the corners reached, m. At corners where the
+        bodies' convex hulls do not overlap, the distance of the hulls, a lower bound, is used.
     speed : float
         Mean squared joint speed per unit of task speed at the corners reached: ``‖G_d E C‖_F²``
         with the desired inverse G_d, E = ∂x/∂u in the cell's coordinates u, and C = (EᵀE)^(−1/2).
@@ -319,18 +319,18 @@ def _spread(Q: Array, count: int) -> Array:
 def fitting_start(
     problem: Problem, cell_of: Callable[[Problem], Cell]
 ) -> tuple[Problem, Cell, bool]:
-    """Choose the first default start of a problem at which a cell fits.
+    """Choose the first of a problem's possible starts at which a cell fits.
 
     The start is the configuration in which a motion begins. A cell fits if J⁺ reaches the middle of
-    the cell and, from there, every corner along a straight ray. The joints must stay within their
-    limits, without collision in the middle and at the corners. If the cell fits at no start, the
-    start with the most reached corners is chosen; among starts with equally many, the start with
-    the fewest faults.
+    the cell and, from there, every corner along a straight ray, without a fault. There are two
+    faults: a joint leaves its limits on a ray, and bodies collide in the middle or at a corner. If
+    there is no start at which a cell fits, the start with the most reached corners is chosen; among
+    starts with equally many, the start with the fewest faults.
 
     Parameters
     ----------
     problem
-        The problem; a start that was given is not changed.
+        The problem. If the user gave its start, this is the only one that is tried.
     cell_of
         Function that makes the cell of a problem, around the pose at its start or around its path.
 

@@ -2,10 +2,11 @@
 
 The function gives one configuration for each pose of the cell, a box of poses or a sector. A slice
 is a map of the function over two coordinates of the cell. A sector is a cell in cylindrical
-coordinates around an axis. One joint may turn the whole arm along the angle about this axis,
-another the tool along its spin, the rotation about its own z axis. Their ranges are given in rad or
-as ``"all"``, which extends to the limits of that joint. Extra joint speed is the joint speed
-relative to that of the desired inverse, such as J⁺, minus 1.
+coordinates around an axis. Its angle is that about the axis; its spin is the rotation of the tool
+about its own z axis. A single joint may move the arm along the angle, another the tool along the
+spin. The range of the angle or of the spin is given in rad or as ``"all"``: then it ends only at
+the limits of the joint that moves the frame along it. Extra joint speed is the joint speed relative
+to that of the desired inverse, such as J⁺, minus 1.
 
 ``Dialog`` is the texts of a page's dialog, by name. ``Headline`` is a sentence on the drift, and
 notes on joint speed, limits and bodies. ``Span`` is a piece of text with its tone, which is shown

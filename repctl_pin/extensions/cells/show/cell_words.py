@@ -27,12 +27,15 @@ _OF_A_SECTOR = {
 
 
 def shape_word(design: CellDesign) -> str:
-    """Return the word for the set of poses, the only one on the page: ``sector`` or ``cell``."""
+    """Return the one word that the page uses for the set of poses: ``sector`` or ``cell``."""
     return "sector" if isinstance(design.cell, Sector) else "cell"
 
 
 def cell_uses(design: CellDesign) -> dict[str, str]:
-    """Explain, by name, the use with another arm, in ROS 2 and as CSV, and the units."""
+    """Explain how to use the function with another arm, in ROS 2 and as CSV, and its units.
+
+    The result has one text per topic; the keys are the names of the topics on the page.
+    """
     size = "--down" if shape_word(design) == "sector" else "--half-width 0.1"
     return {
         "Your own arm": f"`repctl cell my_arm.urdf {size}`, on Linux or macOS, after `pip install` "

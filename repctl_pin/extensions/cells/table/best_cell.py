@@ -172,15 +172,15 @@ def best_cell(
     A box fits if one function covers it, inside the joint limits and without collisions. First, J⁺,
     the pseudoinverse of the task Jacobian, must lead from a configuration in the middle along
     straight lines to all corners and edges. Then the design of a function confirms the box. The
-    middles that are tried are the positions of random configurations, turned to the orientation,
-    and further positions beside the best of these. If no box of the requested size fits, a second
-    search follows, over positions, branches and self-motions, for boxes at whose rims the bodies
-    are apart. If none fits either, smaller boxes are tried, in steps of a tenth of the size, and
-    the largest box that fits is used. Among boxes of equal size, the order is: nearest to ``at``,
-    if given; above z = 0 of the base; limit margin, up to 0.3 rad or m; smallest joint motion.
-    Among the first boxes in this order, the result is the box whose function has the best margins,
-    body distance and joint speed. Design the function over the result by
-    :func:`nearest_inverse_function`.
+    middles that are tried are first the positions of the frame in random configurations, from which
+    inverse kinematics turns the frame to the orientation; then further positions beside the best of
+    these. If no box of the requested size fits, a second search follows, over positions, branches
+    and self-motions, for boxes at whose rims the bodies are apart. If none fits either, smaller
+    boxes are tried, in steps of a tenth of the size, and the largest box that fits is used. Among
+    boxes of equal size, the order is: nearest to ``at``, if given; above z = 0 of the base; limit
+    margin, up to 0.3 rad or m; smallest joint motion. Among the first boxes in this order, the
+    result is the box whose function has the best margins, body distance and joint speed. Design the
+    function over the result by :func:`nearest_inverse_function`.
 
     Parameters
     ----------
@@ -383,11 +383,12 @@ def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: R
     """Find middles for a box that the arm reaches inside its limits, the best first.
 
     ``box`` has the requested size and orientation; ``report`` is the progress callback. Random
-    configurations are drawn, and turned to the orientation of the box at the positions where they
-    put the frame. If ``at`` (3,), m, is given, each position is first moved toward ``at``, by a
-    different fraction of the distance. Without ``at``, middles from floods around the arm are also
-    tried, for tasks of more than four coordinates. Further middles are then tried beside the best
-    middles. An InputError is raised if no middle is reached.
+    configurations are drawn; the positions of the frame in them are the first middles. From each
+    configuration, inverse kinematics turns the frame to the orientation of the box. If ``at`` (3,),
+    m, is given, the positions are first moved toward ``at``, from all the way to not at all.
+    Without ``at``, middles from floods around the arm are also tried, for tasks of more than four
+    coordinates. Further middles are then tried beside the best middles. An InputError is raised if
+    no middle is reached.
     """
     p, Q = drawn(box, _DRAWN, rng)
     if at is not None:
@@ -543,11 +544,12 @@ def _best_place(
 
 
 def _regular(box: Cell, found: Grown, size: int) -> Grown:
-    """Select middles at which no singularity is found in the box, the farthest from one first.
+    """Select middles whose boxes contain no singularity, as far as a search finds.
 
-    The edges of the box are ``size`` tenths of the requested ones. Earlier tests of a box cover
-    only the points of its rim, but a singularity can lie between these points. If several middles
-    are near each other, only one is tested, because their boxes meet the same singularity.
+    The edges of a box are ``size`` tenths of the requested edges. The middles are sorted by the
+    smallest σ_min / σ_max of J that was found in the box, the largest first. Earlier tests of a box
+    cover only the points of its rim, but a singularity can lie between these points. If several
+    middles are near each other, only one is tested, because their boxes meet the same singularity.
     """
     found = rows_of(found, unlike_rows(found.p, _BESIDE * box.half_width.max(), _REGULAR))
     ratios = np.array(

@@ -61,7 +61,7 @@ class Table(NamedTuple):
     rotation : (3, 3) array
         Orientation of the frame, in base axes.
     radii, heights : (I,) and (J,) arrays
-        Radii and heights of the nodes from ``origin``, m, rising by 3 cm.
+        Radii and heights of the nodes from ``origin``, m, rising by :attr:`spacing`.
     counted : (n,) array of bool
         True for joints whose limits are checked: all joints except those that alone turn the whole
         arm or the tool.

@@ -1,10 +1,11 @@
-"""Joint speed at nodes of a table: of J⁺, and of an arm with locked joints.
+"""Joint speed at nodes of a table: of a function, of J⁺, and of an arm with locked joints.
 
-The joint speed of a node is squared, ``‖∂F/∂u C‖_F²`` of a function (array ``own``) or of J⁺
-(``usual``), per unit of task speed, with u the coordinates of the cell, E = ∂x/∂u and C =
-(EᵀE)^(−1/2). A cell is a set of poses, a function F over it gives one configuration for each pose,
-and a node is a pose on a grid. Extra joint speed is the joint speed relative to that of J⁺, minus
-1. n is the number of joints, K that of configurations.
+A cell is a set of poses with coordinates u, a function F over it gives one configuration for each
+pose, and a node is a pose on a grid. The squared joint speed at a node is ``‖∂F/∂u C‖_F²`` for a
+function, and ``‖J⁺ E C‖_F²`` for J⁺, with E = ∂x/∂u. The matrix C = (EᵀE)^(−1/2) scales u to unit
+task speed. Arrays called ``own`` belong to a function, those called ``usual`` to J⁺. Extra joint
+speed is the joint speed, not squared, relative to that of J⁺, minus 1. n is the number of joints, K
+that of configurations.
 """
 
 from __future__ import annotations
@@ -38,10 +39,11 @@ def locked_squares(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[Array
 
 
 def least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
-    """Evaluate minimum squared joint speeds at Q (K, n), of a function and of J⁺: (K,) each.
+    """Evaluate two squared joint speeds at Q (K, n): the minimum for a function, and that of J⁺.
 
-    The function moves as J⁺ does, except along a coordinate that a symmetry removes: there, the
-    joint of the symmetry moves alone.
+    No function through Q has a lower joint speed than the first result. It is the speed of a
+    function that moves as J⁺ does, except along a coordinate that a symmetry removes from u: there,
+    the joint of the symmetry moves alone. Both results are (K,).
     """
     J, E, C = _unit_twists(cell, Q)
     usual = np.linalg.pinv(J) @ E

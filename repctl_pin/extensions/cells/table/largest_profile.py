@@ -177,8 +177,8 @@ def _between(ends: Array, first: int, last: int, degree: int) -> Between:
     """Find the two polynomials inside runs, with the largest area between them.
 
     ``ends`` (L, 2) has the runs at the L heights with the indices ``first`` to ``last``. The degree
-    is at most ``degree`` and half the number of spacings of the heights, so that the nodes bind the
-    polynomials between the heights, too.
+    is at most ``degree``, and at most (L − 1) / 2. The polynomials are constrained only at the L
+    heights; a higher degree could leave the runs between them.
     """
     degree = min(degree, (len(ends) - 1) // 2)
     V = chebyshev.chebvander(np.linspace(-1, 1, len(ends)), degree)

@@ -1,4 +1,4 @@
-"""Arms with locked joints beside the whole table: how much each covers, and at which price.
+"""Arms with locked joints, compared with a design: how much each covers, at which joint speed.
 
 A table is a grid of radius and height around the arm, at the angle 0. A flood is the set of its
 nodes that the arm reaches from one configuration without a change of branch (of the inverse
@@ -56,13 +56,14 @@ class LockedJoints(NamedTuple):
     values : tuple of float
         Values at which these joints are locked, rad or m.
     share : float
-        Share of the sector's radii and heights that the arm covers, on a grid of 3 cm.
+        Share of the sector's radii and heights that the arm covers, on a grid of 3 cm; 1 for the
+        arm of a :class:`LargerArm`.
     extra, worst : float
         Extra joint speed relative to J⁺, as a fraction, on average and at the worst node.
     area : float
-        Area of radius and height, m², that the arm covers without collision. It is the area of the
-        arm's largest rectangle in a design's sector; if the arm covers a larger sector, the area of
-        this sector.
+        Area of radius and height, m², that the arm covers without collision: its largest rectangle
+        in the design's sector. For the arm of a :class:`LargerArm`, it is the area of the larger
+        sector.
     """
 
     joints: tuple[str, ...]

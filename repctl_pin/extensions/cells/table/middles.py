@@ -1,9 +1,9 @@
-"""Middles for a box of poses: their order, others beside them, and those with the bodies apart.
+"""Middles for a box of poses: sorted, with others beside them, and without collisions at the rim.
 
 A middle is a position, with a configuration of the arm, around which a box of poses is grown in
 steps of a tenth of its size. J⁺, the pseudoinverse of the task Jacobian, moves the arm from the
-middle to the points of the box's rim: corners, edge middles and face centres. The box is reached as
-far as it grows, but bodies of the arm may collide at its rim.
+middle to the points of the box's rim: corners, edge middles and face centres. The box grows as long
+as the arm reaches these points inside its joint limits; bodies may nevertheless collide there.
 
 ``Grown`` has many middles, with a configuration at each and the size to which a box grew there.
 """
@@ -45,9 +45,9 @@ def ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
     """Sort the middles of a box, the best first, by the criteria of :func:`best_cell`.
 
     The criteria are, in this order: size of the box that fits around the middle; no collision at
-    the rim, if this was tested; small distance from ``at`` (3,), m, if ``at`` is given; whole box
-    above z = 0 of the base; body distance up to 2 cm, if tested; limit margin up to 0.3 rad or m;
-    the maximum joint motion to a corner, the smallest first.
+    the rim, or the smallest overlap, if this was tested; small distance from ``at`` (3,), m, if
+    ``at`` is given; whole box above z = 0 of the base; body distance up to 2 cm, if tested; limit
+    margin up to 0.3 rad or m; the maximum joint motion to a corner, the smallest first.
     """
     z = box.placements(box.corners())[0][:, 2] - box.placement.translation[2]
     below = found.p[:, 2] + z.min() * found.steps / STEPS < 0

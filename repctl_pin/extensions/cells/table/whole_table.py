@@ -9,18 +9,19 @@ bodies keep a distance; an opening is a window of one flood, with the nodes at w
 distance at all its angles. The spin of a sector is the rotation of the tool about its own z axis.
 
 Symmetries are the joints that alone turn the whole arm, or the tool; ``line`` (2, 3) is the axis of
-the joint that turns the arm: a point, m, and a direction. The joint speed of a node is squared,
-``‖∂F/∂u C‖_F²`` of a function (array ``own``) or of J⁺ (``usual``). The limits of joint speed, in
-``limits``, are the maximum extra joint speed on average and at the worst node. The *worth* of a
-sector, m², is its area times (1 + s) / 2; s is the fraction of a full turn that is left to its
-angle or, if that is less, its spin. The *rating* is the worth, reduced for high joint speed and
-near bodies. A design keeps a body distance of 5 mm or, where that leaves less than 85 % of the
-rating, the smaller one of 1 mm. A quick design has low accuracy, and serves to rank sectors. A
-locked flood is that of an arm with r of its joints locked, which is therefore not redundant. Masks
-(I, J) have one entry per node, for I radii and J heights. S is the number of floods, n that of
-joints, K that of openings, nodes or configurations. A node is a pair of indices (radius, height).
-The argument ``fit`` has the arguments of a design, ``report`` is the progress callback. ``useful``
-is a function (place, part of its sector) → True if a design over that part is still of use.
+the joint that turns the arm: a point, m, and a direction. Squared joint speeds at nodes, of a
+function and of J⁺, are defined in :mod:`.joint_speeds`. The limits of joint speed, in ``limits``,
+are the maximum extra joint speed on average and at the worst node. The *worth* of a sector, m², is
+its area times (1 + s) / 2. The angle and the spin each have a range, a fraction of a full turn; s
+is the smaller of the two fractions. The *rating* is the worth, reduced for high joint speed and
+near bodies. A design keeps a body distance of 5 mm. If 5 mm would leave less than 85 % of what 1 mm
+leaves, it keeps 1 mm, "the smaller body distance". A quick design has low accuracy, and serves to
+rank sectors. A locked flood is that of an arm with r of its joints locked, which is therefore not
+redundant. Masks (I, J) have one entry per node, for I radii and J heights. S is the number of
+floods, n that of joints, K that of openings, nodes or configurations. A node is a pair of indices
+(radius, height). The argument ``fit`` has the arguments of a design, ``report`` is the progress
+callback. ``useful`` is a function (place, part of its sector) → True if a design over that part is
+still of use.
 
 ``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
 ``Required`` holds the limits of a function: mean and maximum extra joint speed relative to J⁺ (0.05
@@ -101,8 +102,8 @@ _DESIGNED = 3
 """Number of postures for which functions are designed."""
 
 _CLEAR, _TIGHT, _MUCH = 0.005, 0.001, 0.85
-"""Body distance that a whole table keeps, m; that which it keeps if the larger one leaves less than
-this share of the area, as where two links are always near each other."""
+"""Body distance that a whole table keeps, m; the smaller one, m, which it keeps if the first leaves
+less than this share of the worth, as where two links are always near each other."""
 
 _AWAY = 2.0
 """Body distance that is requested of a fit, relative to that which its sector keeps."""
@@ -434,10 +435,11 @@ def whole_table(
 
 
 class _LockedSearch:
-    """Functions of free joints from the configurations of arms with locked joints.
+    """Search for functions that begin at the configurations of arms with locked joints.
 
-    Such a function keeps away from bodies, as the locked arm does. A function with minimum joint
-    speed would come nearer to bodies.
+    The locked arm only shows where to begin; the function may move all joints. Such a function
+    keeps away from bodies, as the locked arm does. A function with minimum joint speed would come
+    nearer to bodies.
 
     Parameters
     ----------
@@ -487,13 +489,14 @@ class _LockedSearch:
     def before_others(
         self, shaped: list[_Place], limits: Required, straight: Straight
     ) -> CellDesign | None:
-        """Design from a locked arm before other functions where these would have a collision.
+        """Design a function from a locked arm if other functions would have a collision, or None.
 
         ``shaped`` are places, the best first. Other functions would have a collision if the quick
-        design of the first place has one, although the configurations of its flood have none.
-        Return None in three cases: this quick design has no collision; no function is designed; or
-        the function covers less than 85 % of the largest rectangle, or less than a sector with one
-        range may cover.
+        design of the first place has one, although the configurations of its flood have none. The
+        result is None without this quick design or without this collision. It is also None if no
+        function from a locked arm is found, or if the function found is not good enough: it must
+        cover 85 % of the largest rectangle, and as much area as a sector with one range may cover,
+        and have more than 95 % of the worth that such a sector may have.
         """
         quick = shaped[0].design if shaped else None
         if quick is None or quick.body_distance >= 0:
@@ -509,7 +512,7 @@ class _LockedSearch:
         return found if _worth(found) > _AS_GOOD * straight.most else None
 
     def _place(self, larger: LargerArm) -> _Place:
-        """Make the place for a function of free joints from the sector of a locked arm.
+        """Make the place for a function over the sector of a locked arm.
 
         The bound ``most`` is the area of the sector.
         """
@@ -519,9 +522,10 @@ class _LockedSearch:
 
 
 def _begun(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]:
-    """Add a quick design to the first of the places, if the smaller body distance is kept.
+    """Add a quick design to the first of the places, if ``limits`` have the smaller body distance.
 
-    The design shows whether functions of minimum joint speed have a collision.
+    The design shows whether functions of minimum joint speed have a collision. Otherwise, or if no
+    design succeeds, the places are returned unchanged.
     """
     if not places or limits.distance != _TIGHT:
         return places
@@ -778,13 +782,13 @@ def _refined(
     window: tuple[float, float],
     limits: Required,
 ) -> tuple[Table, Between, Array]:
-    """Find a larger sector beside one of a flood, among nodes with half the spacing.
+    """Find a sector larger than ``found``, with a new flood over nodes at half the spacing.
 
-    ``found`` is that of the flood, ``q`` (n,) the configuration in its middle, and ``window`` the
-    middle and the half-width, rad, of the angles at which bodies keep the distance of ``limits``.
-    Joint speeds are those along the coordinates of ``cell``. Return the table of these nodes, the
-    sector, and the configuration (n,) in its middle. A sector that is not larger may be missed; its
-    area is then 0.
+    ``found`` is a sector in a flood over the nodes of ``table``, and ``q`` (n,) the configuration
+    in its middle, where the new flood begins. ``window`` has the middle and the half-width, rad, of
+    the angles at which bodies keep the distance of ``limits``. Joint speeds are those along the
+    coordinates of ``cell``. Return the table with half the spacing, the sector, and the
+    configuration (n,) in its middle. If no sector is larger, the area of the result may be 0.
     """
     fine = table.finer()
     flood = flooded(fine, 2 * np.array([found.middle]), q[None], np.zeros((1, len(q)), bool))[0]

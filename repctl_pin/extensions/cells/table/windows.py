@@ -218,9 +218,9 @@ class _Nodes:
 def windows(there: Shut) -> Windows:
     """List the windows of a flood, given its masks ``there``.
 
-    Among windows with equal nodes, only the widest is listed. A window of a whole turn ignores
-    angles beyond the limits of the joint that turns the arm. At its nodes, all angles of a narrower
-    window are inside these limits.
+    Among windows with equal nodes, only the widest is listed. Some angles may be beyond the limits
+    of the joint that turns the arm. The window of a whole turn ignores these angles; a narrower
+    window has only nodes at which all its angles are inside the limits.
     """
     rows = [np.arange(_ANGLES)]
     masks = [~(there.near & ~there.out).any(axis=0) & ~there.out.all(axis=0)]

@@ -75,10 +75,11 @@ def further_joints(
 def require_positions(
     table: DataSet, labels: Sequence[str] | None, places: tuple[int, ...], task: Task
 ) -> None:
-    """Raise InputError if the column of joints has further numbers that depend on the joints.
+    """Raise InputError if the column of joints has other numbers of a joint, such as its speed.
 
-    ``labels`` are the names of the numbers in a row of the column ``table.joints``. Without names,
-    ``labels`` is None and no error is raised. ``places`` are the indices of the joints in a row.
+    Such a number has the name of the joint in its own name. ``labels`` are the names of the numbers
+    in a row of the column ``table.joints``. Without names, ``labels`` is None and no error is
+    raised. ``places`` are the indices of the joints in a row.
     """
     for at, label in enumerate(labels or ()):
         if at not in places and any(joint in label for joint in task.joint_names):
@@ -93,9 +94,10 @@ def _places(
 ) -> tuple[int, ...] | None:
     """Find the indices of the task's joints in a row of the column ``name``.
 
-    ``places`` are the indices of the same joints in the column ``table.joints``. ``commands`` is
-    "joints" if the actions are joint positions. If the joints cannot be found, the result is None,
-    but InputError is raised for a column of actions.
+    The joints are found by the names of the numbers. If the names are those of the column
+    ``table.joints``, or ``commands`` is "joints", the indices are those in that column, ``places``.
+    An InputError is raised if the column has too few numbers for them. If the joints cannot be
+    found, the result is None; but for the columns ``action`` and ``actions``, it is an InputError.
     """
     own, labels = task.joint_names, table.labels(name)
     stems = [stem(label, own) for label in labels or ()]

@@ -18,11 +18,11 @@ from .robomimic import RobomimicData
 def open_data_set(
     path: Path, task: Task, joints: Sequence[str] | None = None
 ) -> tuple[DataSet, Sequence[str] | None]:
-    """Open a data set; return it, and the given names of the numbers in its column of joints.
+    """Open a data set; return it, and the names of the numbers in a row of its joints, or None.
 
-    These names are ``joints``, returned unchanged, or None. But for an HDF5 file, a single name in
-    ``joints`` is the name of the array of joints: the file is opened with it, and the second result
-    is None.
+    The names are the argument ``joints``, unchanged. One case differs: for an HDF5 file and an arm
+    of several joints, a single name is that of the array of joints. The file is then opened with
+    this array, and the second result is None.
     """
     if path.is_dir():
         return LeRobotData(path), joints

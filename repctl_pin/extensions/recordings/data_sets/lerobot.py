@@ -173,10 +173,10 @@ class LeRobotData(DataSet):
         return f"{self._files[at]}, row {row - int(self._ends[at])}"
 
     def write(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> None:
-        """Write the data set: copy the other files, then data, statistics and description.
+        """Write the data set: copy all files but those of the data, then write data and statistics.
 
         ``new`` has the changed numbers by name of their column. ``removed`` are the names of the
-        columns that are left out of data, statistics and description.
+        columns that are left out of data, statistics and description, ``meta/info.json``.
         """
         rewritten = {file.relative_to(self.file).as_posix() for file in self._files}
         self._require_known_statistics()

@@ -82,8 +82,8 @@ def export_c(
     region
         Region, such as ``design.region``, that ``name_inside`` checks and from which the test
         vectors are sampled; by default the inverse's own Ω, which is the cell for a cell's function
-        and its inverse. With ``stay_inside = 1``, ``name_step`` refuses to leave Ω and the joint
-        limits.
+        and its inverse. With the option ``stay_inside = 1``, ``name_step`` refuses a step from a q
+        outside Ω, or to a q beyond the joint limits.
     closes
         Closing radius of the design's certificate, ``design.proof.closes``. With this argument,
         ``name_within_closing_radius`` tests whether a pose is within the radius.
@@ -218,10 +218,11 @@ def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
     """Write the closed path of the example ``loop.c`` as C text, by name: ``along`` and ``radii``.
 
     The path is an ellipse, ``p = p_0 + r_1 a_1 (cos s − 1) + r_2 a_2 sin s``, with the rows a_1 and
-    a_2 of ``along`` and the radii r_1 and r_2, m; its orientation is constant. If Ω is a cell, the
-    path lies inside. In a sector, a cell around the base whose orientation turns with the angle,
-    the path lies in the plane of radius and height. For a planar task, which leaves the orientation
-    free, it lies in the plane of radius and angle.
+    a_2 of ``along`` and the radii r_1 and r_2, m; the orientation is constant. If Ω is a cell, the
+    path lies inside. A sector is a cell in cylindrical coordinates: radius, angle and height. In a
+    sector, the orientation turns with the angle, so the path is at a constant angle, in the plane
+    of radius and height. A planar task has no height and leaves the orientation free; the path then
+    extends along radius and angle.
     """
     axes = [int(axis) for axis in inverse.task.rows if axis < 3]
     along, most = np.eye(3)[axes], np.full(len(axes), np.inf)
@@ -246,8 +247,8 @@ def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
 def _vector(vector: Vector, said: dict[str, Any], inverse: RepeatableInverse, name: str) -> str:
     """Write a test vector, and Python's results for it, as the C initialiser of a struct.
 
-    ``said`` has Python's results and status codes by their names in the struct, and ``name`` is the
-    prefix of all exported C names.
+    ``said`` is the dict that :func:`answers` returns for the vector, and ``name`` is the prefix of
+    all exported C names.
     """
     task = inverse.task
     limit = np.full(task.n, np.inf) if vector.limit is None else vector.limit

@@ -4,9 +4,10 @@ The files are templates filled with sizes, numbers and code of the native librar
 code of this package. A repeatable inverse keeps r potentials, functions of q, constant. Ω is the
 region of joint space, or the cell of poses, for which the inverse was designed. The function of a
 cell is q = F(x; c), with the pose x and the level c, which is the position along the self-motion.
-Its chart is the polynomials from which F is solved. The governor moves the arm to any pose and
-level within all limits, with a stop known at every tick. The closing radius is the distance from a
-start or a path within which closed paths are proved to end in the configuration that they began in.
+The chart of the function consists of polynomials; Newton's method computes F with them. The
+governor moves the arm to any pose and level within all limits, and can stop it within the limits at
+every tick. The closing radius is the distance from a start or a path within which closed paths are
+proved to close: to end in the configuration that they began in.
 
 ``Source`` is the texts of the C header and of the C source file, and parts of the C++ header.
 ``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.
@@ -205,10 +206,9 @@ def _native_files(
 def _closing_source(closes: ClosingRadius | None, task: Task, name: str) -> tuple[str, str, str]:
     """Write the parts on the closing radius: of C header, C source and C++ header, in this order.
 
-    The closing radius is the distance from a start or a path within which closed paths are proved
-    to close in the joints. ``name`` is the prefix of all exported C names. The texts are empty if
-    ``closes`` is None. An InputError is raised if the radius is not proved, or belongs to another
-    kind of task.
+    ``closes`` is the radius, and ``name`` the prefix of all exported C names. The texts are empty
+    if ``closes`` is None. An InputError is raised if the radius is not proved or belongs to another
+    kind of task, or if the task has several frames.
     """
     if closes is None:
         return "", "", ""

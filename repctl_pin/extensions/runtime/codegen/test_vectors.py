@@ -148,11 +148,12 @@ def _bad(task: Task, found: Sequence[Vector]) -> dict[int, tuple[str, Any]]:
 def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) -> dict[str, Any]:
     """Compute Python's results for a test vector, as a dict of statuses and outputs.
 
-    The statuses are ``usable`` (OK if q is finite), ``inside`` (OUTSIDE beyond the region),
-    ``velocity`` and ``step`` (of these methods of the inverse), and ``torque`` (of the torque law).
-    The outputs are ``placement``, ``J``, the level ``c`` of q, ``qdot`` (from ``velocity``),
-    ``q_next`` (from ``step``), ``tau`` and the ``observer``'s new state (from the torque law). The
-    output of a function that raises an error is 0.
+    Five keys have statuses: ``usable``, OK if q is finite; ``inside``, OUTSIDE if q is outside the
+    region; ``velocity`` and ``step``, the status of these methods of the inverse; and ``torque``,
+    that of the torque law. The outputs are ``placement``, ``J`` and the level ``c`` at q; ``qdot``
+    from ``velocity``; ``q_next`` from ``step``; and from the torque law ``tau`` and the new state
+    of the ``observer``. The output of a method that raises an error is 0. If q is not finite, all
+    statuses are BAD_NUMBER, and only ``qdot``, ``q_next`` and ``tau`` are there, all 0.
     """
     task, q = inverse.task, vector.q
     # numbers that are not finite are refused by all functions
