@@ -146,8 +146,8 @@ class Continuation:
         There are two starting points: a linear least-squares solution that brings V near the null
         space of J, and ``below``, the coefficients (·, r) of an optimum with fewer potentials, if
         given. The one of lower cost is tried first, and the other one only if the first leads to no
-        regular optimum. With random restarts, the best optimum is returned. Return None if neither
-        starting point leads to a regular optimum.
+        regular optimum. If the options ask for random restarts, the best of their optima and this
+        one is returned. Return None if neither starting point leads to a regular optimum.
         """
         begin = self._start(size)
         starts = (

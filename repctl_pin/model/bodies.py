@@ -348,7 +348,7 @@ class _NoBodies:
         return np.full(len(Q), np.inf), np.full(len(Q), -1)
 
     def bounds(self, Q: Array) -> Array:
-        """Return the bound inf for every row of Q (K, N)."""
+        """Return the lower bound inf of the body distance for every row of Q (K, N)."""
         return np.full(len(Q), np.inf)
 
     def lowest(self, Q: Array) -> Array:

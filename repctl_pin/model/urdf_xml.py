@@ -177,9 +177,10 @@ def _refuse_other_files(data: bytes) -> None:
 
 
 def _check_root(root: etree._Element) -> None:
-    """Raise UrdfError unless the root is ``<robot>`` and nesting and attributes are limited.
+    """Raise UrdfError if the root is not ``<robot>``, or a file is built to exhaust memory.
 
-    xacro and SRDF files, whose root is ``<robot>`` too, are refused.
+    Such a file nests elements too deep, or has an element with too many attributes. xacro and SRDF
+    files, whose root is ``<robot>`` too, are refused.
     """
     tag = _local(root)
     if tag.lower() in _OTHERS:

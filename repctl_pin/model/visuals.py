@@ -162,9 +162,10 @@ class Visuals:
         return [*found]
 
     def _confirmed_corners(self, surfaces: Surfaces | None) -> list[Array]:
-        """List the corners (P, 3), m, of each shape's convex hull without stray points.
+        """List the corners (P, 3), m, of each shape's convex hull, without stray points.
 
-        Stray points of a mesh are those far outside the link's collision shapes.
+        They are in the shape's own frame. Stray points of a mesh are those far outside the link's
+        collision shapes.
         """
         found = _corners(self.shapes, surfaces)
         hulls: dict[str, Array | None] = {}

@@ -189,7 +189,7 @@ def waypoints(
     corners, turns = _placed(points, rotation)
     if len(corners) < 3:
         raise InputError(
-            "a closed path requires at least 3 waypoints, with the first repeated as the last; "
+            "a closed path requires at least 3 waypoints, the last of which is the first again; "
             f"got {len(corners)}"
         )
     size = max(float(np.ptp(corners, axis=0).max()), 1e-3)

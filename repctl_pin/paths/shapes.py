@@ -243,7 +243,8 @@ def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Arra
     """Return the frame's placement at q0 (n,), and the path's plane: two unit vectors, its name.
 
     ``normal`` is the axis or plane that the user gave, such as "-z" or "xz"; the name of the plane
-    is xy, yz or xz. The vectors (3,) are along its axes, in that order. With a minus sign, the
+    is xy, yz or xz, with the axes of the base frame. The vectors (3,) are along these two axes, in
+    that order. With a minus sign, the
     second vector is reversed, and so is the direction of the path.
     """
     normal = require_type(

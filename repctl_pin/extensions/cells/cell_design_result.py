@@ -226,10 +226,11 @@ class CellDesign:
 
     @property
     def body_distance(self) -> float:
-        """Minimum distance between bodies of the robot and its surroundings, m.
+        """Minimum distance between two bodies, of the robot or of its surroundings, m.
 
-        The distance is infinite if there are no collision bodies, and NaN if the bodies have
-        changed since the design was saved.
+        It is that of the evaluated poses and of the search beside them. The distance is infinite if
+        there are no collision bodies, and NaN if the bodies have changed since the design was
+        saved.
         """
         return self.evaluation.body_distance
 

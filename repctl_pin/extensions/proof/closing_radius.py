@@ -71,7 +71,7 @@ def closing_radius(
         Processor time, s, after which the bounds found so far are returned.
     leaf
         Largest change of each level from its value at the start, in the unit of h; 0 for paths on
-        one leaf. Only 0 is possible along a path.
+        one leaf. If ``path`` is given, it must be 0.
     """
     task = design.task
     turns = any(part.kind.turns for part in frames_of(task))

@@ -261,10 +261,11 @@ def _features(task: Task, Q: Array, radian: float) -> Array:
 
 
 def _coordinates(kind: Kind, placements: Sequence[pin.SE3], radian: float) -> Array:
-    """Convert T placements of one frame to points (T, d), m, with the distances of the poses.
+    """Convert T placements of one frame to points (T, d), m.
 
-    A point has only the coordinates that the kind of task commands. For an axis task, the direction
-    of the tool axis takes the place of the rotation matrix.
+    The distance of two points is the distance of their poses. A point is the position and the
+    entries of the rotation matrix, scaled by ``radian``, m per rad, as far as the kind of task
+    commands them. For an axis task, it has the direction of the tool axis instead of the matrix.
     """
     p = np.array([M.translation for M in placements])[:, kind.rows[kind.rows < 3]]
     if not kind.turns:
@@ -390,11 +391,12 @@ def _configuration(
 def _errors(task: Task, made: list[_Estimate], noise: Array, quantum: Array) -> tuple[Array, Array]:
     """Compute the standard deviations and biases, (N, n) each, rad or m, of N estimates ``made``.
 
-    ``quantum`` (n,) is the resolution of the log. The correction by J⁺ removes the part of an error
-    that moves the hand, and leaves the part in the null space, by ``P = I − J⁺ J``. The bias bounds
-    this part. If the hand is off the pose by e, the arm may also be off in self-motion, which the
-    correction does not change. For this, the bias contains ten times ‖J⁺ e‖, with e relative to the
-    median visit.
+    The correction by J⁺ removes the part of an error that moves the hand. It leaves the part in the
+    null space, ``P = I − J⁺ J`` times the error. In this part, the standard deviation is due to
+    ``noise`` (n,), and the bias bounds what is due to ``quantum`` (n,), the resolution of the log,
+    and to interpolation. Where the hand is off the pose, the arm may also be off in self-motion.
+    For this, the bias contains ten times ‖J⁺ (e − ē)‖, with the task error e of the visit and the
+    median ē of all visits.
     """
     off = np.array([one.off for one in made])
     off = off - np.median(off, axis=0)

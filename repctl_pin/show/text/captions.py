@@ -56,16 +56,17 @@ def _amount(motion: Motion, cycle: int) -> str:
 
 
 def drift_words(study: Study) -> str:
-    """Describe the figure of the drift: displacement of the farthest part under each controller.
+    """Write the alternative text of the figure of the drift, for readers who cannot see it.
 
-    Returns the alternative text of the figure, for readers who cannot see it.
+    The figure shows, for each controller, how far the most displaced part of the arm is from its
+    start.
     """
     parts = []
     for label, motion in _moved(study):
         first, last = (displacement(off) for off in cycle_displacements(motion)[[0, -1]])
         parts.append(f"{label} {first} after the first cycle, {last} after the last")
     return (
-        "How far the farthest part of the arm is from its start after each cycle: "
+        "How far the most displaced part of the arm is from its start after each cycle: "
         f"{'; '.join(parts)}. "
         f"Inset: the joint drift, {study.task.unit}, on a log scale."
     )

@@ -349,7 +349,8 @@ class CellFit:
         rounds
             Maximum number of rounds with penalties.
         guess
-            Quick design at whose function the rounds with penalties begin, or ``()``.
+            Result of an earlier quick design. The rounds with penalties begin at its function, or
+            without a result, ``()``, at that of the last degree. The degrees are tried in any case.
 
         Returns
         -------

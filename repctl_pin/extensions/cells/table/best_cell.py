@@ -116,11 +116,13 @@ class BestCell:
     reason : str
         Obstruction to a box of the requested size; empty if a box of that size fits.
     table : WholeTable or None
-        Result without a size: the function over the sector (``table.design``), the best arm with
-        locked joints (``table.locked``), and what the arm reaches. None with a size.
+        Result without a size: the function over the sector (``table.design``), what the same arm
+        covers with its redundant joints locked, for comparison (``table.locked``), and what it
+        reaches. None with a size.
     approach : Approach or None
-        Approach axis of the tool, to which ``orientation`` refers; None if it was not used. If this
-        axis is not z, the task of ``cell`` has a turned frame, whose z axis is the approach axis.
+        Approach axis of the tool, whose direction the argument ``orientation`` of
+        :func:`best_cell` gives; None without that argument. If this axis is not z, the task of
+        ``cell`` has a turned frame, whose z axis is the approach axis.
 
     Examples
     --------

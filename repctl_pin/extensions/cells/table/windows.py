@@ -201,10 +201,11 @@ class _Nodes:
         return np.asarray(Q[:, joint] > task.upper[joint])
 
     def near(self, k: int, doubtful: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Test where bodies are near at the angle k, from 0 to M − 1, of M around the arm: (K,).
+        """Return the mask (K,) of the nodes at which bodies are near, at one angle around the arm.
 
-        Neighbouring nodes form a block, of which one node is tested. ``doubtful`` (K,) is True for
-        nodes that need a test; a block without such a node counts as not near.
+        ``k`` is the index of the angle, from 0 to M − 1. Neighbouring nodes form a block, of which
+        one node is tested for all of them. Blocks in which the mask ``doubtful`` (K,) is False
+        everywhere are not tested, and count as not near.
         """
         closed = np.zeros(len(self._first), bool)
         closed[self._block[doubtful[~self.always]]] = True
