@@ -27,8 +27,8 @@ from .extensions.integrations import arrays as arrays
 from .extensions.point_to_point.motion_between import MotionBetween as MotionBetween
 from .extensions.point_to_point.motion_between import motion_between as motion_between
 from .extensions.proof.certify import prove as prove
-from .extensions.proof.path_certificate import PathCertificate as PathCertificate
-from .extensions.proof.path_certificate import path_certificate as path_certificate
+from .extensions.proof.path_shrinking import PathCertificate as PathCertificate
+from .extensions.proof.path_shrinking import path_certificate as path_certificate
 from .extensions.recordings.audit import Audit as Audit
 from .extensions.recordings.audit import audit as audit
 from .extensions.recordings.recording import Recording as Recording
@@ -87,7 +87,7 @@ from .strategies import Pseudoinverse as Pseudoinverse
 from .strategies import RepeatableInverse as RepeatableInverse
 from .strategies import WeightedInverse as WeightedInverse
 from .strategies.custom import CustomInverse as CustomInverse
-from .strategies.extended import ExtendedJacobian as ExtendedJacobian
+from .strategies.extended_jacobian import ExtendedJacobian as ExtendedJacobian
 from .strategies.limit_weight import LimitWeight as LimitWeight
 from .studies.problem import Problem as Problem
 from .studies.study import study as study

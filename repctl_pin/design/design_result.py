@@ -27,7 +27,7 @@ from ..regions import Region
 from ..strategies.repeatable import RepeatableInverse
 from ..strategies.strategy import Inverse
 from .evaluation import Baseline, baselines, spectral_cost
-from .fingerprint import belong_together, subject_of
+from .proof_fingerprint import belong_together, subject_of
 
 
 @dataclass(frozen=True, eq=False)

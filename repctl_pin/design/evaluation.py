@@ -287,7 +287,7 @@ def baselines(
     callback (step, fraction), ``samples`` is the number of held-out nodes and ``seed`` their random
     seed, another than that of the fit.
     """
-    from ..strategies.extended import ExtendedJacobian
+    from ..strategies.extended_jacobian import ExtendedJacobian
 
     task, center = desired.task, region.center
     inverses: dict[str, RepeatableInverse] = {

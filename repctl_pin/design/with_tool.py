@@ -27,7 +27,7 @@ from ..strategies import Pseudoinverse, RepeatableInverse, WeightedInverse
 from ..strategies.custom import CustomInverse
 from ..strategies.strategy import Inverse
 from .evaluation import evaluate_design
-from .fingerprint import subject_of
+from .proof_fingerprint import subject_of
 
 _SAME_ANGLE = 1e-7
 """Maximum rotation error, rad, of a pose of constant orientation; see :class:`ClosingRadius`."""

@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from ..base.arguments import Array, read_only
+from ..base.data_tables import CsvTable, read_csv, refuse_twice
 from ..base.errors import InputError
-from ..base.tables import CsvTable, read_csv, refuse_twice
 from .joint_motion import rows_of
 from .motion import Motion
 from .timed_motion import TimedMotion

@@ -12,9 +12,9 @@ from collections.abc import Callable
 import numpy as np
 
 from ..base.arguments import Array, require_type
+from ..base.data_tables import number
 from ..base.errors import InputError
 from ..base.plugins import plugin, registered
-from ..base.tables import number
 from ..model.task import Task
 from ..paths.polyline import MOST_POINTS, polygon
 from ..paths.shapes import PLANES, figure_eight, rose

@@ -13,8 +13,8 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ..base.arguments import file_name
+from ..base.data_tables import CsvTable, read_csv
 from ..base.errors import InputError
-from ..base.tables import CsvTable, read_csv
 from ..model.task import Task
 from .polyline import MOST_POINTS, Waypoints, waypoints
 from .several_paths import several_paths

@@ -23,7 +23,7 @@ import numpy as np
 
 from ..base.certificate import CHECKED_BEFORE, ClosingRadius, Proof
 from ..base.errors import InputError
-from ..design.fingerprint import check_configurations, points_at
+from ..design.proof_fingerprint import check_configurations, points_at
 from ..model.task import Task
 from ..paths.polynomial_pieces import Piece, path_of, pieces_of
 from ..paths.several_paths import joined, paths_of

@@ -20,7 +20,7 @@ import numpy as np
 
 from ..base.arguments import Array
 from ..base.errors import InputError
-from ..design.fingerprint import check_configurations, points_at
+from ..design.proof_fingerprint import check_configurations, points_at
 from ..model.kind import task_kind
 from ..model.robot import Robot
 from ..model.several_frames import SeveralFrames

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 
 from ...base.arguments import Array, ratio_in_percent, read_only, unwritable
 from ...base.certificate import CELL_THEOREM, Proof, fingerprint, own_proof, proved_words
-from ...design.fingerprint import rounded, task_parts
+from ...design.proof_fingerprint import rounded, task_parts
 from ...model.bodies import bodies_of
 from ...model.task import Task
 from ...motion.fitting_circle import fitting_circle

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 from ...base.arguments import Array, as_int
 from ...base.certificate import fingerprint
 from ...base.errors import InputError
-from ...design.fingerprint import check_configurations
+from ...design.proof_fingerprint import check_configurations
 from ...model.catalogue import disabled_pairs
 from ...model.model import fixed_placements, link_frames
 from ...model.packages import find_mesh

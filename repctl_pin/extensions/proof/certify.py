@@ -27,7 +27,7 @@ from ...base.arguments import Array, finite, flag, positive, require_type, vecto
 from ...base.certificate import CELL_THEOREM, Proof
 from ...base.errors import InputError, SingularityError
 from ...design import Design
-from ...design.fingerprint import subject_of
+from ...design.proof_fingerprint import subject_of
 from ...model.task import Task
 from ...native import required_library
 from ...paths.task_path import ClosedPath

@@ -31,7 +31,7 @@ from ...paths.task_path import ClosedPath, closed_path
 from ...regions import Box, Region, Tube, WorkspaceBox
 from .boxes import sections
 from .chain import frames_of
-from .enclosure import Enclosure, enclosed
+from .closed_path_proof import Enclosure, enclosed
 from .leaf_margin_bounds import LeafMarginProblem
 from .levels import level_boxes
 from .lifts import Places, Reach, bound_reach

@@ -31,7 +31,7 @@ import numpy as np
 from ...base.arguments import Array
 from ...base.errors import InputError, SingularityError
 from ...strategies import RepeatableInverse
-from .enclosure import ROUND, Enclosure, LiftBoxes, errors_of
+from .closed_path_proof import ROUND, Enclosure, LiftBoxes, errors_of
 from .leaf_margin_bounds import LeafMarginProblem
 
 _CELLS = (5, 17, 65, 257, 1025)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...base.arguments import Array, read_only
-from ...base.tables import Column
+from ...base.data_tables import Column
 from ..cells.chart.monomials import Monomials
 from .recording import blocks
 

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from ...base.arguments import Array, as_numbers, file_name, read_only
+from ...base.data_tables import Table, read_table
 from ...base.errors import InputError
-from ...base.tables import Table, read_table
 from ...model.task import Task
 from .data_sets.data_set import is_data_set
 from .data_sets.joints import joints_of, open_data_set

@@ -27,8 +27,8 @@ from ...base.arguments import (
     read_only,
     shown,
 )
+from ...base.data_tables import Column, Table, read_table
 from ...base.errors import InputError
-from ...base.tables import Column, Table, read_table
 from ...model.rotations import quaternion_matrices
 from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
@@ -37,7 +37,7 @@ from ..cells.targets import homogeneous
 from .data_sets.data_set import DataSet, is_data_set
 from .data_sets.further_columns import ACTIONS, Joints, further_joints, require_positions
 from .data_sets.joints import joints_of, open_data_set, places_of, require_known
-from .data_sets.lerobot import labels_of, read_info
+from .data_sets.lerobot_folder import labels_of, read_info
 from .frame_checks import (
     require_agreement,
     require_increasing,

@@ -25,9 +25,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...base import progress as reporting
 from ...base.arguments import Array, file_name, progress_option, read_only, require_type, vector
+from ...base.data_tables import write_table
 from ...base.errors import InputError
 from ...base.fit_options import FitOptions, fit_options
-from ...base.tables import write_table
 from ...base.threads import one_blas_thread
 from ..cells.cell_design_result import CellDesign
 from ..cells.function import InverseFunction

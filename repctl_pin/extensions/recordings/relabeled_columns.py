@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...base.arguments import Array
-from ...base.tables import Column, NewCells, Table, replaced
+from ...base.data_tables import Column, NewCells, Table, replaced
 from ...model.rotations import matrix_quaternions
 from ..cells.targets import homogeneous
 from .data_sets.data_set import DataSet

@@ -17,9 +17,9 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from ....base.arguments import Array
+from ....base.data_tables import NewCells, Table
 from ....base.errors import InputError
 from ....base.files import written_together
-from ....base.tables import NewCells, Table
 
 _ACTION = re.compile(r"(?<![a-z])actions?(?![a-z])")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from ....base.errors import InputError
 from ....model.task import Task
 from .data_set import DataSet
-from .lerobot import LeRobotData
+from .lerobot_folder import LeRobotData
 from .robomimic import RobomimicData
 
 

@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 
 from ....base.arguments import Array
+from ....base.data_tables import Column, NewCells, replaced
 from ....base.errors import InputError, needed
-from ....base.tables import Column, NewCells, replaced
 from .data_set import DataSet
 
 _DEMO = re.compile(r"demo_?(\d+)")

@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 from ....base.errors import InputError
-from .text import template
+from .c_text import template
 
 _VARIANT = re.compile(r"(_r|_t|_np|f?(32|64|128)x?|f|l)$")
 """Ending of variants of a name of the C library, such as ``sinf`` and ``gamma_r``."""

@@ -35,10 +35,10 @@ from ...cells.function import InverseFunction
 from ...cells.geometry.cell import Cell
 from ...cells.geometry.sector import Sector
 from .c_names import checked_name
+from .c_text import filled, initialiser
 from .kdl import kdl_header, quoted
 from .source import Source, about, region_of, write_source
 from .test_vectors import BAD_NUMBER, OUTSIDE, STATUS, Vector, answers, asked, targets, vectors
-from .text import filled, initialiser
 
 _SIGNED = "written by repctl_pin"
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ....model.task import Task
 from ....motion.limits import limits_of_file
-from .text import filled, initialiser, pasted
+from .c_text import filled, initialiser, pasted
 
 _GOVERNOR = "straight_lines.c", "joint_plan.c", "target_joints.c", "governor.c"
 

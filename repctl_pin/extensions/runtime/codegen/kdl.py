@@ -10,7 +10,7 @@ from ....base.arguments import Array
 from ....model.task import Task
 from ....strategies.repeatable import RepeatableInverse
 from ...cells.function import InverseFunction
-from .text import filled, initialiser
+from .c_text import filled, initialiser
 
 
 def kdl_header(

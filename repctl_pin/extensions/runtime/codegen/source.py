@@ -33,8 +33,8 @@ from ...cells.chart.chart import CellPotentials
 from ...cells.function import InverseFunction
 from ...cells.geometry.cell import Cell
 from ...cells.geometry.sector import Sector
+from .c_text import comment, constants, filled, pasted
 from .governor import governor_source, torque_code
-from .text import comment, constants, filled, pasted
 
 _MEANING = {
     "pose": "position and orientation: xdot = (v, omega), base axes, m/s and rad/s",

@@ -23,10 +23,17 @@ from typing import Any
 import numpy as np
 
 from ....base.arguments import Array
+from ....base.data_tables import (
+    FORMATS,
+    Column,
+    NewCells,
+    arrow_numbers,
+    arrow_replaced,
+    arrow_width,
+)
+from ....base.data_tables import replaced as new_column
 from ....base.errors import InputError, needed
 from ....base.files import read_whole, write_whole
-from ....base.tables import FORMATS, Column, NewCells, arrow_numbers, arrow_replaced, arrow_width
-from ....base.tables import replaced as new_column
 from .data_set import DataSet
 
 _LARGEST = 1_000_000_000
