@@ -157,12 +157,13 @@ class _Search:
         )
 
     def look_at(self, rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Measure the minimum distance at samples ``rows`` (R,), and list what stays undecided.
+        """Compute the distances at samples ``rows`` (R,), and list the pairs that stay undecided.
 
-        Collision-only pairs are not measured; they have lower bounds, as all pairs. Piece k is the
-        motion from sample ``rows[k]`` to ``rows[k + 1]``. Return two index arrays of equal length,
-        (pairs, pieces): on each of these pieces, the lower bounds at both ends do not exclude that
-        the pair collides or, if it is measured, is the closest.
+        The minimum distance found so far is updated. Piece k is the motion from sample ``rows[k]``
+        to ``rows[k + 1]``. A pair is undecided on a piece if its lower bounds at both ends allow
+        that it collides there or, unless it is collision-only, that it is closer than the minimum.
+        Return two index arrays of equal length, (pairs, pieces). Of a collision-only pair, no
+        distance is computed, only a lower bound.
         """
         pairs, pieces = [], []
         last = None

@@ -211,7 +211,8 @@ class SeveralFrames(Task):
     def axes(self, q: ArrayLike) -> Array:
         """Compute the joints' rotation axes: unit vectors (n, 3); 0 if prismatic.
 
-        Each axis is in the same base frame as the joint's origin, see :meth:`joint_origins`.
+        If the joint moves a frame that is controlled relative to the robot's base, its axis is in
+        the robot's base frame. Otherwise, it is in the base frame of a frame that the joint moves.
         """
         return self._of_joints(q, "axes")
 

@@ -207,8 +207,9 @@ def facing(
     if (D @ d0 < -1 + 1e-3).any() or (np.einsum("ij,ij->i", D[1:], D[:-1]) < 0.5).any():
         raise InputError(
             f"the frame cannot face the point {target.tolist()}, m: the path passes through this "
-            "point or to its opposite side; choose a point farther from the path or, for a circle "
-            "around the point, rotation='tangent'"
+            "point, or comes to the side of it that is opposite to the path's start, where the "
+            "frame would have turned by 180°; choose a point farther from the path or, for a "
+            "circle around the point, rotation='tangent'"
         )
 
     def rotation(s: float) -> Array:

@@ -242,7 +242,7 @@ def test_arrays_of_a_cell_are_lists_of_poses_of_which_some_may_be_missing() -> N
         ({"half_width": (0.1, -0.1, 0.1)}, "half_width must be 0 m or more"),
         ({"half_width": (0.1, np.inf, 0.1)}, "half_width must be 0 m or more"),
         ({"half_width": (0.1, np.nan, 0.1)}, "half_width must be 0 m or more"),
-        ({"half_angle": (0, 0, 3.0)}, "rotations to 3 rad"),
+        ({"half_angle": (0, 0, 3.0)}, "half_angle has the norm 3 rad"),
         ({"placement": [0.3, np.nan, 0.2]}, "placement must be finite numbers"),
         ({"half_width": (0.1, 0.2)}, "half_width must be one number"),
         ({"half_width": 0.0}, "above 0"),

@@ -204,7 +204,8 @@ class Recording:
         - session: ``session`` or ``episode``
 
         A data set is the folder of a LeRobot data set, of version 2.1 or 3.0, or an HDF5 file of
-        robomimic. Its actions are relabelled, too. Parquet requires pyarrow, HDF5 h5py.
+        robomimic. Its actions are read, too, and :func:`relabel` replaces them. Parquet requires
+        pyarrow, HDF5 h5py.
 
         Parameters
         ----------

@@ -139,9 +139,9 @@ class Cell:
             )
         if np.linalg.norm(theta) >= 0.95 * np.pi:
             raise InputError(
-                f"rotations to {np.max(theta):g} rad about each axis reach half a turn at the "
-                "cell's corners, where two rotation vectors describe one pose; "
-                "keep the length of half_angle below 2.98 rad"
+                f"half_angle has the norm {np.linalg.norm(theta):.3g} rad over its axes, so the "
+                "cell's corners reach half a turn, where two rotation vectors describe one pose; "
+                "keep the norm below 2.98 rad"
             )
         widths = np.concatenate([w, theta[:turns]])
         if not widths.any():

@@ -54,7 +54,8 @@ let waiting = 0;
 export function keep(clock, eye, own) {
   clearTimeout(waiting);
   waiting = setTimeout(() => {
-    if (clock.playing) return;
+    // until the loop of an address is computed, the address stays
+    if (clock.playing || !window.repctl.ready) return;
     const view = eye.where().map((v) => Number(v.toFixed(4)));
     const parts = [...(own ? own.addressParts() : []), `t=${Number(clock.time.toFixed(4))}`];
     if (eye.touched) parts.push(`view=${view.join(",")}`);

@@ -164,13 +164,21 @@ export class Chart {
       return;
     }
     let open = false;
+    let fails = "";
     for (let c = 0; c < count; c++) {
       const finished = c < cycle || (c === cycle && part >= 1);
       arms.forEach((arm, k) => {
-        const off = arm.data.off[c][1];
-        if (off === null) return;
-        // in whole pixels, so that no edge is pale; a zero is a hairline
+        const [before, off] = arm.data.off[c];
         const x = Math.round(at(c + 1) - group + k * wide);
+        if (off === null) {
+          // the cycle in which it fails
+          if (c && before === null) return;
+          draw.fillStyle = tone("--bad");
+          draw.fillText("×", x, foot - 0.15 * em);
+          fails = " · ×: fails";
+          return;
+        }
+        // in whole pixels, so that no edge is pale; a zero is a hairline
         const tall = Math.max(off < 1e-4 ? 1 : 2, Math.round(foot - level(off)));
         const across = Math.max(Math.floor(wide) - (wide > 4 ? 1 : 0), 1);
         draw.fillStyle = legible(arm.data.color, CONTRAST);
@@ -180,6 +188,7 @@ export class Chart {
     }
     this.number({ draw, height, em, count, pitch, at }, group);
     if (open) legend += " · hollow: still to come";
+    legend += fails;
     const words = room > 0.8 * em ? formatLength(top) + legend : "";
     const y = Math.max(level(top) + (inLine ? 0.3 : -0.3) * em, 0.75 * em);
     const after = inLine && words ? draw.measureText(words).width + 8 : 0;

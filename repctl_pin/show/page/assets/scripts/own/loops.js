@@ -137,7 +137,7 @@ export function planeWords(normal) {
   const i = across.findIndex((v) => v > IN_AXES);
   if (i >= 0) return `in ${["yz (upright)", "xz (upright)", "xy (horizontal)"][i]}`;
   const tilt = Math.round((180 / Math.PI) * Math.acos(Math.min(across[2], 1)));
-  return tilt > 87 ? "upright" : `tilted ${tilt}°`;
+  return tilt > 87 ? "upright" : `${tilt}° from horizontal`;
 }
 
 // How often a loop goes round the axis of the first joint.
