@@ -244,8 +244,8 @@ def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
     """Collect the figures of the motion ``rest``, timed from rest to rest.
 
     The keys are ``duration`` and ``cycle_time``, s, ``slowed_by`` (None), ``stops``, a number of
-    stops per cycle, and ``peak_speed``, the maximum norm of q̇, rad/s or m/s. The caller writes them
-    over the figures of the motion before it was timed.
+    stops per cycle, and ``peak_speed``, the maximum norm of q̇, rad/s or m/s. The caller writes
+    them over the figures of the motion before it was timed.
     """
     return {
         "duration": rest.duration,
