@@ -162,8 +162,8 @@ class _Search:
         The minimum distance found so far is updated. Piece k is the motion from sample ``rows[k]``
         to ``rows[k + 1]``. A pair is undecided on a piece if its lower bounds at both ends allow
         that it collides there or, unless it is collision-only, that it is closer than the minimum.
-        Return two index arrays of equal length, (pairs, pieces). Of a collision-only pair, no
-        distance is computed, only a lower bound.
+        Return two index arrays of equal length, (pairs, pieces). For a collision-only
+        pair, no distance is computed, only a lower bound.
         """
         pairs, pieces = [], []
         last = None
