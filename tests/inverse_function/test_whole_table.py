@@ -840,9 +840,14 @@ def test_the_approach_axis_is_found(name: str, axis: str, why: str) -> None:
     assert np.linalg.det(found.rotation) == pytest.approx(1)
 
 
-@pytest.mark.parametrize("sign", ["", "-"])
-def test_a_flange_at_the_last_joint_points_away_from_the_arm(sign: str, tmp_path: Path) -> None:
-    """55.4: a last joint whose axis points back along the arm, as on a Motoman SIA20D."""
+@pytest.mark.parametrize(
+    ("sign", "frame"), [("", "l7"), ("-", "l7"), ("", "behind"), ("-", "behind")]
+)
+def test_a_flange_at_the_last_joint_points_away_from_the_arm(
+    sign: str, frame: str, tmp_path: Path
+) -> None:
+    """55.4: a last joint whose axis points back along the arm, as on a Motoman SIA20D; or with a
+    frame behind the joint before, and fingers at the last one."""
     axes = ("0 0 1", "0 1 0", "0 0 1", "0 -1 0", "0 0 -1", "0 -1 0", f"0 0 {sign}1")
     heights = (0.41, 0.0, 0.49, 0.0, 0.42, 0.0, 0.18)
     parts = ['<robot name="arm"><link name="l0"/>']
@@ -852,9 +857,17 @@ def test_a_flange_at_the_last_joint_points_away_from_the_arm(sign: str, tmp_path
             f'<child link="l{i}"/><origin xyz="0 0 {height}"/><axis xyz="{axis}"/>'
             '<limit lower="-2" upper="2" velocity="2" effort="1"/></joint>'
         )
+    if frame == "behind":
+        parts.append(
+            '<link name="finger"/><joint name="grip" type="prismatic"><parent link="l7"/>'
+            '<child link="finger"/><axis xyz="0 1 0"/>'
+            '<limit lower="0" upper="0.05" velocity="1" effort="1"/></joint>'
+            '<link name="behind"/><joint name="fixed" type="fixed"><parent link="l7"/>'
+            '<child link="behind"/><origin xyz="0 0 -0.3"/></joint>'
+        )
     file = tmp_path / "arm.urdf"
     file.write_text("".join(parts) + "</robot>", encoding="utf-8")
-    found = best_cell.approach_axis(rp.Robot.load(str(file)).task("l7", "pose"))
+    found = best_cell.approach_axis(rp.Robot.load(str(file)).task(frame, "pose"))
     assert found == ("z", "the axis of j7")
 
 

@@ -87,7 +87,7 @@ def tool_axis(task: Task) -> Approach | None:
     fingers = _fingers(task)
     away = -origin if fingers is None else fingers - origin
     far = float(np.linalg.norm(away))
-    along = float(axis @ away) / far if far > _SHORT else _outward(task, axis)
+    along = float(axis @ away) / far if far > _SHORT else _outward(task, origin, axis)
     if abs(along) > _ACROSS and np.abs(axis).max() > _STRAIGHT:
         return Approach(_named(axis if along > 0 else -axis), f"the axis of {name}")
     if far > _SHORT and np.abs(away).max() > _ROUGHLY * far:
@@ -104,15 +104,16 @@ def with_approach(task: Task, approach: Approach) -> Task:
     return task if approach.axis == "z" else turned_frame(task, approach.rotation)
 
 
-def _outward(task: Task, axis: Array) -> float:
+def _outward(task: Task, origin: Array, axis: Array) -> float:
     """Tell whether the axis (3,) of the last joint points away from the joint before it: 1 or −1.
 
+    ``origin`` (3,), m, is the origin of the last joint; it and the axis are in frame axes.
     The distance of that joint along the axis does not depend on the configuration. If the distance
     is 0, the result is 1.
     """
     q = np.array(task.reference)
     x = task.placement(q)
-    before = x.actInv(task.joint_origins(q)[-2:][0])
+    before = x.actInv(task.joint_origins(q)[-2:][0]) - origin
     return -1.0 if float(axis @ before) > _SHORT else 1.0
 
 
