@@ -614,12 +614,10 @@ def _changed(column: Any, values: Column, cells: NewCells) -> Any:
     missing = _flat(column).is_null().to_numpy(zero_copy_only=False).reshape(len(column), -1)
     missing[np.ix_(cells.rows, np.asarray(cells.at, np.intp))] = False
     flat = pyarrow.array(values.ravel(), mask=missing.ravel())
-    item = _item(column.type)
-    if item is None:
+    if _item(column.type) is None:
         return flat
     wide = pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
-    same = item == flat.type
-    return wide.cast(column.type if same else pyarrow.list_(flat.type))
+    return wide.cast(_with_item(column.type, flat.type))
 
 
 def _item(kind: Any) -> Any:
@@ -628,6 +626,17 @@ def _item(kind: Any) -> Any:
 
     lists = (types.is_list, types.is_large_list, types.is_fixed_size_list)
     return kind.value_type if any(test(kind) for test in lists) else None
+
+
+def _with_item(kind: Any, item: Any) -> Any:
+    """Return the type of the Arrow list ``kind`` with items of the type ``item``."""
+    import pyarrow
+
+    field = kind.value_field.with_type(item)
+    if pyarrow.types.is_large_list(kind):
+        return pyarrow.large_list(field)
+    size = kind.list_size if pyarrow.types.is_fixed_size_list(kind) else -1
+    return pyarrow.list_(field, size)
 
 
 def arrow_width(column: Any) -> int:
@@ -662,19 +671,30 @@ def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
     """Return the metadata of a Parquet file for its changed ``table``; None if there are none.
 
     The library ``datasets`` stores a description of each column, its feature, in the metadata, and
-    refuses a file whose features do not match the columns. So the features of removed columns are
-    removed, and those of new columns are added. ``old`` is the table before the change.
+    ignores features, or refuses a file, that do not match the columns. So the features of removed
+    columns are removed, and those of new columns are added; if the numbers of a column became
+    doubles, its feature says so. ``old`` is the table before the change.
     """
     metadata = old.schema.metadata
-    if not metadata or b"huggingface" not in metadata or table.column_names == old.column_names:
+    if not metadata or b"huggingface" not in metadata or table.schema.equals(old.schema):
         return metadata
     said = json.loads(metadata[b"huggingface"])
     features = said.get("info", {}).get("features", {})
     for name in set(features) - set(table.column_names):
         del features[name]
-    for name in set(table.column_names) - set(old.column_names):
-        features[name] = {"dtype": "float64", "_type": "Value"}
+    for name in table.column_names:
+        if name not in old.column_names:
+            features[name] = {"dtype": "float64", "_type": "Value"}
+        elif name in features and table.field(name).type != old.field(name).type:
+            _value_of(features[name])["dtype"] = "float64"
     return metadata | {b"huggingface": json.dumps(said).encode()}
+
+
+def _value_of(feature: Any) -> Any:
+    """Return the part of a feature that describes one number: the innermost, if it is a list."""
+    if isinstance(feature, list):
+        return _value_of(feature[0])
+    return _value_of(feature["feature"]) if "feature" in feature else feature
 
 
 def _parquet_bytes(table: Any) -> bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -13,10 +14,12 @@ import pytest
 from commands import main
 
 import repctl_pin as rp
+from repctl_pin.base.tables import NewCells, read_table
 
 Q0 = np.array([0.3, 0.8, 0.8])
 NAMES = ("theta1", "theta2", "theta3")
 K = 12
+HF = "huggingface"
 FILES = 40
 CELLS = (
     "1764288000148456789",
@@ -239,3 +242,26 @@ def test_lerobot_names_of_another_arm_are_not_read_by_position(
     names["features"]["observation.state"]["names"] = None
     (tmp_path / "meta" / "info.json").write_text(json.dumps(names), encoding="utf-8")
     assert np.array_equal(rp.Recording.read(file, design.task).joints, Q)
+
+
+def test_the_features_of_integers_that_become_doubles_have_the_new_type(tmp_path: Path) -> None:
+    """The library ``datasets`` compares each feature with the type of its column."""
+    one = {"dtype": "int64", "_type": "Value"}
+    features: dict[str, Any] = {"number": one, "list": [one], "sequence": {"feature": one}}
+    features["fixed"] = {"feature": one, "length": 2, "_type": "Sequence"}
+    i64, f64 = pa.int64(), pa.float64()
+    kinds = [i64, pa.list_(i64), pa.large_list(i64), pa.list_(i64, 2)]
+    arrays = [pa.array([1, 2] if kind is i64 else [[1, 2], [3, 4]], kind) for kind in kinds]
+    info = json.dumps({"info": {"features": features}})
+    table = pa.table(arrays, schema=pa.schema(zip(features, kinds, strict=True), {HF: info}))
+    pq.write_table(table, tmp_path / "a.parquet")
+    cells = NewCells(np.array([[1.5], [9.0]]), (0,), np.array([True, False]))
+    old = read_table(tmp_path / "a.parquet")
+    new = pq.read_table(old.save(tmp_path / "b.parquet", dict.fromkeys(features, cells), ()))
+
+    # the lists stay lists of the same kind, and the features are those of doubles
+    assert new["number"].to_pylist() == [1.5, 2]
+    assert new["fixed"].to_pylist() == new["sequence"].to_pylist() == [[1.5, 2], [3, 4]]
+    assert [*new.schema.types] == [f64, pa.list_(f64), pa.large_list(f64), pa.list_(f64, 2)]
+    said = json.loads(new.schema.metadata[HF.encode()])
+    assert json.dumps(said) == info.replace("int64", "float64")

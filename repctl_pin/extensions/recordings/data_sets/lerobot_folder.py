@@ -207,9 +207,12 @@ class LeRobotData(DataSet):
         for file in sorted(path.glob("meta/episodes/*/*.parquet")):
             _update_episodes(file, wide, episodes, removed)
 
-        # the description of what is left
-        if removed:
-            features = {k: v for k, v in self._info["features"].items() if k not in removed}
+        # the description of what is left, where integers may have become doubles
+        features = {k: v for k, v in self._info["features"].items() if k not in removed}
+        for name, values in columns.items():
+            if not features[name]["dtype"].startswith("float"):
+                features[name] = features[name] | {"dtype": str(values.dtype)}
+        if features != self._info["features"]:
             text = json.dumps(self._info | {"features": features}, indent=4, ensure_ascii=False)
             write_whole(path / "meta" / "info.json", text)
 
