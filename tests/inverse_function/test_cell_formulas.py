@@ -295,6 +295,21 @@ def test_poses_with_a_leaf_margin_below_a_twentieth_are_not_covered(
         assert 0.9 < whole.leaf_margin <= 1  # of V, which is not turned as n_ref is
 
 
+def test_the_share_of_a_required_body_distance_counts_all_nearer_poses() -> None:
+    """Bodies that come nearer than is required, without a collision, fail as well."""
+    task = rp.Robot.load("xarm7").task("link_eef", "pose")
+    q = np.array([0.0, -0.5, 0.3, 1.0, 0.2, 1.2, 0.0])
+    cell, G_d = rp.Cell(task, task.placement(q), 0.05), rp.Pseudoinverse(task)
+    chart = chart_of(cell, q, 1, 32)
+    U = np.concatenate([cell.sample(64, 1), cell.corners()])
+    distances = rp.Bodies(task).distances(rp.InverseFunction(chart).batch(U))
+    required = float(np.median(distances))
+    assert distances.min() > 0
+    j = evaluate_cell(G_d, chart, 64, 1, quick=True, required=required)
+    (stop,) = (stop for stop in j.failures if stop.cause == "collision")
+    assert stop.share == pytest.approx((distances < required).mean()) and "come to" in stop.what
+
+
 def test_extra_speeds_are_relative_to_the_desired_inverse(tmp_path: Path) -> None:
     """Below 0 everywhere relative to an inverse with far more joint speed than J⁺. The figures are
     means over the covered poses; a limit that the third joint exceeds at some has their share."""
@@ -762,6 +777,11 @@ def test_few_of_the_overlapping_hulls_are_tested(overlaps: int, collide: float) 
         assert tested.sum() == overlaps
         assert share == pytest.approx((exact < 0).mean(), rel=1e-12)
     assert abs(share - (exact < 0).mean()) < 0.15
+    near, below = margins.lowest_distances(Stand(), Q, required=0.15)  # type: ignore[arg-type]
+    due = (exact < 0.15).mean()
+    assert 0 < due < 1 and below == pytest.approx(due, rel=1e-12)
+    apart = hulls >= 0
+    assert near.min() == exact.min() and np.array_equal((near < 0.15)[apart], (exact < 0.15)[apart])
     quick = Stand()
     found, _ = margins.lowest_distances(quick, Q, quick=True)
     assert sorted(quick.tested) == sorted(hulls)[: min(8, overlaps)]

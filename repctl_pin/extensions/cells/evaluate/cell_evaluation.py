@@ -501,7 +501,7 @@ def _bodies(
     checked = np.concatenate([np.arange(first), np.arange(count, len(at.U))])
     checked = checked[at.covered[checked]]
     U, Q, candidate = _all_round(candidate, at.U[checked], at.Q[checked])
-    distances, share = lowest_distances(bodies, Q, quick=quick)
+    distances, share = lowest_distances(bodies, Q, required=required, quick=quick)
     if 0 <= distances.min() < np.inf and not quick:
         nearer = candidate.at(nearest_by_pair(candidate, 5, float(distances.min())))
         U, Q = np.concatenate([U, nearer.U]), np.concatenate([Q, nearer.Q])

@@ -40,7 +40,8 @@ class FailureReason:
     cause : str
         Kind of the reason: ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``.
     share : float
-        Fraction of the sampled poses that fail for this reason, 0 to 1.
+        Fraction of the sampled poses that fail for this reason, 0 to 1. For collisions, it is an
+        estimate from some of these poses.
     u : (k,) array
         Worst pose, in all coordinates u of the cell, from −1 to 1 (those of :attr:`Cell.whole`).
     what : str
@@ -184,8 +185,8 @@ def touching(
     """Describe the failure that two links collide, or come nearer than ``required``, m.
 
     ``distances`` (K,) are the body distances, m, at the poses U (K, k). ``links`` are the two links
-    with the smallest distance, and ``share`` is the share of poses with a collision. Return None if
-    no distance is below ``required``.
+    with the smallest distance, and ``share`` is the share of poses with a distance below
+    ``required``. Return None if no distance is.
     """
     at = int(np.argmin(distances))
     least = float(distances[at])

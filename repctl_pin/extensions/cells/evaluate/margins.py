@@ -365,20 +365,22 @@ class LeafMargin(Quantity):
         return np.where(at.found, leaf_margins(self.chart, at), np.inf)
 
 
-def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[Array, float]:
-    """Compute body distances (K,), m, at Q (K, n), and the fraction of rows in collision.
+def lowest_distances(
+    bodies: Bodies, Q: Array, *, required: float = 0.0, quick: bool = False
+) -> tuple[Array, float]:
+    """Compute body distances (K,), m, at Q (K, n), and the fraction of rows below ``required``, m.
 
     Only the smallest distance is exact, as from :meth:`Bodies.distances`. In a row without a
-    collision, the distance is a lower bound, such as the distance of convex hulls. In a row where
-    hulls overlap, the bodies themselves must be tested, which takes forty times as long. So only
+    collision, the distance is a lower bound, such as the distance of convex hulls; it is below
+    ``required`` only if the distance itself is, unless hulls overlap. In a row where hulls overlap, the bodies themselves must be tested, which takes forty times as long. So only
     two groups of these rows are tested. The first is a sample, from which the fraction is
     estimated. The second are the rows with the deepest overlap, until no other row can have a
     smaller distance. In the other rows with overlap, the distance is set to 0.
 
-    With ``quick``, only the 8 rows with the deepest overlap are tested. The fraction counts only
-    collisions in these rows, and another row can have a smaller distance.
+    With ``quick``, only the 8 rows with the deepest overlap are tested. Of the rows with overlap,
+    the fraction counts only these, and another row can have a smaller distance.
     """
-    hulls = _nearest_hulls(bodies, Q)
+    hulls = _nearest_hulls(bodies, Q, required)
     overlap = np.flatnonzero(hulls < 0)
     overlap = overlap[np.argsort(hulls[overlap])]
     distances = np.maximum(hulls, 0.0)
@@ -394,21 +396,23 @@ def lowest_distances(bodies: Bodies, Q: Array, *, quick: bool = False) -> tuple[
         if distances.min() <= hulls[rows[0]]:
             break
         distances[rows] = bodies.distances(Q[rows])
-    collide = (distances[some] < 0).sum() / max(1, len(some))
-    return distances, float(collide * len(overlap) / len(Q))
+    below = (distances[some] < required).sum() / max(1, len(some)) * len(overlap)
+    below += ((hulls >= 0) & (hulls < required)).sum()
+    return distances, float(below / len(Q))
 
 
-def _nearest_hulls(bodies: Bodies, Q: Array) -> Array:
+def _nearest_hulls(bodies: Bodies, Q: Array, required: float) -> Array:
     """Compute distances (K,), m, between the convex hulls of bodies at Q (K, n).
 
-    The smallest distance and all negative distances are exact. The others are lower bounds, which
-    are faster to compute, and exceed the smallest distance.
+    The smallest distance is exact, and so are all distances that are negative or below
+    ``required``, m. The others are lower bounds, which are faster to compute, and exceed the
+    smallest distance.
     """
     first = np.argsort(bodies._hull_bounds(Q))[:_TESTED]
     hulls = np.full(len(Q), np.inf)
     hulls[first] = bodies.hull_distances(Q[first])
     rest = np.flatnonzero(hulls == np.inf)
-    enough = max(0.0, hulls.min(initial=np.inf)) + _SURELY
+    enough = max(0.0, required, hulls.min(initial=np.inf)) + _SURELY
     near = bodies._nearer(Q[rest], enough)
     hulls[rest] = enough
     hulls[rest[near]] = bodies.hull_distances(Q[rest[near]])
