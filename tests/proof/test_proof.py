@@ -14,6 +14,7 @@ from commands import main, refused, told
 from proofs import design_of, margins, regular_start, smallest_singular_values
 
 import repctl_pin as rp
+from repctl_pin.extensions.proof import certify
 
 # ---- whole regions -----------------------------------------------------------------------------
 
@@ -77,6 +78,16 @@ def test_a_workspace_box_is_proved_on_the_joints_it_selects_from(panda_design: r
     proof = rp.prove(panda_design, region=region, margin=0.8, closes=False)
     assert proof
     assert proof.boxes == rp.prove(panda_design, region=box, margin=0.8, closes=False).boxes
+
+
+def test_no_smaller_region_is_without_the_singularity_at_its_centre(
+    panda_design: rp.Design, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ω is scaled about its centre, so a proof would be of Ω itself; here anything is proved."""
+    monkeypatch.setattr(certify, "bound_leaf_margin", lambda *_: True)
+    region, report = panda_design.region, lambda *_: None
+    assert "0.95 of its width" in certify._without(panda_design, region, 1.0, report)
+    assert certify._without(panda_design, region, 0.0, report) == ""
 
 
 def test_what_has_no_bounds_is_refused_by_name(panda_design: rp.Design) -> None:

@@ -376,16 +376,17 @@ def _without(design: Design, region: Region, share: float, report: reporting.Rep
 
     The text is the last part of the reason of a failed proof. ``share`` is the factor by which Ω is
     scaled such that a known singularity is on its boundary. Ω is scaled by 0.95, 0.8, 0.6 and 0.4
-    times this factor, one after the other, until a proof succeeds. If none succeeds, the text is
-    empty.
+    times this factor, one after the other, until a proof succeeds. If none succeeds, or the factor
+    is 0 because the singularity is at the centre, the text is empty.
     """
+    if share <= 0:
+        return ""
     task, field = design.task, design.inverse.potentials
     for part in (0.95, 0.8, 0.6, 0.4):
-        smaller = region.shrunk(part * min(1.0, share)) if share > 0 else region
-        low, high = cover(smaller)
+        width = part * min(1.0, share)
+        low, high = cover(region.shrunk(width))
         problem = leaf_margin_of(task, field, enclosing(low, high))
         if bound_leaf_margin(problem, low, high, 1e-3, _SHRINKING_SECONDS, report):
-            width = part * min(1.0, share)
             return f"; Ω shrunk to {width:.2g} of its width is proved to have none"
     return ""
 

@@ -58,7 +58,8 @@ def level_boxes(
     each joint may move within Ω from Q (K, n), rad or m. In the result, each row of Q is the
     configuration in the middle of one cell. The same row of ``half`` bounds the distance of F(x₀,
     c) from this configuration for all levels c of the cell. Successive rows are neighbouring cells.
-    If some cell cannot be proved, the result has a reason, and its Q has the start as its only row.
+    If some cell cannot be proved, the result is not ``proved`` and has a reason, and its Q has the
+    start as its only row.
     """
     r = inverse.task.r
     why = f"levels within {most:g} of the start's"
@@ -85,7 +86,7 @@ def level_boxes(
 
 
 def _refused(start: Array, why: str) -> Enclosure:
-    return Enclosure(start[None], np.zeros((1, len(start))), True, why)
+    return Enclosure(start[None], np.zeros((1, len(start))), False, why)
 
 
 def _solved(
