@@ -239,7 +239,8 @@ def best_leaf(
         ``"limits"`` maximises the smallest of the three relative margins of the cycle (joint
         limits, bodies, leaf). ``"speed"`` minimises the joint speed (rms) over leaves without
         collisions whose joint-limit margin is at least half of the margin that ``"limits"`` finds.
-        For ``"speed"``, random starts on all self-motions of the first point are tried too.
+        If no such leaf is found, the result is that of ``"limits"``. For ``"speed"``, random starts
+        on all self-motions of the first point are tried too.
     steps
         Number of steps per cycle.
     seed
@@ -435,14 +436,17 @@ class _Search:
 def _fastest(search: _Search, best: _LeafCandidate, seed: int) -> _LeafCandidate:
     """Find the start of lowest joint speed (rms) with at least half the limit margin of ``best``.
 
-    Starts with collisions are excluded. All starts seen so far are compared with random ones, and
-    the best is refined. ``seed`` is the random seed.
+    Starts with collisions are excluded; if no other is found, ``best`` is returned. All starts seen
+    so far are compared with random ones, and the best is refined. ``seed`` is the random seed.
     """
     least_margin = max(best.limit_margin, 0.0) / 2
 
+    def keeps(one: _LeafCandidate) -> bool:
+        return one.limit_margin >= least_margin and one.body_distance >= 0
+
     def faster(one: _LeafCandidate, other: _LeafCandidate) -> bool:
-        keeps = one.limit_margin >= least_margin and one.body_distance >= 0
-        return keeps and one.motion.rms_speed < other.motion.rms_speed
+        quicker = one.motion.rms_speed < other.motion.rms_speed
+        return keeps(one) and (quicker or not keeps(other))
 
     task, path = search.inverse.task, search.path
     beside = _fast_starts(task, path, _RANDOM, margin=least_margin, seed=seed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -259,3 +260,26 @@ def test_the_leaf_of_least_speed_may_lie_on_another_self_motion(tmp_path: Path) 
     found = rp.best_leaf(inverse, path, q0, by="speed", steps=24)
     assert found.q0[1] < 0
     assert found.best.motion.rms_speed == pytest.approx(down, rel=0.01)
+
+
+def test_the_leaf_of_least_speed_has_no_collision_if_another_start_has_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where all starts of a self-motion collide, a slower one of another self-motion is better."""
+
+    def start(speed: float, distance: float, margin: float = 0.2) -> SimpleNamespace:
+        motion = SimpleNamespace(rms_speed=speed)
+        return SimpleNamespace(limit_margin=margin, body_distance=distance, motion=motion)
+
+    best, slow, slower, near = start(1, -0.01), start(2, 0.01), start(3, 0.01), start(1.5, 0.01, 0)
+    monkeypatch.setattr(BEST_LEAF, "_fast_starts", lambda *_, **__: [slow, slower, near])
+    search = SimpleNamespace(
+        inverse=SimpleNamespace(task=None),
+        path=None,
+        seen=[best, start(0.5, -0.01)],
+        allowed=lambda starts: starts,
+        refined=lambda one, _: one,
+    )
+    assert BEST_LEAF._fastest(search, best, 0) is slow
+    monkeypatch.setattr(BEST_LEAF, "_fast_starts", lambda *_, **__: [near])
+    assert BEST_LEAF._fastest(search, best, 0) is best

@@ -183,8 +183,10 @@ class Candidate:
         Minimum joint-limit margin on the rays that reach their corners, rad or m; infinite if no
         ray does.
     body_distance : float
-        Minimum body distance in the middle and at the corners reached, m. At corners where the
-        bodies' convex hulls do not overlap, the distance of the hulls, a lower bound, is used.
+        Minimum body distance in the middle and at the corners reached, m. Where the bodies' convex
+        hulls do not overlap, it is the distance of the hulls, a lower bound. Where they do, only
+        the three corners with the deepest overlap count, so it can be too large. It serves to
+        compare candidates; a design measures its own body distance.
     speed : float
         Mean squared joint speed per unit of task speed at the corners reached: ``‖G_d E C‖_F²``
         with the desired inverse G_d, E = ∂x/∂u in the cell's coordinates u, and C = (EᵀE)^(−1/2).
