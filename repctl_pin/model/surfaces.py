@@ -180,15 +180,16 @@ def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
     for path in dict.fromkeys(shape.path for shape in shapes if shape.kind == "mesh"):
         assert path is not None
         try:
-            if budget <= 0:
+            surface = read_surface(path)
+            if len(surface.faces) > budget:
                 raise InputError(
-                    f"mesh {path} is left out: the page has {_MOST_IN_ALL:,} triangles already; "
-                    "simplify the meshes"
+                    f"mesh {path} is left out: with it, the page would have over "
+                    f"{_MOST_IN_ALL:,} triangles; simplify the meshes"
                 )
-            found[path] = surface = read_surface(path, min(budget, _MOST_FACES))
         except InputError as error:
             found[path] = error
             continue
+        found[path] = surface
         budget -= len(surface.faces)
     return found
 

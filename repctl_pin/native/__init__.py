@@ -58,7 +58,7 @@ def _loaded() -> tuple[ctypes.CDLL | None, str, str]:
         try:
             native = ctypes.CDLL(str(_LIBRARY))
         except OSError as error:
-            cause = f"it does not load ({error})"
+            state, cause, remedy = "does not load", f"it does not load ({error})", _OTHER[-1]
         else:
             from .build import mark
 

@@ -99,11 +99,16 @@ def test_without_the_library_numpy_runs_and_one_warning_says_why(
 
 
 @pytest.mark.slow
-def test_a_library_that_does_not_load_is_one_warning(tmp_path: Path) -> None:
+def test_a_library_that_does_not_load_is_one_warning(
+    tmp_path: Path, usual: subprocess.CompletedProcess[str]
+) -> None:
+    """It is there, so what is refused does not say that it is missing."""
     copied(tmp_path)
     (tmp_path / "repctl_pin" / "native" / "librepctl.so.1").write_bytes(b"\x7fELF")
     said = run(tmp_path)
     assert said.returncode == 0 and said.stderr.count("it does not load (") == 1
+    remedy = f"run `{BUILD}`, or install repctl_pin again"
+    assert said.stdout == refused(f"does not load; {remedy}", usual) and remedy in said.stderr
 
 
 @pytest.mark.slow
