@@ -188,8 +188,9 @@ def _followed(options: Options, case: _Case, q0: Any) -> _Followed:
         *elsewhere,
         *([f"this motion {loose}"] if loose else []),
     ]
-    if not motion.first_closes and (turns := winding(motion.task, problem.cycle)):
-        notes = [winding_words(turns, motion.task.joint_names[0]), *notes]
+    if not motion.first_closes:
+        turns, joint = winding(motion.task, problem.cycle)
+        notes = [winding_words(turns, joint), *notes] if turns else notes
     sent = commanded(motion, strategy) if isinstance(strategy, rp.RepeatableInverse) else motion
     return _Followed(motion, sent, loose, notes)
 

@@ -18,10 +18,10 @@ _POINTS = 2000
 """Number of points, in addition to corners, at which the angle around the axis is evaluated."""
 
 
-def winding(task: Task, path: TaskPath) -> int:
+def winding(task: Task, path: TaskPath) -> tuple[int, str]:
     """Count the turns of a path around the axis of the chain's first joint; 0 if it is prismatic.
 
-    Turns in the negative direction of the joint count as negative. The joints of an arm that
+    Return the number of turns, and the name of the joint. Turns in the negative direction of the joint count as negative. The joints of an arm that
     follows such a path can end a full turn from their start, so that not even a repeatable
     controller closes the motion. Repeatability is a property of loops that can be shrunk to a point
     inside Ω, the region of joint space of the design.
@@ -31,15 +31,18 @@ def winding(task: Task, path: TaskPath) -> int:
     task
         Task of the arm.
     path
-        Path of the frame. For several frames, the path with the most turns counts.
+        Path of the frame. For several frames, the path with the most turns counts, around the first
+        joint of its own frame's chain.
     """
     if len(task.frames) > 1:
         own = zip(task.single_tasks, paths_of(path), strict=True)
-        return max((winding(single, each) for single, each in own), key=abs)
+        return max((winding(single, each) for single, each in own), key=lambda one: abs(one[0]))
+    joint = task.joint_names[0]
     if not task.revolute[0]:
-        return 0
+        return 0, joint
     # a path that the user defines by functions can change between two calls
-    return _turns(task, path) if path.spec else _turns.__wrapped__(task, path)
+    count = _turns if path.spec else _turns.__wrapped__
+    return count(task, path), joint
 
 
 @lru_cache(maxsize=4)

@@ -280,7 +280,7 @@ class Study:
                 "closes": _closes(design),
                 "potentials": design.potentials.size,
             },
-            "winding": winding(self.task, self.path),
+            "winding": winding(self.task, self.path)[0],
             "not_checked": list(bodies_of(self.task).unchecked),
             "strategies": {row.key: _row_dict(row) for row in self.rows},
             "notes": list(self.notes),

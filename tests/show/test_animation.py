@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from commands import computed_once, main
 from page_file import BLUE, GREEN, ORANGE, VERMILLION, panes, read
+from two_armed import Q0, two_armed
 
 import repctl_pin as rp
 
@@ -59,6 +60,20 @@ def test_who_creeps_is_warm_and_who_comes_back_is_cool(motions: dict[str, rp.Mot
     # J⁺ has one colour everywhere
     known, _, _ = read(rp.animation({"mine": motions["a"], "J⁺": motions["b"]}).page)
     assert [arm["color"] for arm in known["arms"]] == [ORANGE, VERMILLION]
+
+
+def test_the_page_of_two_hands_says_that_the_path_of_one_winds(tmp_path: Path) -> None:
+    """Each motion is of one hand; that of the other is read from the joints, and has no path."""
+    both, done = two_armed(tmp_path).task, {}
+    for side in ("left", "right"):
+        task = both.robot.task(side, "xy")
+        q0 = task.from_robot(both.to_robot(Q0))
+        p = task.placement(q0).translation
+        turns = np.exp(2j * np.pi / 24 * np.arange(1, 24)) * (p[0] + 1j * p[1])
+        ring = rp.polygon(task, q0, np.c_[turns.real, turns.imag, 0 * turns.real + p[2]] - p)
+        path = ring if side == "right" else rp.circle(task, q0, 0.02)
+        done[side] = rp.follow(rp.Pseudoinverse(task), path, q0, cycles=1, steps=72)
+    assert "The path winds once around the axis of waist" in rp.animation(done).page
 
 
 def test_two_hands_are_two_limbs(tmp_path: Path) -> None:

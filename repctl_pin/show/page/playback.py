@@ -42,6 +42,7 @@ from ...motion import Motion, elbow
 from ...motion.body_displacement import farthest
 from ...motion.csv_file import read_motions
 from ...motion.joint_motion import JointMotion, cycle_of
+from ...paths.winding import winding
 from ...studies.quantities import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, headline_of
@@ -450,7 +451,8 @@ def _summary(
 
     ``played`` has the motion of each chain; ``moved`` is the most displaced link, and its
     displacement, m. For several chains, each quantity is that of the worst chain, but the joint
-    speed is a norm over the joints of all chains. Body distances, and the displacements of end
+    speed is a norm over the joints of all chains, and errors and turns of the path are those of
+    ``track.motion``, which has the path. Body distances, and the displacements of end
     effectors outside the task, are then left out, because each chain moves bodies of the others.
     """
     alone = len(played) == 1
@@ -458,7 +460,8 @@ def _summary(
     violations = [summary.limit_violation for summary in summaries if summary.limit_violation]
     timed = summaries if track.t is not None else []
     overspeeds = [summary.overspeed for summary in timed if summary.overspeed]
-    loss = track.motion.path_loss if isinstance(track.motion, Motion) else None
+    whole = track.motion if isinstance(track.motion, Motion) else None
+    loss = None if whole is None else whole.path_loss
     worst = replace(
         summaries[0],
         hand_off=max(summary.hand_off for summary in summaries),
@@ -469,6 +472,7 @@ def _summary(
         limit_violation=min(violations, default=None),
         overspeed=max(overspeeds, key=lambda one: one[2], default=None),
         joint_displacement=max(summary.joint_displacement for summary in summaries),
+        winding=(0, "") if whole is None else winding(whole.task, whole.path),
     )
     return with_outlook(worst, played)
 

@@ -167,9 +167,7 @@ def motion_summary(
         {link: float(d[-1]) for link, d in end_displacements(task, motion.q[[0, -1]]).items()},
         checked=checked_words(motion) if bodies else "",
         unchecked=bodies_of(task).not_checked if bodies else "",
-        winding=(winding(task, motion.path), task.joint_names[0])
-        if isinstance(motion, Motion)
-        else (0, ""),
+        winding=winding(task, motion.path) if isinstance(motion, Motion) else (0, ""),
     )
 
 
