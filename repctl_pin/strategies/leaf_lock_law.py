@@ -105,7 +105,8 @@ class NumPyLaw:
                 raise failure(task, q, twist)
             rhs += dt * np.concatenate([task.task_velocity(q, twist), still])
         if limits is None:
-            return q + self._solved(q, J_V, rhs)
+            x, self._report = self._solved(q, J_V, rhs), (0.0, 1.0)
+            return q + x
         x, used = self._damped(q, J_V, rhs, limits.damping)
         self._report = used, 1.0
         most = limits.velocity_limit * dt
@@ -117,7 +118,7 @@ class NumPyLaw:
         return q + x
 
     def report(self) -> tuple[float, float]:
-        """Return (λ, factor) of the last step that had ``limits``; (0, 1) before any such step.
+        """Return (λ, factor) of the last step; (0, 1) if it had no ``limits``.
 
         λ is the damping, and the factor, 0 to 1, is that by which the step was shortened to the
         joint speed limits.

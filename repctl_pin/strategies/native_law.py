@@ -178,7 +178,7 @@ class NativeLaw:
         """Return the damping λ of the last step, and its speed-limit factor, 0 to 1.
 
         The factor is that by which the step was shortened to the joint speed limits; 1 if it was
-        not.
+        not. Both are (0, 1) if the step had no ``bounds``.
         """
         return float(self._numbers[3]), float(self._numbers[4])
 

@@ -15,6 +15,7 @@ from native_library import REQUIRED
 from strategies.test_control_step import BAD_STEPS
 
 import repctl_pin as rp
+from repctl_pin.strategies.step_arguments import step_limits
 
 pytestmark = REQUIRED
 
@@ -25,6 +26,19 @@ def test_a_copy_has_the_same_law(panda_design: rp.Design, panda_pose: rp.Task) -
     following = inverse.step(Q_PANDA, target, 0.01)
     assert np.array_equal(other.step(Q_PANDA, target, 0.01), following)
     assert np.allclose(in_numpy(inverse).step(Q_PANDA, target, 0.01), following)
+
+
+def test_a_step_without_limits_reports_none_of_an_earlier_step(
+    panda_design: rp.Design, panda_pose: rp.Task
+) -> None:
+    inverse, target = panda_design.inverse, panda_pose.placement(Q_PANDA + 0.1)
+    for one in (inverse, in_numpy(inverse)):
+        law = one._law.own
+        limits = step_limits(0.1, 0.05, 7)
+        law.step(Q_PANDA, target, 0.01, None, None, None, limits)
+        assert law.report()[1] < 1
+        law.step(Q_PANDA, target, 0.01, None, None, None, None)
+        assert law.report() == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("case", BAD_STEPS)

@@ -183,7 +183,7 @@ class BodyGuard:
         Raises
         ------
         InputError
-            If two bodies are closer than the distance to keep.
+            If two bodies are closer than the distance to keep, plus 0.1 mm.
         """
         q = self._drive.joints(q)
         found = self._model.some_distances(q, np.arange(len(self._reach)))

@@ -346,8 +346,9 @@ class Governor:
         Raises
         ------
         InputError
-            If q is farther beyond a joint limit or outside the region Ω, if two bodies are closer
-            than ``body_distance``, or if the frame is at least 10⁶ m from the base.
+            If q is farther beyond a joint limit or outside the region Ω, if the frame is at least
+            10⁶ m from the base, if two bodies are closer than ``body_distance`` + 0.1 mm, or if
+            ``body_distance`` may not be kept on the motion of a joint back inside.
         SingularityError
             If J_V = [J; Vᵀ], with the gradients V of h, is singular at q.
 
