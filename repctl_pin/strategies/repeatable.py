@@ -208,10 +208,12 @@ class RepeatableInverse:
             Configuration, measured or commanded.
         target : pinocchio.SE3 or (4, 4) array
             Desired placement of the frame: now, if ``twist`` is given; else at the end of the step.
+            For a task of several frames, a list with one placement per frame.
         dt
             Duration of the step, s.
-        twist : (6,) array, optional
-            Velocity (v, ω) of the target, base axes, m/s and rad/s.
+        twist : (6,) or (6 F,) array, optional
+            Velocity (v, ω) of the target, or of each of the targets of F frames, base axes, m/s and
+            rad/s.
         leaf : (r,) array, optional
             Level c, from :meth:`leaf` at the start; without it, h is held at its present value.
         gain
@@ -262,7 +264,7 @@ class RepeatableInverse:
         """Compute the next q as :meth:`step` does, and report the step's damping and scale.
 
         The arguments are those of :meth:`step`: ``target`` is the placement at the end of the step
-        or, with a ``twist`` (6,), now; dt is in s; ``leaf`` is the level c, by default the present
+        or, with a ``twist``, now; dt is in s; ``leaf`` is the level c, by default the present
         one; ``gain``, 1/s, is 1 / dt by default; ``damping`` is λ_max; ``outside`` is ``"ignore"``,
         ``"warn"`` or ``"raise"``. The damping and the scale show whether the step differs from the
         requested one, as near a singularity or at a speed limit.

@@ -122,6 +122,23 @@ def test_integers_that_become_doubles_are_described_as_doubles(demos, tmp_path: 
     assert json.loads((new / "meta" / "info.json").read_text("utf-8")) == info
 
 
+def test_other_columns_of_actions_are_removed_by_name(design, demos, tmp_path: Path) -> None:
+    """It is not known what they are; those of the hand stay."""
+    old = lerobot(tmp_path / "old", "v3.0", *demos, NUMBERS)
+    names = ["action.delta", "action.hand"]
+    for file in old.glob("data/*/*.parquet"):
+        one = pq.read_table(file)
+        for name in names:
+            one = one.append_column(name, pa.array([[0.1] * 3] * len(one)))
+        pq.write_table(one, file)
+    features = json.loads((old / "meta" / "info.json").read_text("utf-8"))["features"]
+    of_each = {"dtype": "float64", "shape": [3], "names": None}
+    change(old, features=features | dict.fromkeys(names, of_each))
+    done = rp.relabel(rp.Recording.read(old, design.task), design=design, leaf=[0.02])
+    assert set(done.removed) == {"observation.velocity", "action.delta"}
+    assert "action.delta" in done.summary()
+
+
 def true_statistics(old: Path, new: Path, version: str) -> None:
     """Those of changed columns are computed from the new numbers, the others are kept."""
     episode = wide(new, "episode_index")

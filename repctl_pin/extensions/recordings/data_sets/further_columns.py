@@ -52,7 +52,9 @@ def further_joints(
     Raises
     ------
     InputError
-        If it is not known what the actions are, or they are not positions near the recorded joints.
+        If it is not known what the columns ``action`` or ``actions`` are, or if actions are not
+        positions near the recorded joints. Other columns of actions of unknown meaning are in
+        neither result; :func:`.relabeled_columns` removes them, unless their names are of the hand.
     """
     assert table.joints is not None
     commands, actions = action or table.commands, table.actions()
