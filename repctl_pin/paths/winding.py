@@ -21,10 +21,11 @@ _POINTS = 2000
 def winding(task: Task, path: TaskPath) -> tuple[int, str]:
     """Count the turns of a path around the axis of the chain's first joint; 0 if it is prismatic.
 
-    Return the number of turns, and the name of the joint. Turns in the negative direction of the joint count as negative. The joints of an arm that
-    follows such a path can end a full turn from their start, so that not even a repeatable
-    controller closes the motion. Repeatability is a property of loops that can be shrunk to a point
-    inside Ω, the region of joint space of the design.
+    Return the number of turns, and the name of the joint. Turns in the negative direction of the
+    joint count as negative. The joints of an arm that follows such a path can end a full turn from
+    their start, so that not even a repeatable controller closes the motion. Repeatability is a
+    property of loops that can be shrunk to a point inside Ω, the region of joint space of the
+    design.
 
     Parameters
     ----------

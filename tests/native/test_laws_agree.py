@@ -15,7 +15,6 @@ from native_library import REQUIRED
 from strategies.test_control_step import BAD_STEPS
 
 import repctl_pin as rp
-from repctl_pin.strategies.step_arguments import step_limits
 
 pytestmark = REQUIRED
 
@@ -33,12 +32,9 @@ def test_a_step_without_limits_reports_none_of_an_earlier_step(
 ) -> None:
     inverse, target = panda_design.inverse, panda_pose.placement(Q_PANDA + 0.1)
     for one in (inverse, in_numpy(inverse)):
-        law = one._law.own
-        limits = step_limits(0.1, 0.05, 7)
-        law.step(Q_PANDA, target, 0.01, None, None, None, limits)
-        assert law.report()[1] < 1
-        law.step(Q_PANDA, target, 0.01, None, None, None, None)
-        assert law.report() == (0.0, 1.0)
+        assert one.damped_step(Q_PANDA, target, 0.01, velocity_limit=0.1, damping=0.05).slowed < 1
+        one.step(Q_PANDA, target, 0.01)
+        assert one._law.own.report() == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("case", BAD_STEPS)

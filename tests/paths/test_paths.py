@@ -16,7 +16,6 @@ from numpy.polynomial import chebyshev
 from scipy.spatial.transform import Rotation
 
 import repctl_pin as rp
-from repctl_pin.paths.winding import winding
 
 TILTS = Rotation.from_rotvec(
     [[0, 0, 0], [0.3, 0, 0], [0.2, 0.4, 0], [0, 0.2, 0.5], [-0.2, 0, 0.1], [0, 0, 0]]
@@ -398,17 +397,3 @@ def test_a_path_of_pieces_has_the_bits_of_numpy(panda_pose, q_panda) -> None:
             slope = chebyshev.chebder(one.coefficients) * (2 / (one.end - one.begin))
             for found, known in ((of_pieces.point, one.coefficients), (of_pieces.slope, slope)):
                 assert np.array_equal(found(s), chebyshev.chebval(u, known)[:3])
-
-
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_the_joint_around_which_a_path_of_two_hands_winds_is_of_its_own_arm(side: str) -> None:
-    task = rp.Robot.load("baxter").task(["left_gripper", "right_gripper"], "position")
-
-    def ring(task: rp.Task, q: np.ndarray) -> rp.TaskPath:
-        away = task.placement(q).translation - task.joint_origins(q)[0]
-        turns = Rotation.from_rotvec(np.arange(1, 24)[:, None] * [0, 0, -2 * np.pi / 24])
-        return rp.polygon(task, q, turns.apply(away) - away)
-
-    made = [ring if name == side else None for name in ("left", "right")]
-    path = rp.several_paths(task, task.reference, made)
-    assert winding(task, path) == (-1, f"{side}_s0")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +14,6 @@ from controls import some
 from proofs import design_of, near_null_space, regular_start
 
 import repctl_pin as rp
-from repctl_pin.extensions.proof.boxes import cover, enclosing
-from repctl_pin.extensions.proof.leaf_margin_bounds import leaf_margin_of
-from repctl_pin.extensions.proof.levels import level_boxes
 
 FEW = rp.FitOptions(samples=256, held_out=256)
 LIMITS = rp.Limits(velocity=2.0, acceleration=6.0, jerk=400.0)
@@ -188,7 +186,10 @@ def test_bad_and_far_levels_are_refused_in_one_line() -> None:
             rp.prove(design, leaf=leaf)
     far = rp.prove(design, leaf=3.0, seconds=0.2).closes
     assert not far and far.reason.startswith("levels within 3 of the start's")
-    bounds = leaf_margin_of(task, design.inverse.potentials, enclosing(*cover(design.region)))
+    proof = sys.modules[rp.prove.__module__]
+    level_boxes = sys.modules[proof.closing_radius.__module__].level_boxes
+    joints = proof.enclosing(*proof.cover(design.region))
+    bounds = proof.leaf_margin_of(task, design.inverse.potentials, joints)
     for most, clearance in ((3.0, np.inf), (1e-3, 0.0)):
         boxes = level_boxes(design.inverse, bounds, q0, most, lambda Q, c=clearance: 0 * Q + c)
         assert boxes.reason and not boxes.proved

@@ -16,8 +16,6 @@ from controls import some
 from made_data_sets import FPS, VERSIONS, lerobot, robomimic, statistics
 
 import repctl_pin as rp
-from repctl_pin.base.tables import NewCells
-from repctl_pin.extensions.recordings.data_sets.lerobot import LeRobotData
 
 Q0 = np.array([0.3, 0.8, 0.8])
 NAMES = ["theta1", "theta2", "theta3"]
@@ -101,25 +99,6 @@ def test_a_lerobot_data_set_is_kept_but_for_its_joints(
     del infos[0]["features"]["observation.velocity"]
     assert infos[0] == infos[1]
     true_statistics(old, new, version)
-
-
-def test_integers_that_become_doubles_are_described_as_doubles(demos, tmp_path: Path) -> None:
-    """LeRobot casts each column to the type in meta/info.json, and refuses 1.5 as an integer."""
-    old = lerobot(tmp_path / "old", "v3.0", *demos, NUMBERS)
-    for file in old.glob("data/*/*.parquet"):
-        one = pq.read_table(file)
-        at, kind = one.schema.get_field_index("action"), pa.list_(pa.int64())
-        cells = pa.array([[1, 2, 3, 4]] * len(one), kind)
-        pq.write_table(one.set_column(at, "action", cells), file)
-    info = json.loads((old / "meta" / "info.json").read_text("utf-8"))
-    info["features"]["action"]["dtype"] = "int64"
-    change(old, features=info["features"])
-    new, count = tmp_path / "new", sum(SIZES)
-    cells = NewCells(np.full((count, 1), 1.5), (0,), np.ones(count, bool))
-    LeRobotData(old).write(new, {"action": cells}, ())
-    assert table(new)["action"].type == pa.list_(pa.float64())
-    info["features"]["action"]["dtype"] = "float64"
-    assert json.loads((new / "meta" / "info.json").read_text("utf-8")) == info
 
 
 def test_other_columns_of_actions_are_removed_by_name(design, demos, tmp_path: Path) -> None:

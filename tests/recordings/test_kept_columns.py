@@ -5,21 +5,19 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from commands import main
+from made_data_sets import lerobot
 
 import repctl_pin as rp
-from repctl_pin.base.tables import NewCells, read_table
 
 Q0 = np.array([0.3, 0.8, 0.8])
 NAMES = ("theta1", "theta2", "theta3")
 K = 12
-HF = "huggingface"
 FILES = 40
 CELLS = (
     "1764288000148456789",
@@ -244,24 +242,71 @@ def test_lerobot_names_of_another_arm_are_not_read_by_position(
     assert np.array_equal(rp.Recording.read(file, design.task).joints, Q)
 
 
-def test_the_features_of_integers_that_become_doubles_have_the_new_type(tmp_path: Path) -> None:
-    """The library ``datasets`` compares each feature with the type of its column."""
-    one = {"dtype": "int64", "_type": "Value"}
-    features: dict[str, Any] = {"number": one, "list": [one], "sequence": {"feature": one}}
-    features["fixed"] = {"feature": one, "length": 2, "_type": "Sequence"}
-    i64, f64 = pa.int64(), pa.float64()
-    kinds = [i64, pa.list_(i64), pa.large_list(i64), pa.list_(i64, 2)]
-    arrays = [pa.array([1, 2] if kind is i64 else [[1, 2], [3, 4]], kind) for kind in kinds]
-    info = json.dumps({"info": {"features": features}})
-    table = pa.table(arrays, schema=pa.schema(zip(features, kinds, strict=True), {HF: info}))
-    pq.write_table(table, tmp_path / "a.parquet")
-    cells = NewCells(np.array([[1.5], [9.0]]), (0,), np.array([True, False]))
-    old = read_table(tmp_path / "a.parquet")
-    new = pq.read_table(old.save(tmp_path / "b.parquet", dict.fromkeys(features, cells), ()))
+@pytest.fixture(scope="module")
+def whole() -> rp.CellDesign:
+    """A function around joints of whole numbers."""
+    task = rp.Robot.load("planar3r").task("tool", "xy")
+    few = rp.FitOptions(samples=64, held_out=64)
+    cell = rp.Cell(task, task.placement([0.0, 1.0, 1.0]), 0.05)
+    control = rp.Pseudoinverse(task)
+    return rp.nearest_inverse_function(
+        control, cell, posture=[0.1, 0.9, 1.0], degree=1, options=few
+    )
 
-    # the lists stay lists of the same kind, and the features are those of doubles
-    assert new["number"].to_pylist() == [1.5, 2]
-    assert new["fixed"].to_pylist() == new["sequence"].to_pylist() == [[1.5, 2], [3, 4]]
-    assert [*new.schema.types] == [f64, pa.list_(f64), pa.large_list(f64), pa.list_(f64, 2)]
-    said = json.loads(new.schema.metadata[HF.encode()])
-    assert json.dumps(said) == info.replace("int64", "float64")
+
+ONE = {"dtype": "int64", "_type": "Value"}
+LISTS = {
+    "list": (pa.list_, [ONE]),
+    "sequence": (pa.list_, {"feature": ONE, "_type": "Sequence"}),
+    "large list": (pa.large_list, {"feature": ONE, "_type": "LargeList"}),
+    "fixed size": (lambda t: pa.list_(t, 3), {"feature": ONE, "length": 3, "_type": "List"}),
+}
+
+
+@pytest.mark.parametrize("form", ["numbers", *LISTS])
+def test_integers_that_become_doubles_have_features_of_doubles(
+    form: str, whole: rp.CellDesign, tmp_path: Path
+) -> None:
+    """The library ``datasets`` compares each feature with the type of its column."""
+    joints, size = [[0, 1, 1]] * K, {"frame": pa.array(range(K))}
+    if form == "numbers":
+        columns = {name: pa.array(q) for name, q in zip(NAMES, np.transpose(joints), strict=True)}
+        features = dict.fromkeys(NAMES, ONE)
+    else:
+        kind, feature = LISTS[form]
+        columns = {"observation.state": pa.array(joints, kind(pa.int64()))}
+        features = {"observation.state": feature}
+    info = {"info": {"features": features | {"frame": ONE}}}
+    table = pa.table(columns | size).replace_schema_metadata({"huggingface": json.dumps(info)})
+    pq.write_table(table, tmp_path / "a.parquet")
+    done = relabeled(tmp_path / "a.parquet", whole)
+    new = pq.read_table(done.save(tmp_path / "b.parquet"))
+    assert np.abs(done.joints - joints).max() > 1e-3 and new["frame"].equals(table["frame"])
+    due = pa.float64() if form == "numbers" else LISTS[form][0](pa.float64())
+    assert all(new[name].type == due for name in columns)
+    made = np.array([new[name].to_pylist() for name in columns])
+    assert np.array_equal(made.T if form == "numbers" else made[0], done.joints)
+    said = json.loads(new.schema.metadata[b"huggingface"])["info"]["features"]
+    assert said.pop("frame") == ONE and "int64" not in json.dumps(said)
+    assert json.dumps(said) == json.dumps(features).replace("int64", "float64")
+
+
+def test_integers_of_a_lerobot_data_set_that_become_doubles_are_described_as_doubles(
+    whole: rp.CellDesign, tmp_path: Path
+) -> None:
+    """LeRobot casts each column to the type in meta/info.json, and refuses 1.5 as an integer."""
+    Q = [np.array([0.0, 1.0, 1.0, 7.0]) + 0.001 * np.arange(5)[:, None]] * 2
+    names = [*NAMES, "gripper"]
+    old = lerobot(tmp_path / "old", "v3.0", Q, Q, names, velocity=False)
+    for file in old.glob("data/*/*.parquet"):
+        one = pq.read_table(file)
+        cells = pa.array([[0, 1, 1, 7]] * len(one))
+        pq.write_table(one.set_column(one.schema.get_field_index("action"), "action", cells), file)
+    info = json.loads((old / "meta" / "info.json").read_text("utf-8"))
+    info["features"]["action"]["dtype"] = "int64"
+    (old / "meta" / "info.json").write_text(json.dumps(info), encoding="utf-8")
+    new = relabeled(old, whole).save(tmp_path / "new")
+    made = [pq.read_table(file)["action"].type for file in new.glob("data/*/*.parquet")]
+    assert made == [pa.list_(pa.float64())] * 2
+    info["features"]["action"]["dtype"] = "float64"
+    assert json.loads((new / "meta" / "info.json").read_text("utf-8")) == info

@@ -76,12 +76,39 @@ def test_the_page_of_two_hands_says_that_the_path_of_one_winds(tmp_path: Path) -
     assert "The path winds once around the axis of waist" in rp.animation(done).page
 
 
-def test_two_hands_are_two_limbs(tmp_path: Path) -> None:
-    """Of a robot without its meshes, which a page holds for long."""
-    bones = tmp_path / "bones.urdf"
+def baxter(folder: Path) -> rp.Robot:
+    """The robot without its meshes, which a page holds for long."""
+    bones = folder / "bones.urdf"
     text = rp.Robot.load("baxter").description.xml
     bones.write_text(re.sub(r"(?s)<(visual|collision)\b.*?</\1>", "", text), encoding="utf-8")
-    robot = rp.Robot.load(bones)
+    return rp.Robot.load(bones)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_path_of_two_hands_winds_around_a_joint_of_its_own_arm(side: str, tmp_path: Path) -> None:
+    """A motion around a smaller path, which does not close, is said to be around this one."""
+    task = baxter(tmp_path).task(["left_gripper", "right_gripper"], "position")
+    q0, turns = task.reference, np.exp(2j * np.pi / 24 * np.arange(1, 24))[:, None] - 1
+
+    def ring(task: rp.Task, q: np.ndarray) -> rp.TaskPath:
+        x, y, _ = task.placement(q).translation - task.joint_origins(q)[0]
+        moved = turns * (x + 1j * y)
+        return rp.polygon(task, q, np.hstack([moved.real, moved.imag, 0 * moved.real]))
+
+    def circle(task: rp.Task, q: np.ndarray) -> rp.TaskPath:
+        return rp.circle(task, q, 0.1)
+
+    small, large = (
+        rp.several_paths(task, q0, [way if name == side else None for name in ("left", "right")])
+        for way in (circle, ring)
+    )
+    motion = rp.follow(rp.Pseudoinverse(task), small, q0, cycles=1, steps=40)
+    page = rp.animation({"mine": replace(motion, path=large)}).page
+    assert f"The path winds once around the axis of {side}_s0, so it need not close" in page
+
+
+def test_two_hands_are_two_limbs(tmp_path: Path) -> None:
+    robot = baxter(tmp_path)
     done = {}
     for side in ("left", "right"):
         task = robot.task(f"{side}_gripper")

@@ -6,6 +6,7 @@ from __future__ import annotations
 import os
 import re
 import struct
+import sys
 import zipfile
 from pathlib import Path
 
@@ -18,8 +19,6 @@ from page_file import COLOURS, matrices, summed
 from PIL import Image
 
 import repctl_pin as rp
-from repctl_pin.model import surfaces
-from repctl_pin.model.shapes import Shape
 from repctl_pin.model.surfaces import distinct, read_surface, smooth
 from repctl_pin.show.page import html, scene
 from repctl_pin.show.palette import luminance, readable
@@ -287,12 +286,13 @@ def test_what_no_longer_fits_on_a_page_is_left_out_with_the_limit_of_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Not with what is left of the limit, as if that were the limit of a file."""
+    surfaces = sys.modules[read_surface.__module__]
     monkeypatch.setattr(surfaces, "_MOST_IN_ALL", 25)
     paths = [tmp_path / f"{name}.stl" for name in "abcd"]
     for path in paths[:3]:
         write_stl(path, cube())
     write_stl(paths[3], cube()[:1])
-    shapes = [Shape("link_0", "link", "mesh", path=path) for path in paths]
+    shapes = [surfaces.Shape("link_0", "link", "mesh", path=path) for path in paths]
     found = surfaces.read_surfaces(shapes)
     assert [len(getattr(found[path], "faces", [])) for path in paths] == [12, 12, 0, 1]
     assert str(found[paths[2]]).endswith(

@@ -371,14 +371,14 @@ def lowest_distances(
     """Compute body distances (K,), m, at Q (K, n), and the fraction of rows below ``required``, m.
 
     Only the smallest distance is exact, as from :meth:`Bodies.distances`. In a row without a
-    collision, the distance is a lower bound, such as the distance of convex hulls; it is below
-    ``required`` only if the distance itself is, unless hulls overlap. In a row where hulls overlap, the bodies themselves must be tested, which takes forty times as long. So only
+    collision, the distance is a lower bound, such as the distance of convex hulls. In a row where
+    hulls overlap, the bodies themselves must be tested, which takes forty times as long. So only
     two groups of these rows are tested. The first is a sample, from which the fraction is
     estimated. The second are the rows with the deepest overlap, until no other row can have a
     smaller distance. In the other rows with overlap, the distance is set to 0.
 
-    With ``quick``, only the 8 rows with the deepest overlap are tested. Of the rows with overlap,
-    the fraction counts only these, and another row can have a smaller distance.
+    With ``quick``, only the 8 rows with the deepest overlap are tested. The fraction leaves out the
+    other rows with overlap, and one of these can have a smaller distance.
     """
     hulls = _nearest_hulls(bodies, Q, required)
     overlap = np.flatnonzero(hulls < 0)
