@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from controls import some
-from inside import boxes, enclosure, leaf_margin_bounds
+from inside import boxes, closed_path_proof, leaf_margin_bounds
 
 import repctl_pin as rp
 from repctl_pin.paths.task_path import with_arc
@@ -98,10 +98,10 @@ def test_the_motion_is_in_its_boxes_between_the_samples(name: str) -> None:
         assert found.half.max() < 0.01
 
 
-def around(design: rp.Design, path: rp.TaskPath, q: np.ndarray) -> enclosure.Enclosure:
+def around(design: rp.Design, path: rp.TaskPath, q: np.ndarray) -> closed_path_proof.Enclosure:
     box = boxes.enclosing(*boxes.cover(design.region))
     problem = leaf_margin_bounds.leaf_margin_of(design.task, design.inverse.potentials, box)
-    return enclosure.enclosed(design.inverse, problem, path, q)
+    return closed_path_proof.enclosed(design.inverse, problem, path, q)
 
 
 def test_a_path_round_the_base_is_not_proved(tmp_path: Path) -> None:
