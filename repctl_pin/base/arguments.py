@@ -180,8 +180,9 @@ def limits(values: ArrayLike, n: int, name: str, each: str = "one per joint") ->
 def as_configurations(values: ArrayLike, n: int | None, whose: str) -> Array:
     """Convert finite configurations, one per row, to an array (K, n); with n = None, any n.
 
-    ``whose`` is the noun at the beginning of the message, such as ``this cell``: "this cell takes Q
-    …". For a single configuration (n,), the message says to write ``[q]``.
+    Anything else raises an InputError. ``whose`` is the noun at the beginning of its message, such
+    as ``this cell``: "this cell takes Q …". A single configuration (n,) is refused, too, and the
+    message then says to write ``[q]``.
     """
     array = as_numbers(values)
     if (

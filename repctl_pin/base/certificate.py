@@ -50,14 +50,15 @@ class ClosingRadius:
 
     A path closes if its motion ends in the configuration it began in. A radius around a start is
     for closed paths whose poses are all within :attr:`metres` **and** :attr:`radians` of the start
-    pose. Each such path closes, however long it is, and its motion stays in Ω, the region of joint
-    space that was proved. The condition is that the arm moves to the path from the start pose along
-    a straight line.
+    pose. Each such path closes, however long it is, if the arm first moves from the start pose to
+    the path along a straight line. The motion then stays in Ω, the region of joint space that was
+    proved.
 
-    A radius around a path is for closed paths whose pose at each moment is within both numbers of
-    the pose of this path at that moment. They close if this path itself closes. If :attr:`checked`
-    is 0, this path is proved to close; else it was followed, and checked at that many points. Where
-    this path crosses itself, paths that switch to the other branch are not covered.
+    A radius around a path, here called the central path, is for closed paths whose pose at each
+    moment is within :attr:`metres` and :attr:`radians` of the central path's pose at the same
+    moment. They close if the central path closes. If :attr:`checked` is 0, the central path is
+    proved to close; else it was followed, and closing was checked at that many points. Where the
+    central path crosses itself, paths that switch to its other branch are not covered.
 
     ``bool(radius)`` tells whether a radius of at least 1 mm is proved.
 
@@ -75,8 +76,9 @@ class ClosingRadius:
     start : (n,) array
         Start configuration, rad or m; the radius is valid on the leaf through it.
     positions, rotations : (K, 3) and (K, 3, 3) arrays
-        Positions, m, and rotation matrices of the start pose (K = 1), or of K poses along the path.
-        With F frames: (K, 3 F) and (K, 3 F, 3), those of the first frame first.
+        Positions, m, and rotation matrices of the frame, in the base frame: at the start pose
+        (K = 1), or at K poses along the path. With F frames: (K, 3 F) and (K, 3 F, 3), those of the
+        first frame first.
     boxes : int
         Number of boxes of the region that were bounded.
     complete : bool
@@ -127,18 +129,19 @@ class ClosingRadius:
         return f"<ClosingRadius: {self.words}>"
 
     def contains(self, placement: Any) -> bool:
-        """Test whether a pose of the frame is within the radius; a path outside may not close.
+        """Test whether a pose of the frame is within the radius of the start or of a path's pose.
 
-        Paths through a pose beyond the radius may close, too, but this is not proved. The radius is
-        valid only on the leaf h(q) = c of :attr:`start`, or at levels that differ from those of
-        :attr:`start` by at most :attr:`leaf`. The pose alone does not show the level; see
+        For a radius around a path, True means that the pose is near any of the K poses of the path,
+        at whatever moment. A path through a pose outside may close, too, but this is not proved.
+        The radius is valid only on the leaf h(q) = c of :attr:`start`, or at levels that differ by
+        at most :attr:`leaf` from those at the start. The pose alone does not show the levels; see
         :meth:`RepeatableInverse.same_leaf`.
 
         Parameters
         ----------
         placement : pinocchio.SE3 or (4, 4) array
-            Placement of the frame, such as ``task.placement(q)``; of several frames, one each,
-            ``task.placements(q)``.
+            Placement of the frame in the base frame, m, such as ``task.placement(q)``; for several
+            frames, a list of one per frame, such as ``task.placements(q)``.
 
         Raises
         ------
@@ -165,11 +168,11 @@ class ClosingRadius:
         return bool(near.any())
 
     def _near(self, kind: str, T: Array, frame: slice) -> NDArray[np.bool_]:
-        """Test which of the K poses of one frame are within the radius of a placement: (K,) bool.
+        """Test, for K poses of one frame, whether a placement T is within the radius: (K,) bool.
 
         The K poses are those of :attr:`positions` and :attr:`rotations`, in the columns ``frame``.
-        T is the placement (4, 4), and ``kind`` the kind of the frame's task; only coordinates that
-        the task controls are compared.
+        T (4, 4) is in the base frame, m. ``kind`` is the kind of the frame's task: only coordinates
+        that the task controls are compared.
         """
         away = T[:3, 3] - self.positions[:, frame]
         if len(kind) == 2:
@@ -186,10 +189,11 @@ class ClosingRadius:
 
     @property
     def squared_chord(self) -> float:
-        """Squared chord of the angle α = :attr:`radians`: ``(2 sin(α/2))²``; 0 without orientation.
+        """Squared chord ``(2 sin(α/2))²`` of the angle α = :attr:`radians`; 0 without orientation.
 
-        It is compared with ``‖R − R₀‖²_F / 2`` for two orientations R and R₀, or ``‖z − z₀‖²`` for
-        two tool axes z and z₀, which need no trigonometric function.
+        Two orientations R and R₀ are at most α apart if ``‖R − R₀‖²_F / 2`` is at most this number,
+        and two tool axes z and z₀ if ``‖z − z₀‖²`` is. For rounding errors, α is increased by 1e-7
+        rad; it is at most π.
         """
         if self.radians is None:
             return 0.0

@@ -268,10 +268,11 @@ class CsvTable(Table):
     def _unnamed(
         self, unnamed: Sequence[tuple[str, ...]], line: int, first: Sequence[str]
     ) -> list[str]:
-        """Return the tuple of ``unnamed`` whose length is the number of fields of the first line.
+        """Return the column names of a file without a header: the tuple of ``unnamed`` that fits.
 
-        The file has no header; ``line`` and ``first`` are the number and the cells of that line.
-        InputError is raised if no tuple fits; an empty file gives an empty list.
+        A tuple fits if it has as many names as the first line has cells. ``line`` is the number of
+        the first line, and ``first`` has its cells. InputError is raised if no tuple fits; an empty
+        file gives an empty list.
         """
         names = list(next((own for own in unnamed if len(own) == len(first)), ()))
         if first and not names:
@@ -668,12 +669,12 @@ def _flat(column: Any) -> Any:
 
 
 def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
-    """Return the metadata of a Parquet file for its changed ``table``; None if there are none.
+    """Return the metadata to write with a changed Parquet ``table``; None if it had none.
 
-    The library ``datasets`` stores a description of each column, its feature, in the metadata, and
-    ignores features, or refuses a file, that do not match the columns. So the features of removed
-    columns are removed, and those of new columns are added; if the numbers of a column became
-    doubles, its feature says so. ``old`` is the table before the change.
+    ``old`` is the table before the change. The library ``datasets`` stores a description of each
+    column, its feature, in the metadata, and ignores features, or refuses a file, that do not match
+    the columns. So the features of removed columns are removed, and those of new columns are added;
+    if the numbers of a column became doubles, its feature says so.
     """
     metadata = old.schema.metadata
     if not metadata or b"huggingface" not in metadata or table.schema.equals(old.schema):

@@ -1,4 +1,7 @@
-"""The four kinds of errors: messages of one line, made of a fact, an argument and a remedy."""
+"""Errors that this package raises: a base class, and three classes derived from it.
+
+A message is one line: the name of an argument, a fact and a remedy.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +30,8 @@ class RepctlError(Exception):
     """Base of the errors that this package raises on purpose.
 
     The message reads ``argument fact; remedy``. The fact describes the fault and its cause. If
-    there is an argument, the fact follows the argument's name, as in ``must be above 0`` and ``:
-    there is no such folder``.
+    there is an argument, the fact continues its name, such as ``must be above 0``. A fact that
+    begins with a colon follows the name without a space, such as ``: there is no such folder``.
 
     A program that shows the message can replace ``argument`` and ``remedy`` by its own words;
     :func:`str` uses the current ones.

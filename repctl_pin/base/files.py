@@ -84,7 +84,7 @@ def written_together(folder: Path) -> Iterator[Path]:
 
 
 def _staged(folder: Path) -> Iterator[Path]:
-    """Yield a temporary folder in ``folder``, and move its files there at the end.
+    """Yield a temporary folder inside ``folder``; at the end, move its contents to ``folder``.
 
     Errors name ``folder`` instead of the temporary folder, which the user does not know.
     """
@@ -259,9 +259,10 @@ def read_bytes(path: str | Path, largest: int) -> bytes:
 
 
 def _own_output(file: os.stat_result) -> int | None:
-    """Return the descriptor of standard output if ``file`` is standard output, else None.
+    """Return a new descriptor of standard output if ``file`` is its status, else None.
 
-    Opening the file again would begin at its start, and overwrite what was printed.
+    The caller writes to this descriptor. If it opened the file by its path instead, it would begin
+    at the start of the file, and overwrite what was printed.
     """
     try:
         sys.stdout.flush()

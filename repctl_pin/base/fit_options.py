@@ -21,11 +21,12 @@ class FitOptions:
     Attributes
     ----------
     samples : int, optional
-        Number K of nodes of the fit. By default :func:`nearest_repeatable` takes the larger of
-        ``defaults.NODES`` (16384) and 32 U / m, for U unknown coefficients and m task coordinates;
-        :func:`nearest_inverse_function` takes at least 256, and at least 3 per polynomial term.
+        Number of nodes of the fit. By default :func:`nearest_repeatable` takes the larger of 16384
+        and 32 U / m, for U unknown coefficients and m task coordinates.
+        :func:`nearest_inverse_function` takes the larger of 256 and 3 per polynomial term, rounded
+        up to a power of 2.
     held_out : int, optional
-        Number of held-out nodes; by default ``defaults.NODES``, and half as many for a cell.
+        Number of held-out nodes; by default 16384, and 8192 for a cell.
     seed : int
         Random seed of the fit nodes and of the held-out nodes; for a cell, of the search for a
         start configuration, too.

@@ -46,8 +46,8 @@ class Extension:
     commands
         Module of each command, by the name of the command.
     files
-        Module that reads each kind of design file, by the ``format`` in the file; the module has a
-        ``FileKind`` named ``KIND``.
+        Module that reads each kind of design file, by the ``format`` in the file. Its variable
+        ``KIND`` has the functions that convert the file's content to a design, and back.
     parts
         Objects that the core uses, each given as ``module:name``, by their purpose. The purposes
         are the values of ``place`` in :func:`parts`.

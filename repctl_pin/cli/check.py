@@ -85,11 +85,11 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Test whether a controller is repeatable, or prove a saved design; print the result.
+    """Test whether a controller is repeatable; with ``--prove``, prove a saved design instead.
 
-    If the controller is not repeatable, the result includes the drift of small loops and, for arms
-    of up to 4 joints, a search for stable surfaces. Return the exit code: 0, repeatable or not, or
-    3 if a proof was not reached.
+    The result is printed. If the controller is not repeatable, the result includes the drift of
+    small loops and, for arms of up to 4 joints, a search for stable surfaces. Return the exit code:
+    0, repeatable or not, or 3 if a proof was not reached.
     """
     say = progress(options.json)
     import numpy as np

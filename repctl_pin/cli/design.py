@@ -7,7 +7,7 @@ squared distance between the two over Ω. A problem is a task with a start, a cl
 region. ``say`` is the callback that receives the name of each step.
 
 ``_Made`` is a design with the data of its report: problem, name of the desired inverse, costs by
-degree, baselines, notes.
+degree, figures of two simpler repeatable inverses, notes.
 """
 
 from __future__ import annotations
@@ -152,8 +152,8 @@ class _Made(NamedTuple):
     """Design that the command made, with the other data of its report.
 
     ``name`` describes the desired inverse. ``degrees`` are tuples (degree, cost, standard error of
-    the cost), and ``baselines`` the figures of two simpler repeatable inverses. ``notes`` are
-    texts.
+    the cost). ``baselines`` are the figures of two simpler repeatable inverses, for comparison: one
+    with linear potentials, and the extended Jacobian. ``notes`` are texts.
     """
 
     design: rp.Design
@@ -282,8 +282,9 @@ def _region(options: Options, task: rp.Task, q0: Any) -> Region:
     """Make the region Ω of a design without a path, from the task and the start q0 (n,).
 
     Ω is the box of half-width ``--region`` around q0, cut at the joint limits. With
-    ``--workspace``, Ω is restricted to the configurations of this box at which the frame is at most
-    ``--workspace`` metres from its position at q0, along each axis.
+    ``--workspace W``, Ω is restricted to the configurations of this box at which the frame's
+    position differs from that at q0 by at most W metres along each base axis that the task
+    commands.
     """
     box = box_within_limits(task, q0, options.region)
     if options.workspace is None:

@@ -244,9 +244,10 @@ def _searched_leaf(options: Options, case: _Case, say: Callable[[str], None]) ->
 def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
     """Collect the figures of the motion ``rest``, timed from rest to rest.
 
-    The keys are ``duration`` and ``cycle_time``, s, ``slowed_by`` (None), ``stops``, a number of
-    stops per cycle, and ``peak_speed``, the maximum norm of q̇, rad/s or m/s. The caller writes
-    them over the figures of the motion before it was timed.
+    ``duration`` is the time of all cycles, s. ``cycle_time`` is that of a steady cycle, s, or the
+    mean if there are fewer than three cycles. ``slowed_by`` is None: the motion was timed instead.
+    ``stops`` is the number of stops per cycle, and ``peak_speed`` the maximum norm of q̇, rad/s or
+    m/s. The caller overwrites the figures of the motion before it was timed with these.
     """
     return {
         "duration": rest.duration,
@@ -262,10 +263,10 @@ def _written(
 ) -> list[Path]:
     """Write the requested files, from the timed motion if there is one; return their paths.
 
-    If a limit is violated or bodies collide, InputError is raised before any file is written,
-    unless ``--allow-violations`` is given. ``remedy`` is the remedy of that error. ``slowed`` is
-    the motion slowed down to the speed limits, and ``rest`` the motion timed from rest to rest, or
-    None.
+    InputError is raised before ``--csv`` or ``--yaml`` is written if a limit is violated or bodies
+    collide, unless ``--allow-violations`` is given. It is also raised if a timed motion has too few
+    samples per cycle. ``remedy`` is the remedy for a violation. ``slowed`` is the motion slowed
+    down to the speed limits, and ``rest`` the motion timed from rest to rest, or None.
     """
     from ..motion.csv_file import csv_text
     from ..motion.write_motion import (
@@ -563,7 +564,7 @@ def _timing_words(result: dict[str, Any]) -> str:
     """State how a motion was timed, as text that follows its duration; empty if not timed.
 
     The motion was slowed down to the speed limits (``slowed_by``), or timed from rest to rest. In
-    the second case, ``stops`` is the number of stops at corners per cycle.
+    the second case, ``stops`` is the number of stops per cycle, at corners and in pauses.
     """
     slowed = result["slowed_by"]
     if slowed is not None:

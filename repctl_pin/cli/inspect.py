@@ -61,9 +61,9 @@ def _inspection(robot: rp.Robot, redundancy: Mapping[str, Mapping[str, int]]) ->
     dict
         ``robot`` and ``file`` (names), ``links`` (their number), ``joints`` (with limits),
         ``locked`` (with the reason), ``driven`` (joints that mimic another), ``default_frame``,
-        ``frames`` (each with the joints that move it, its position at the reference pose, m, and
-        its redundancy), ``frames_left_out`` (number of other movable frames), ``meshes`` (their
-        number), ``collision`` (number of links with a collision body, and of all links) and
+        ``frames`` (each with the joints that move it, its position at the reference pose, in the
+        base frame, m, and its redundancy), ``frames_left_out`` (number of other movable frames),
+        ``meshes`` (their number), ``collision`` (numbers of links, from :func:`_with_bodies`) and
         ``warnings``.
     """
     positions = robot.reference_positions()
@@ -115,8 +115,9 @@ def _with_bodies(robot: rp.Robot) -> dict[str, int]:
     """Count the links whose collisions can be checked, and all links that have a shape.
 
     The keys are ``links_with_body`` and ``links``. Links that no joint separates count as one. A
-    link has a body if one of its collision shapes has a size or an existing mesh file, which is not
-    read. If no link has a shape, all links count.
+    link has a body if one of its collision shapes is no mesh, or a mesh whose file exists; the file
+    is not read. ``links`` counts the links with a visual or a collision shape, or all links of the
+    robot if none has a shape.
     """
     from ..model.model import link_frames
     from ..model.packages import find_mesh
@@ -190,7 +191,7 @@ def _chains(found: Mapping[str, Any]) -> list[str]:
 
 
 def _frames(found: Mapping[str, Any]) -> list[str]:
-    """Format a table of the frames with their positions, m, and a legend: a list of two texts.
+    """Format a table of the frames' positions in the base frame, m, and a legend: two texts.
 
     ``found`` has the contents of the file by key, as in ``--json``.
     """

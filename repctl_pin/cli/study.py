@@ -2,7 +2,7 @@
 
 ``say`` is the callback that receives the name of each step. ``Span`` is a piece of text with its
 tone, which is shown as colour. ``ReportMaps`` are the maps and curves of a design for a report: its
-grid over two joints, costs by degree, baselines.
+grid over two joints, costs by degree, and costs of two simpler repeatable inverses.
 """
 
 from __future__ import annotations
@@ -72,8 +72,9 @@ def add_options(parser: Parser) -> None:
 
 
 def run(options: Options) -> int:
-    """Run the study, write its figures, animation, motions and design, and print the answer.
+    """Run the study, write its figures, animation, motions and design, and print the result.
 
+    A short result is printed; with ``--full``, the table of all strategies; with ``--json``, JSON.
     Either all files are written, or none. Return the exit code 0.
     """
     folder = options.output_folder(Path(options.robot).stem)

@@ -110,9 +110,9 @@ class BarrierCost:
     """Nodes of a fit, and barrier points: configurations between them that repel singularities.
 
     At a barrier point, an earlier fit had an algorithmic singularity, det(Nᵀ V) = 0: V are the
-    gradients of the potentials, and N spans the null space of J. As an additional node, its cost
-    tends to infinity as det(Nᵀ V) tends to 0, so that a descent stays away from a singularity
-    there.
+    gradients of the potentials, and N spans the null space of J. Each barrier point adds a term to
+    the cost, like a node. This term tends to infinity as det(Nᵀ V) at the point tends to 0, so that
+    a descent stays away from potentials that are singular at the point.
 
     Parameters
     ----------

@@ -10,7 +10,7 @@ the basis; they are in the order of rising degree.
 
 A descent evaluates det(Nᵀ V) at the nodes alone, and potentials of high degree vary between them.
 So Ω is searched for singularities after each descent. A configuration with det(Nᵀ V) = 0 is added
-to the cost as a barrier point, and the descent starts again from a regular candidate. If no regular
+to the cost as a barrier point, and the descent is repeated from its starting point. If no regular
 candidate of the full degree is found, the degree is raised from 1 step by step, and each fit starts
 from the optimum of the degree below.
 
@@ -18,9 +18,9 @@ from the optimum of the degree below.
 repel singularities. ``FitProblem`` holds the arguments of a fit: desired inverse, potentials,
 region Ω and options. ``LeafMargin`` is the signed distance from an algorithmic singularity, as a
 function of q. ``Descent`` is the result of a descent: coefficients A, cost, gradient norm, steps,
-and whether it converged. ``Start`` is a starting point of a descent: coefficients A and their cost,
-with the data of the penalty. ``Lowest`` is the smallest value of a measure that a search found, and
-its configuration; 0 or less is a singularity.
+and whether it converged. ``Start`` is a starting point of a descent: coefficients A, their cost,
+and two matrices of the penalty that keeps V near the null space of J. ``Lowest`` is the smallest
+value of a measure that a search found, and its configuration; 0 or less is a singularity.
 """
 
 from __future__ import annotations
@@ -118,9 +118,9 @@ class Continuation:
         """Yield regular optima on the coarse nodes, the best first.
 
         The first optimum uses all independent potentials; it is left out if no regular one is
-        found. If the fit was given the coefficients of a design of lower degree, this design is the
-        next result, and the last. Otherwise, the optima found by raising the degree step by step
-        follow, the highest degree first.
+        found. If the fit was given the coefficients of a design of lower degree, this design
+        follows as the last result; it is not searched for singularities again. Otherwise, the
+        optima found by raising the degree step by step follow, the highest degree first.
         """
         whole = len(self.chosen.kept)
         warm = self.problem.warm
@@ -146,8 +146,9 @@ class Continuation:
         There are two starting points: a linear least-squares solution that brings V near the null
         space of J, and ``below``, the coefficients (·, r) of an optimum with fewer potentials, if
         given. The one of lower cost is tried first, and the other one only if the first leads to no
-        regular optimum. If the options ask for random restarts, the best of their optima and this
-        one is returned. Return None if neither starting point leads to a regular optimum.
+        regular optimum. If the options ask for restarts, more descents follow, from random changes
+        of the starting point that led to the optimum, and the best optimum is returned. Return None
+        if neither starting point leads to a regular optimum.
         """
         begin = self._start(size)
         starts = (

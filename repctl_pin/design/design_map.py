@@ -8,7 +8,7 @@ cost is evaluated; held-out nodes are those that the fit did not use.
 
 ``DesignMap`` is the distance from the desired inverse and the leaf margin of a design on a grid
 over two joints. ``ReportMaps`` are the maps and curves of a design for a report: its grid over two
-joints, costs by degree, baselines.
+joints, costs by degree, and costs of two simpler repeatable inverses.
 """
 
 from __future__ import annotations
@@ -104,8 +104,8 @@ def design_map(
 def _grid(center: Array, joints: tuple[int, int], x: Array, y: Array) -> Array:
     """List the configurations of a grid over two joints, row by row: (k², n).
 
-    ``x`` and ``y`` (k,) are the values of the two ``joints``, which are indices; x varies first.
-    All other joints are as in ``center`` (n,).
+    ``joints`` are the indices of the two joints, and ``x`` and ``y`` (k,) their values. A row has
+    one value of y and all values of x. All other joints are as in ``center`` (n,).
     """
     Q = np.tile(center, (len(x) * len(y), 1))
     Q[:, joints] = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -170,8 +170,8 @@ class ReportMaps:
     degrees : tuple of (degree, cost, standard error)
         Cost of the design for each polynomial degree that was tried.
     baselines : tuple of Baseline
-        Costs of simpler inverses on the design's held-out nodes; empty if only one degree was
-        tried.
+        Costs of two simpler repeatable inverses on the design's held-out nodes; empty if
+        ``degrees`` has fewer than two.
     """
 
     grid: DesignMap

@@ -186,7 +186,8 @@ class Design:
         ------
         InputError
             If the task is not a pose task of one frame, because the self-motion of other tasks
-            depends on the controlled point. Also if Ω is a workspace box.
+            depends on the controlled point. Also if Ω is a :class:`WorkspaceBox`, which bounds
+            positions of the original frame.
         """
         from ..model.tool import with_tool  # few designs change their tool
         from .with_tool import for_task
@@ -207,7 +208,8 @@ class Design:
     def evaluate_baselines(self, *, progress: bool | Report = False) -> tuple[Baseline, ...]:
         """Evaluate two simpler repeatable inverses for comparison, on the design's held-out nodes.
 
-        They are the augmented Jacobian with constant rows, and the extended Jacobian.
+        They are the augmented Jacobian with constant rows, which are linear potentials, and the
+        extended Jacobian of ``U = ½ ‖q − center‖²``; ``center`` is the centre of Ω.
 
         Parameters
         ----------

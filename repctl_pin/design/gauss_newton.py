@@ -10,7 +10,7 @@ number of potentials h. N' is the number of potentials that a fit uses, the firs
 with the coordinates x = B⁻¹ A.
 
 ``Batches`` are the nodes (configurations with weights) of a fit, over which functions are summed.
-``Start`` is a starting point of a descent: coefficients A and their cost, with the data of the
+``Start`` is a starting point of a descent: coefficients A, their cost, and two matrices of the
 penalty. ``BarrierCost`` is the cost over the nodes of a fit and over barrier points, configurations
 that repel singularities. ``Descent`` is the result of a descent: coefficients A, cost, gradient
 norm, steps, and whether it converged. ``Point[D]`` is the objective at one x: ``merit``, ``cost``,
@@ -89,7 +89,7 @@ class Descent:
 @dataclass(frozen=True, eq=False)
 @read_only
 class Start:
-    """Starting point of a descent, and the data of the penalty that keeps V near the null space.
+    """Starting point of a descent, and matrices of the penalty that keeps V near the null space.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ def descend(
     basis : (N', N') array
         B for the first N' potentials.
     begin
-        Initial design by linear least squares, with the data of the penalty.
+        Initial design by linear least squares, with the matrices of the penalty.
     A : (N', r) array
         Initial coefficients.
     penalty
@@ -226,9 +226,9 @@ class _PenalisedCost:
     def evaluate(self, x: Array) -> Point[_Evaluated]:
         """Evaluate the cost at x (N, r), half its gradient and its Gauss–Newton matrix in one pass.
 
-        Return them as a :class:`Point`. Its ``merit`` includes the penalty, and the point is
-        allowed if det(Nᵀ V) has one sign at all nodes. The pass over the nodes takes most of the
-        time.
+        Return them as a :class:`Point`. Its ``merit`` includes the penalty. Its ``allowed`` is True
+        if det(Nᵀ V) has one sign at all nodes; otherwise the solver rejects a step to x. The pass
+        over the nodes takes most of the time.
         """
         total = self.batches.total(self.terms, self.basis @ x)
         cost, gradient, second, sides = total

@@ -54,9 +54,10 @@ def nearest_repeatable(
     """Find the repeatable inverse nearest to a desired one in the mean over Ω (26), (36), (38).
 
     Ω is the region, V are the gradients of the r potentials that the inverse keeps constant, and N
-    spans the null space of J. Linear least squares give a start, which damped Gauss–Newton steps
-    improve. A line search keeps the sign of det(Nᵀ V) at the nodes, since it changes at an
-    algorithmic singularity. Large fits begin with a smaller set of nodes.
+    spans the null space of J. Linear least squares give initial coefficients of the potentials,
+    which damped Gauss–Newton steps improve. A line search keeps the sign of det(Nᵀ V) at the nodes,
+    because this sign changes at an algorithmic singularity. Large fits begin with a smaller set of
+    nodes.
 
     Parameters
     ----------
@@ -168,8 +169,9 @@ def _shrinking(problem: FitProblem, shrink: bool) -> Design:
     """Design in the requested region Ω; with ``shrink``, in a smaller one if Ω has singularities.
 
     The smaller region is the largest that is found free of singularities; if the design fails
-    there, too, the next one is at most 0.9 times as large. Without ``shrink``, a singularity raises
-    an error. ``shrunk`` of the design is the scale of its region relative to Ω.
+    there, too, the next one is at most 0.9 times as large. With ``shrink``, a leaf margin below 0.1
+    counts as a singularity. Without ``shrink``, a singularity raises an error. ``shrunk`` of the
+    design is the scale of its region relative to Ω.
     """
     asked = problem.region.bounds.half_width
     attempt = 0

@@ -32,10 +32,11 @@ _DIGITS = 9
 
 
 def check_configurations(task: Task) -> Array:
-    """Return four configurations (4, n), at which a changed robot differs from the saved one.
+    """Return four configurations (4, n), at which a robot is compared with a saved one.
 
-    A saved file holds the placements of the frame there. The first one is the task's reference
-    configuration; the others are generic.
+    A saved file holds numbers, such as placements of the frame, at these configurations; a changed
+    robot gives other numbers. The first configuration is the task's reference. The others differ
+    from it by fixed offsets of at most 0.7 rad or m per joint.
     """
     joints = np.arange(1, task.n + 1)
     away = [0.7 * np.sin(joints * (k + 1.3)) for k in range(_CHECKS - 1)]

@@ -249,10 +249,10 @@ def search(measure: _Measure, region: Region, Q: Array, values: Array | None = N
     """Search Ω for the smallest value of a measure, by local searches from up to 16 points.
 
     Candidates for these points are the configurations Q (K, n), with ``values`` (K,) of the measure
-    if known, and configurations near the corners of Ω. The points are those with the smallest
-    values, and a few spread over all values. Corners are included because a polynomial fitted to
-    few nodes deviates most there, and random points in many dimensions rarely lie close to a
-    corner.
+    if known, and configurations near the corners of Ω. The points are the 12 candidates with the
+    smallest values, and four more at equal steps of rank from the smallest value to the largest.
+    Corners are included because a polynomial fitted to few nodes deviates most there, and random
+    points in many dimensions rarely lie close to a corner.
     """
     values = measure(Q) if values is None else values
     corners = _corners(region, Q)

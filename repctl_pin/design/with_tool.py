@@ -45,7 +45,8 @@ def for_task(design: Any, task: Task) -> Any:
     Raises
     ------
     InputError
-        If the frame is on another body, the task is not a pose task, or Ω is a workspace box.
+        If the frame is on another body, the task is not a pose task, or Ω is a
+        :class:`WorkspaceBox`, which bounds positions of the original frame.
     """
     require_pose(design.task)
     tool = placement_between(design.task, task)

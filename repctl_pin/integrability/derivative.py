@@ -118,8 +118,8 @@ def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
     """Evaluate ``∂G_r/∂q_k = −J_V⁻¹ [H_k; (∂V/∂q_k)ᵀ] G_r``, by ``∂J_V⁻¹ = −J_V⁻¹ ∂J_V J_V⁻¹``.
 
     H_k = ∂J/∂q_k, J_V = [J; Vᵀ], and V are the gradients of the potentials that the repeatable
-    inverse G_r keeps constant. Potentials without second derivatives, ∂V/∂q_k, are differentiated
-    numerically.
+    inverse G_r keeps constant. If the potentials have no second derivatives, from which ∂V/∂q_k
+    follows, G_r is differentiated numerically.
     """
     potentials = strategy.potentials
     m = strategy.task.m
@@ -183,7 +183,7 @@ def differentiate(
     order if it is smooth, long steps and low order if it is noisy. The error returned is at least
     four times the noise, which is estimated from two entries at the shortest steps. If the error
     exceeds 1e-6 of the derivative, as near a pole, the procedure is repeated with steps an eighth
-    as long.
+    as long, up to three times.
 
     Parameters
     ----------
@@ -265,11 +265,14 @@ def _romberg(rows: Sequence[Array]) -> tuple[Array, Array, NDArray[np.intp], tup
     """Extrapolate differences for successively halved steps to step 0 by Romberg's table.
 
     ``rows`` has one array of differences (K, n, size) per step, the longest step first; size is the
-    number of values of the function. Return four results: the table entries with the smallest
-    estimated errors (K, n, size), these errors (K, n), the numbers of halvings (K, n) of the step
-    that led to the entries, and a pair of other entries (K, n, size) each. The caller estimates the
-    noise from this pair: they have order 8, for the shortest step and for twice that step. At least
-    five steps are required.
+    number of values of the function. At least five steps are required. Return four results, with
+    one table entry per configuration and joint:
+
+    1. the table entry with the smallest estimated error, (K, n, size);
+    2. this error, (K, n);
+    3. the number of halvings from the first step to the shortest that the entry uses, (K, n);
+    4. two other entries, (K, n, size) each, from which the caller estimates the noise. They have
+       order 8; one uses the shortest step, the other only steps of at least twice that.
     """
     best = rows[-1]
     error = np.full(best.shape[:2], np.inf)

@@ -2,10 +2,11 @@
 
 The Lie bracket [g_a, g_b] of columns a and b of an inverse G is the joint motion left after a small
 loop of the frame along a, b, −a, −b, per area of the loop. Its part in the null space of J, the
-defect Δ_ab, is drift: the frame is back at its start, but the configuration is not. Numbers in
-parentheses, Corollary 1 and Proposition 1 are those of the paper (docs/notation.md). An inverse G
-of the Jacobian J has J G = I; J⁺ is the pseudoinverse. An argument ``strategy`` is the inverse G.
-Letters: n joints, m task coordinates.
+defect Δ_ab, is drift: the frame is back at its start, but the configuration is not. G is repeatable
+in a region if all its defects are 0 there, the Lie bracket condition (24). Numbers in parentheses,
+Corollary 1 and Proposition 1 are those of the paper (docs/notation.md). An inverse G of the
+Jacobian J has J G = I; J⁺ is the pseudoinverse. An argument ``strategy`` is the inverse G. Letters:
+n joints, m task coordinates.
 
 ``_Defects`` are the defects of an inverse at K configurations, which are 0 where it is repeatable.
 """
@@ -48,9 +49,9 @@ def brackets(G: Array, dG: Array) -> Array:
 def defects(J: Array, G: Array, dG: Array) -> Array:
     """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` (5), (24): (..., m, m, n).
 
-    All defects are 0 if and only if the Lie bracket condition holds. Without redundancy, n = m,
-    exact zeros are returned. J (..., m, n) is the Jacobian, G (..., n, m) the inverse, and dG (...,
-    n, m, n) its derivative by q, the last index.
+    ``[..., a, b, :]`` is Δ_ab. Without redundancy, n = m, exact zeros are returned. J (..., m, n)
+    is the Jacobian, G (..., n, m) the inverse, and dG (..., n, m, n) the derivative of G by q, with
+    the index of q last.
     """
     m, n = J.shape[-2:]
     outside = np.eye(n) - G @ J if n > m else np.zeros((n, n))
@@ -89,7 +90,7 @@ class _Defects:
     def norm(self) -> Array:
         """Norm of the relative defects, ``sqrt(Σ_{c<d} ‖Λ_cd‖²)``: (K,).
 
-        The norm is 0 if and only if the Lie bracket condition holds at the configuration.
+        The norm is 0 if and only if all defects are 0 at the configuration.
         """
         return np.sqrt(np.sum(self.relative**2, axis=(1, 2, 3)) / 2)
 

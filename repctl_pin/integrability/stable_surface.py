@@ -11,8 +11,8 @@ numerical error. Letters: n joints, m task coordinates, K configurations; ``pair
 pairs of columns, and · stands for any number of points. The length of a joint motion is the norm of
 its entries divided by the units of the joints, 1 rad or the arm length for a prismatic joint.
 
-``Region`` is a part Ω of joint space, such as a box. ``Surfaces`` are points found on the surfaces
-on which an inverse is repeatable, with their drift.
+``Region`` is a part Ω of joint space, such as a box. ``Surfaces`` are the points found, with the
+kind of each, and with the rate at which motions of G leave the surface.
 """
 
 from __future__ import annotations
@@ -50,22 +50,25 @@ _WALK, _WALK_STEPS = 0.2, 8  # length and steps of the walk that tests a surface
 class Surfaces:
     """Points found on surfaces s(q) = 0, where s are the stacked defects of an inverse G.
 
-    Defects are drift per area of a small loop. s is in units of its median over the region.
+    Defects are drift per area of a small loop. s is divided by the median of ‖s‖ over the start
+    points of the search, so it has no unit.
 
     Attributes
     ----------
     points : (K, n) array
-        Points on s = 0 in the region.
+        Points in the region: on s = 0, or where the search ended at a singularity.
     kind : (K,) array of str
         Kind of each point. ``stable``: ``(∂s/∂q) G = 0`` (9) holds, and s stays 0 along motions of
-        G; ``candidate``: s = 0 at the point, but motions of G leave the surface; ``singular``: the
-        search ended at a singularity of J, where s is not defined.
+        G; ``candidate``: s = 0 at the point, but motions of G leave the surface; ``singular``: J is
+        singular at the point, so s is not defined, or a test motion from a point with s = 0 soon
+        ended at a singularity.
     rate : (K,) array
-        ``‖(∂s/∂q) G‖`` of (9), at which s changes per unit of joint motion; nan if singular.
+        ``‖(∂s/∂q) G‖`` of (9), with the columns of G orthonormalised: bound on the change of s per
+        unit length of a motion of G; nan where J is singular.
     tolerance : (K,) array
-        Rate that the error of ∂s/∂q can produce where the exact rate is 0; nan if singular.
+        Rate that the error of ∂s/∂q can produce where the exact rate is 0; nan where J is singular.
     residual : (K,) array
-        ‖s‖ at the point; nan if singular.
+        ‖s‖ at the point; nan where J is singular.
     """
 
     points: Array
@@ -89,7 +92,7 @@ class Surfaces:
 
     @property
     def singular(self) -> Array:
-        """Points (·, n) at which the search ended because J is singular."""
+        """Points (·, n) at which J is singular, or from which G soon leads to a singularity."""
         return self.points[self.kind == _AT_SINGULARITY]
 
     def summary(self) -> str:
@@ -113,10 +116,11 @@ _Surface = Callable[[Array], tuple[Array, Array]]
 def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
     """Evaluate s(q), the stacked defects of all pairs a < b: (K, pairs · n), and its error (K,).
 
-    s consists of the relative defects, the drifts per area of a loop in joint motion, multiplied by
-    ``det(BᵀB)`` with ``B = L⁻¹ G J M⁻¹ Jᵀ``. L is the diagonal matrix of the joints' units, and M
-    is the weight of a weighted inverse, else I. For J⁺, n = 3 and m = 2, B is Jᵀ and s is the
-    paper's scalar (6) times the unit null vector n̂.
+    s consists of the relative defects, multiplied by ``det(BᵀB)`` with ``B = L⁻¹ G J M⁻¹ Jᵀ``. A
+    relative defect is the drift per area of a loop, with the area computed from the lengths of the
+    joint motions along its sides. L is the diagonal matrix of the joints' units, and M is the
+    weight of a weighted inverse, else I. For J⁺, n = 3 and m = 2, B is Jᵀ and s is the paper's
+    scalar (6) times the unit null vector n̂.
 
     Without the factor, s contains the unit normal of G's column space. On an arm whose prismatic
     travel differs much from 1 m, the unit normal reverses over a very short distance, which
@@ -166,9 +170,9 @@ def stable_surface(
     repeatable.
 
     A point of s = 0 is on a stable surface if ``(∂s/∂q) G = 0`` there, within the error of ∂s/∂q,
-    *and* s is still 0 after a motion of 0.2 rad along G in every task direction. The second test
-    decides cases that the first cannot: a single point of contact, or an s whose gradient vanishes
-    on the surface.
+    *and* s is still 0 after a motion of up to 0.2 rad along G in every task direction. The second
+    test decides cases that the first cannot: motions of G that only touch the surface at this
+    point, or an s whose gradient vanishes on the surface.
 
     Parameters
     ----------
@@ -320,12 +324,13 @@ def _rates(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Arra
 
 
 def _departure(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array]:
-    """Follow G from points Q (K, n) with s = 0 in every task direction, and evaluate ‖s‖ there.
+    """Follow G from points Q (K, n) with s = 0 in every task direction, and evaluate the final ‖s‖.
 
-    Return two numbers per row of Q, (K,) each: the maximum ‖s‖ at the ends of these motions, which
-    is 0 on a stable surface, and the minimum fraction of a motion that was completed before a
-    singularity. A motion is 0.2 rad long, or less where G changes direction within less than 1 rad.
-    ``function`` evaluates s.
+    The directions are both directions of each task coordinate, and one in which all coordinates
+    change equally. Return two numbers per row of Q, (K,) each: the maximum ‖s‖ at the ends of these
+    motions, which is 0 on a stable surface, and the minimum fraction of a motion that was completed
+    before a singularity. A motion is 0.2 rad long; where ``‖∂G/∂q‖ / ‖G‖`` is above 1 per rad, it
+    is shorter by this factor. ``function`` evaluates s.
     """
     task = strategy.task
     L = joint_scale(task, Q[0])

@@ -15,9 +15,10 @@ from .task import Task
 
 
 def arm_links(task: Task) -> frozenset[str]:
-    """Collect the names of the arm's links: from the base to the task's frame, and beyond it.
+    """Collect the names of the arm's links: from the base to the frame, and beyond the frame.
 
-    Links of other branches, such as a second arm on the same waist, are left out.
+    Links beyond the frame, such as fingers, are carried by the last joint before the frame. Links
+    of other branches, such as a second arm on the same waist, are left out.
     """
     if len(task.frames) > 1:
         return frozenset().union(*map(arm_links, task.single_tasks))
@@ -34,7 +35,7 @@ def arm_links(task: Task) -> frozenset[str]:
 
 
 def moves(task: Task, link: str) -> bool:
-    """Test whether a task's joints move a link of the robot, which may be of another branch."""
+    """Test whether a task's joints move a link of any branch relative to the robot's root."""
     robot = task.robot
     columns = [robot.joint_names.index(name) for name in task.joint_names]
     driven = np.flatnonzero((robot.coupling.S[:, columns] != 0).any(axis=1)) + 1

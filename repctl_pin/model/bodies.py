@@ -70,7 +70,7 @@ class Bodies:
     distance. They are pairs that the SRDF disables, pairs with a single joint between them, and
     pairs whose hulls overlap at every sampled configuration. Links that a joint connects are not
     checked. Also not checked are pairs of the first two kinds that collide at the reference pose or
-    at a quarter of the sampled configurations, and any pair that collides at all sampled
+    at a quarter or more of the sampled configurations, and any pair that collides at all sampled
     configurations. The decision is made for each pair of links of the robot, with all of their
     shapes, and for each single shape of the surroundings.
 
@@ -92,14 +92,14 @@ class Bodies:
         Links that are checked for collisions only.
     adjacent : tuple of (str, str)
         Pairs not checked because a joint of the URDF connects the two links, or because a single
-        movable joint lies between them and they overlap at the reference pose or at a quarter of
-        the sampled configurations.
+        movable joint lies between them and they collide at the reference pose or at a quarter or
+        more of the sampled configurations.
     disabled : tuple of (str, str)
-        Pairs not checked because the SRDF disables them and they overlap at the reference pose or
-        at a quarter of the sampled configurations.
+        Pairs not checked because the SRDF disables them and they collide at the reference pose or
+        at a quarter or more of the sampled configurations.
     touching : tuple of (str, str)
-        Pairs not checked because they overlap at every sampled configuration. If only some shapes
-        of a link of the surroundings always overlap, the second name is ``shape of link``.
+        Pairs not checked because they collide at every sampled configuration. If only some shapes
+        of a link of the surroundings always collide, the second name is ``shape of link``.
     missing : tuple of str
         Unusable shapes of the robot: meshes that are missing or unreadable, named as in the URDF,
         and shapes without a size. These shapes have no body.
@@ -256,9 +256,10 @@ class Bodies:
     def hull_distances(self, Q: ArrayLike) -> Array:
         """Compute the minimum distance of the convex hulls of pairs at rows of Q (K, n): (K,), m.
 
-        The minimum is over the measured pairs, and over the other checked pairs that collide. A
-        negative distance is minus the penetration depth of the hulls, whether or not the bodies
-        collide. The gradient of this distance shows which motion separates the hulls.
+        The minimum is over the measured pairs, and over the other checked pairs that collide. The
+        surroundings have their exact shapes here, too. A negative distance is minus the penetration
+        depth of the hulls, whether or not the bodies collide. The gradient of this distance shows
+        which motion separates the hulls.
         """
         return self._all(Q, hulls=True)[0]
 

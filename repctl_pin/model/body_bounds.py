@@ -108,8 +108,8 @@ class BodyBounds:
 
     where h_a(u) bounds how far body a extends from its centre along u. It is the radius of the
     bounding sphere or, if smaller, Σ w_i |(Rᵀ u)_i| for the bounding box with half-widths w and
-    rotation R. Most pairs are shown by this bound not to be the closest, in a fraction of the time
-    of an exact distance.
+    rotation R. Centres and R are in the root frame. Most pairs are shown by this bound not to be
+    the closest, in a fraction of the time of an exact distance.
 
     Parameters
     ----------
@@ -164,9 +164,10 @@ class BodyBounds:
     def __call__(self, Q: Array) -> Array:
         """Compute lower bounds on the distances of all P pairs at Q (K, N): (K, P), m.
 
-        Q has a value per joint of the model. Bounding boxes, which are tighter and slower, are used
-        only for pairs whose bound from the spheres is below half the smallest distance between two
-        centres. The same is written in C, body_bounds.c, which is used if it was built.
+        Q has a value per joint of the model. Bounding boxes give tighter bounds than spheres, but
+        take longer. At each configuration, they are used only for pairs whose bound from the
+        spheres is below a limit: half the distance of the two centres of that pair whose centres
+        are closest. The same is written in C, body_bounds.c, which is used if it was built.
         """
         native = library()
         if native is not None:
@@ -247,7 +248,8 @@ class BodyBounds:
     def _extents(self) -> tuple[list[float], list[float]]:
         """Bound how far each body extends from its joint's origin, and from its joint's axis.
 
-        The result is two lists, in this order, with one number per body, m.
+        The result is two lists, in this order, with one number per body, m. For a prismatic joint,
+        the second bound is the distance from the joint's origin, too.
         """
         joint = self._joint.tolist()
         spheres = np.linalg.norm(self._centers, axis=1) + self._radii
@@ -296,7 +298,8 @@ class KnownApart:
     reach
         Bounds (P, N) on how fast each joint changes the distance of each pair, m per rad or m.
     strokes
-        Absolute joint positions (N,) up to which ``reach`` holds, m; infinite for revolute joints.
+        Largest absolute value of each joint's position (N,) for which ``reach`` holds, m; inf for
+        revolute joints.
     """
 
     def __init__(self, reach: Array, strokes: Array) -> None:
@@ -327,10 +330,10 @@ class KnownApart:
         """Record that a pair is tested at q (N,), and return whether to measure its distance too.
 
         Measuring takes longer than a test for contact, but can save further tests. It is worth the
-        time if the pair moves little from test to test. So the result is True if the joints have
-        changed the distance by less than 5 cm since the pair's last test, and earlier measurements
-        were useful: the pair has a credit of at most eight, which falls by 1 with each measurement,
-        and rises by 1 with each test that a stored distance saved.
+        time if the pair moves little from test to test. So the result is True if two conditions
+        hold. By the bounds ``reach``, the distance has changed by less than 5 cm since the pair's
+        last test. And the credit of the pair is above 0: at most eight, it falls by 1 with each
+        measurement, and rises by 1 with each test that a stored distance saved.
         """
         last, self._tested[pair] = self._tested.get(pair), q
         near = last is not None and float(np.abs(q - last) @ self._reach[pair]) < _NEARBY
@@ -340,7 +343,10 @@ class KnownApart:
         return near and credit > 0
 
     def note(self, pair: int, q: Array, distance: float) -> None:
-        """Store the surface distance, m, of a pair at q (N,); it replaces the oldest stored one."""
+        """Store the surface distance, m, of a pair at q (N,); at most 512 per pair, the newest.
+
+        Nothing is stored if a prismatic joint is beyond ``strokes``.
+        """
         if (np.abs(q) > self._strokes).any():
             return
         if pair not in self._known:

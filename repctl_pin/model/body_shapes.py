@@ -59,7 +59,8 @@ class BodyShape:
     hull
         Convex shape, or convex hull of the mesh.
     points, faces
-        Vertices (V, 3), m, and triangles (F, 3) of a mesh that is not convex; else None.
+        Vertices (V, 3), m, in the body's own frame, and triangles (F, 3) of a mesh that is not
+        convex; else None.
     standing
         True for a body of the surroundings; a mesh with gaps, such as a room without a ceiling,
         then has no interior.
@@ -103,7 +104,7 @@ class BodyShape:
 
     @cached_property
     def witnesses(self) -> Array:
-        """One point of each of the K connected parts of the body: (K, 3), m.
+        """One point of each of the K connected parts of the body: (K, 3), m, in its own frame.
 
         If the surfaces of two bodies do not intersect, a part lies inside the other body if and
         only if its point does.
@@ -497,7 +498,10 @@ class _Ray:
         self._strips = [(corners[on], low[on].T, high[on].T) for on in meets]
 
     def crossings(self, point: Array) -> int:
-        """Count how much more often the ray from a point (3,) leaves the mesh than it enters it."""
+        """Count how much more often the ray from a point (3,) leaves the mesh than enters it.
+
+        The point is in the mesh's own frame, m.
+        """
         p = point @ self._turn
         if (p < self._bottom).any() or (p > self._top).any():
             return 0

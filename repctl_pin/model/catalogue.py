@@ -1,7 +1,7 @@
 """Catalogue of known robots: URDF, task frames and reference pose of each.
 
 The table is ``arms.toml`` beside this file; it is not read on import. The reference pose is the
-configuration in which joints stay that a task does not move.
+usual configuration of a robot; joints that a task does not move are held there.
 
 ``Entry`` is a robot of the catalogue: its files, its frames and its reference pose.
 """

@@ -1,8 +1,8 @@
 """Formulas for serial chains: kinematic Hessian, rotations between placements, and checks.
 
 The functions take arrays and placements, and do not depend on a robot model. K is the number of
-configurations, rotations or placements in a batch, and n that of joints. A twist is a velocity (v,
-ω), linear part first, per unit of joint speed.
+configurations, rotations or placements in a batch, and n that of joints. A twist is the velocity
+(v, ω) of a frame per unit of joint speed; v is the velocity of the frame's origin.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def axis_turn(R: Array, goal: Array) -> Array:
     Parameters
     ----------
     R, goal : (3, 3) arrays
-        Orientation of the tool, and of the goal.
+        Orientations of the tool and of the goal, both in the same frame, such as the base.
     """
     x, y, z = R.T.dot(goal[:, 2]).tolist()  # the goal's axis in tool axes
     sine = hypot(x, y)
@@ -75,9 +75,9 @@ def axis_turn(R: Array, goal: Array) -> Array:
 def axis_turns(R: Array, goals: Array) -> Array:
     """Compute the rotation vectors (K, 2), rad, that align the z axes of tools with those of goals.
 
-    R and ``goals`` (K, 3, 3) are the orientations of tools and goals. The two numbers are the
-    components along the x and y axes of the tool. This is the orientation error of an axis task,
-    which commands only the direction of the tool's z axis.
+    R and ``goals`` (K, 3, 3) are the orientations of tools and goals in the same frame, such as the
+    base. The two numbers are the components along the x and y axes of the tool. This is the
+    orientation error of an axis task, which commands only the direction of the tool's z axis.
     """
     aim = np.einsum("Kab,Ka->Kb", R, goals[..., :, 2])  # the goal's axis in tool axes
     sine = np.hypot(aim[:, 0], aim[:, 1])

@@ -57,7 +57,7 @@ class Clearance:
     ----------
     distance : float
         Minimum distance found, m: below 0 in a collision, 0 if only convex hulls overlap, inf
-        without bodies.
+        without a pair to measure and without a collision.
     at : float
         Sample number at the minimum, counted from 0; a fraction lies between two samples.
     links : (str, str)
@@ -67,7 +67,8 @@ class Clearance:
     overlap : float
         Body distance at the first collision, m, which is negative; 0 without a collision.
     distances : (R,) array
-        Minimum distances at the samples that were evaluated first, m; below 0 in a collision.
+        Minimum body distance at each of the R samples ``rows`` that were given to
+        :func:`clearance`, m; below 0 in a collision.
     points : int
         Number of configurations at which distances were measured.
     between : bool
@@ -160,10 +161,11 @@ class _Search:
         """Compute the distances at samples ``rows`` (R,), and list the pairs that stay undecided.
 
         The minimum distance found so far is updated. Piece k is the motion from sample ``rows[k]``
-        to ``rows[k + 1]``. A pair is undecided on a piece if its lower bounds at both ends allow
-        that it collides there or, unless it is collision-only, that it is closer than the minimum.
-        Return two index arrays of equal length, (pairs, pieces). For a collision-only
-        pair, no distance is computed, only a lower bound.
+        to ``rows[k + 1]``. A pair is undecided on a piece if its lower bounds at both ends do not
+        exclude a collision on the piece or, unless it is collision-only, a distance clearly below
+        the minimum found. Return two index arrays of equal length, (pairs, pieces), with an entry
+        per undecided pair and piece. For a collision-only pair, no distance is computed, only a
+        lower bound.
         """
         pairs, pieces = [], []
         last = None
@@ -293,7 +295,8 @@ class _Search:
 
         The result is a mask with the shape of ``lower``. It is True where the bound excludes a
         collision. For a ``measured`` pair, the bound must also be above the minimum found so far,
-        reduced by 10 % or 5 mm, whichever is more. After a collision, only the former counts.
+        reduced by 10 % or 5 mm, whichever is more. This second condition is dropped after a
+        collision, and while no distance is known.
         """
         if self._touch < np.inf or self._best <= _SMALL or self._best == np.inf:
             return lower > 0
@@ -301,7 +304,10 @@ class _Search:
         return lower > least * measured
 
     def _measure(self, pair: int, at: float) -> float:
-        """Measure the distance of a pair at the position ``at``, m; below 0 in a collision."""
+        """Measure the distance of any pair at the position ``at``, m; below 0 in a collision.
+
+        A collision-only pair has its exact distance here, too.
+        """
         self._left -= 1
         self._points += 1
         q = self._Q[int(at)] if at.is_integer() else _between(self._Q, np.array([at]))[0]
@@ -313,7 +319,11 @@ class _Search:
         return distance
 
     def _measure_all(self, at: float) -> tuple[float, int]:
-        """Measure the minimum distance at position ``at``: return it, m, and the pair's index."""
+        """Measure the minimum distance at position ``at``: return it, m, and the pair's index.
+
+        The minimum is over the measured pairs, and over the collision-only pairs that collide. It
+        is inf, and the index −1, if there are none.
+        """
         found, which = self._model.least(_between(self._Q, np.array([at])))
         return float(found[0]), int(which[0])
 

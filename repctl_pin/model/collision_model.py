@@ -1,10 +1,12 @@
 """Collision model: the bodies of a chain, the pairs that can collide, and their distances.
 
-A pair is two bodies between which a joint moves, given by its index 0 to P − 1. Each body of the
-robot is represented by its convex hull. A measured pair has a distance. A collision-only pair, such
-as neighbouring links, is tested for collisions without a distance, because its bodies are always
-close. The model has N joints, mimic joints included. K is the number of configurations, the rows of
-Q, and B that of a block of them. The reference pose is the usual configuration of a robot.
+A pair is two bodies between which a joint moves, given by its index 0 to P − 1. For distances, each
+body of the robot is replaced by its convex hull, and each body of the surroundings keeps its exact
+shape; *hulls* below are these two shapes of a pair. A measured pair has a distance. A
+collision-only pair, such as neighbouring links, is tested for collisions without a distance,
+because its bodies are always close. The model has N joints, mimic joints included. K is the number
+of configurations, the rows of Q, and B that of a block of them. The reference pose is the usual
+configuration of a robot. The sampled configurations are this pose and 100 random ones.
 
 ``BodyShape`` is a collision body: a convex shape, or a mesh and its convex hull.
 ``_CollisionModel`` is the bodies of a robot and its surroundings, and the pairs that a task moves.
@@ -93,8 +95,9 @@ class _CollisionModel:
         the robot's own bodies first.
     measured, only_contact, adjacent, disabled, touching : tuples of (str, str)
         Pairs of links: with a distance; checked for collisions only; and not checked, because a
-        joint connects them, because the SRDF disables them, or because they always overlap. The
-        details are those of :class:`Bodies`, where ``measured`` is called ``pairs``.
+        joint connects them, because the SRDF disables them, or because they collide at every
+        sampled configuration. The details are those of :class:`Bodies`, where ``measured`` is
+        called ``pairs``.
     """
 
     def __init__(self, task: Task) -> None:
@@ -229,10 +232,10 @@ class _CollisionModel:
             overlap.
         outside
             True to assume that no body is inside a mesh without touching the mesh's surface, which
-            is far faster. If the hulls of a collision-only pair overlap or are less than 1 cm
-            apart, its bound is then the larger of two distances: that of the hulls, and that of the
-            exact surfaces, where more than 1 cm counts as 1 cm. Along a path on which all bounds
-            are above 0, the assumption holds if it holds at the start of the path.
+            is far faster. This changes the bounds of collision-only pairs whose hulls overlap or
+            are less than 1 cm apart. Such a bound is then the distance of the exact surfaces, at
+            most 1 cm, or the distance of the hulls if that is larger. Along a path on which all
+            bounds are above 0, the assumption holds if it holds at the start of the path.
         """
         with self._lock:
             self._move(q)
@@ -308,9 +311,11 @@ class _CollisionModel:
             yield start, block, self._bounds(block)
 
     def _telling(self, bounds: Array) -> Array:
-        """Return lower bounds (B, P) of distances, m, with inf where a pair cannot collide.
+        """Replace the bounds of collision-only pairs by inf where they exclude a collision.
 
-        There are B configurations. A collision-only pair cannot collide if its bound is 0 or more.
+        ``bounds`` (B, P) are lower bounds on the distances of all pairs at B configurations, m.
+        They exclude a collision if they are 0 or more. Return the bounds (B, P), those of measured
+        pairs unchanged.
         """
         if not self._some_only_contact:
             return bounds
@@ -563,9 +568,10 @@ class _CollisionModel:
         self._measure(self.pairs[~left_out], only_contact[~left_out])
 
     def _named_apart(self, always: _Mask) -> tuple[Pair, ...]:
-        """Return the names of the links of the pairs that always overlap, given by a mask (P,).
+        """Return the names of the links of the pairs that collide at all sampled configurations.
 
-        If only some shapes of a link of the surroundings always overlap, the shape is named too.
+        ``always`` (P,) is a mask of these pairs. If only some shapes of a link of the surroundings
+        always collide, the shape is named too.
         """
         partly = set(self.named(~always))
         found: dict[Pair, None] = {}

@@ -2,7 +2,8 @@
 
 A frame moves with the twist (v, ω), in base axes; v is the velocity of its origin. A kind selects
 rows of the twist. The task error of a pose task has the whole rotation to the target; that of an
-axis task has only the rotation of the tool's z axis. The tool axes are the axes of the frame.
+axis task has only the rotation of the tool's z axis. The tool axes are the axes of the frame. All
+placements are in the base frame.
 """
 
 from __future__ import annotations
@@ -152,7 +153,10 @@ KINDS: Mapping[str, Kind] = {
 
 
 def _kind_again(name: str) -> Kind:
-    """Return the kind with a name, also of several frames; needed to unpickle a kind."""
+    """Return the kind with a name, which can join the names of several kinds by " + ".
+
+    Kinds are unpickled by this function.
+    """
     kinds = [KINDS[each] for each in name.split(_AND)]
     return kinds[0] if len(kinds) == 1 else Kind.stacked(kinds)
 

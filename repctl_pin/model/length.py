@@ -21,9 +21,10 @@ _RANK = 1e-9
 
 
 def arm_length(task: Task, q: Array) -> float:
-    """Compute the arm length, m: the distances from revolute joint to revolute joint to frame.
+    """Compute the arm length, m: the sum of the distances between successive revolute joints.
 
-    It is 0 without revolute joints; with several frames, it is the largest length of their chains.
+    The distance from the last revolute joint to the frame is added. The arm length is 0 without
+    revolute joints. With several frames, it is the largest length of their chains.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ def joint_scale(task: Task, q: Array) -> Array:
     """Return the unit of each joint (n,): 1 rad, or the arm length in m for a prismatic joint.
 
     Divided by these units, motions of revolute and prismatic joints are comparable. The arm length
-    is measured at the configuration q (n,). Without revolute joints it is 0, and the unit is 1 m.
+    is measured at the configuration q (n,). Without revolute joints, the unit is 1 m.
     """
     if task.revolute.all():
         return np.ones(task.n)

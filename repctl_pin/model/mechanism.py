@@ -107,7 +107,8 @@ class Mechanism:
     revolute : (n,) array of bool
         False for prismatic joints.
     reference : (n,) array
-        Reference pose: that of the SRDF if the catalogue names one; other joints are at mid-range.
+        Reference pose: that of the SRDF if the catalogue names one. Joints without a value in the
+        SRDF, and all joints of other robots, are at mid-range; a joint without limits is at 0.
     poses : dict of (n,) arrays
         Named poses: ``reference``, ``middle`` (of the joint ranges) and, if the catalogue has one,
         ``ready``, a working pose.
@@ -312,7 +313,8 @@ def pose(
     named
         Values by joint name, rad or m.
     notes
-        List to which a text is added for every named value that is moved within the limits.
+        List to which a text is added for every named value outside the limits, which is moved to
+        a value within them.
     """
     bounded = np.isfinite(lower) & np.isfinite(upper)
     middle = (np.where(bounded, lower, 0.0) + np.where(bounded, upper, 0.0)) / 2
@@ -331,7 +333,7 @@ def pose(
 
 
 def _inside(value: float, lower: float, upper: float, turns: bool) -> float:
-    """Move a joint position, rad or m, within limits: by a full turn if that is enough.
+    """Move a joint position, rad or m, into its limits: by a full turn if that is enough.
 
     Otherwise, the nearer limit is returned. A position within the limits is returned unchanged.
     ``turns`` is True for a revolute joint; only its position can be moved by a full turn.

@@ -116,10 +116,10 @@ def _shrink(folder: Path) -> None:
 def _kept(path: Path, stamp: _Stamp, variant: str, textures: bool) -> Path | None:
     """Return the path, in the cache, for the arrays of a mesh file; it need not exist yet.
 
-    Return None for a file that must not be cached: its format can refer to other files, or it is
-    over 30 MB, or there is no home folder. ``stamp`` is (inode, modification time, size) or None;
-    ``variant`` is a text of all else on which the arrays depend, and ``textures`` is True if they
-    depend on textures.
+    Return None if the arrays must not be cached: the format can refer to other files, the arrays
+    depend on textures and the file can name some, the file is over 30 MB or unreadable, or there is
+    no home folder. ``stamp`` is (inode, modification time, size); ``variant`` is a text of all else
+    on which the arrays depend, and ``textures`` is True if they depend on textures.
     """
     kind = path.suffix.lower()
     if kind not in _COMPLETE:

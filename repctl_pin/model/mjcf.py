@@ -291,9 +291,10 @@ def _add_shapes(model: Any, links: Sequence[_Part], folder: Path | None) -> str:
 def _shapes(kind: int, size: Array, at: pin.SE3) -> list[tuple[pin.SE3, dict[str, str]]]:
     """Convert a MuJoCo shape to a URDF shape: a list of one (placement, attributes), or empty.
 
-    ``kind`` is MuJoCo's type number, ``size`` are the half sizes, m, and ``at`` is the placement on
-    the body. The attributes are those of the geometry, with its tag under ``tag``. Only spheres,
-    boxes, cylinders and capsules are converted.
+    ``kind`` is MuJoCo's type number, ``size`` has its sizes, m: the half edges of a box, else the
+    radius and, if any, half the length. ``at`` is the placement on the body. The attributes are
+    those of the geometry, with its tag under ``tag``. Only spheres, boxes, cylinders and capsules
+    are converted.
     """
     if kind == _SPHERE:
         return [(at, {"tag": "sphere", "radius": repr(float(size[0]))})]

@@ -58,7 +58,7 @@ def frame_placements(model: pin.Model, ids: Iterable[int], Q: Array, base: int =
     """Compute the placements of F frames at every row of Q (T, N): (T, F, 4, 4), m.
 
     ``ids`` are the ids of the F frames, and ``base`` is that of the frame relative to which they
-    are placed. Q has a value per joint of the model.
+    are placed, by default the root. Q has a value per joint of the model.
     """
     data = model.createData()
     root = model.frames[base]
@@ -111,10 +111,10 @@ def lock_joints(model: pin.Model, ids: Sequence[int], q: Array) -> pin.Model:
 
 
 def frame_jacobian(model: pin.Model, data: pin.Data, frame: int) -> Callable[[Array], Array]:
-    """Create the function q → Jacobian (6, N) of a frame: rows of v, then of ω, in world axes.
+    """Create the function q → Jacobian (6, N) of a frame: rows of v, then of ω, in root axes.
 
-    N is the number of the model's joints. The function computes in ``data``, so that each thread
-    needs ``data`` and a function of its own.
+    v is the velocity of the frame's origin. N is the number of the model's joints. The function
+    computes in ``data``, so that each thread needs ``data`` and a function of its own.
     """
     evaluate = pin.computeFrameJacobian
 

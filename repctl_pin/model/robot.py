@@ -61,7 +61,7 @@ class Robot(Mechanism):
         Frames at the ends of arms, the default first.
     warnings : tuple of str
         Notes on the file: content read differently than written, missing meshes, ignored limits of
-        mimic joints, and values of the reference pose that were moved within the limits.
+        mimic joints, and values of the reference pose that were moved into the limits.
 
     Examples
     --------
@@ -142,7 +142,7 @@ class Robot(Mechanism):
 
         ``free`` are the names of the joints that mimic no other joint. A pose has one value per
         joint of ``free``, rad or m. A text is added to ``notes`` for each value of the reference
-        pose that is moved within the limits.
+        pose that is moved into the limits.
         """
         lower, upper = np.array([(one.lower, one.upper) for one in ranges]).reshape(-1, 2).T
         turns = self._revolute(free)
@@ -173,7 +173,7 @@ class Robot(Mechanism):
         self.reference = self.poses["reference"]
 
     def _revolute(self, names: Sequence[str]) -> NDArray[np.bool_]:
-        """Return a mask (K,) of the joints with K ``names``: True for each not prismatic."""
+        """Return a mask (K,) of the joints with K ``names``: False for prismatic joints."""
         return np.array([self.joints[name].kind != "prismatic" for name in names], bool)
 
     @classmethod

@@ -159,7 +159,10 @@ class SeveralFrames(Task):
         )
 
     def task_velocity(self, q: ArrayLike, twist: ArrayLike) -> Array:
-        """Extract ẋ (m,) from the twists (v, ω) of all frames (6 F,), base axes."""
+        """Extract ẋ (m,) from the twists (v, ω) of all frames (6 F,), m/s and rad/s.
+
+        Each twist is in the axes of its frame's base.
+        """
         twists = vector(twist, self.twist_size, "the twists (v, ω)", "m/s and rad/s")
         own = zip(self.parts, twists.reshape(-1, 6), strict=True)
         return np.concatenate([part.task_velocity(q, each) for part, each in own])

@@ -171,9 +171,8 @@ def _read(path: Path, most: int) -> Surface:
 def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
     """Read the mesh files of shapes: a dict from the file to its surface or its error.
 
-    The error is an InputError: the file cannot be read, or has too many triangles. The limit is two
-    million triangles in all files together, so that a page stays usable; a file that would exceed
-    this limit is left out.
+    The error is an InputError: the file cannot be read, has too many triangles, or would exceed the
+    limit of two million triangles in all files together, which keeps a page usable.
     """
     found: Surfaces = {}
     budget = _MOST_IN_ALL

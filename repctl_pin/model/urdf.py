@@ -260,9 +260,10 @@ def _joint(
 ) -> Joint:
     """Read a joint from its XML element.
 
-    ``lower = upper = 0`` counts as no range, with a note in ``notes``. A speed limit of 0, and
-    position and speed limits beyond 1000, count as no limits. ``joints`` are the elements of all
-    joints by name, among which the leader of a mimic joint is found.
+    ``lower = upper = 0`` counts as no range, with a note in ``notes``. A limit of 0 of speed,
+    acceleration or jerk counts as no limit. So do position limits beyond ±1000 rad or m, and speed
+    limits beyond 1000 rad/s or m/s. ``joints`` are the elements of all joints by name, among which
+    the leader of a mimic joint is found.
     """
     name = element.get("name")
     kind = element.get("type")

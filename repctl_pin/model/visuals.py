@@ -193,9 +193,10 @@ def _find_shapes(robot: Mechanism) -> Iterator[_Placed]:
 
 
 def _surroundings(robot: Mechanism) -> Iterator[_Placed]:
-    """Yield the first ``MAX_SHAPES`` shapes of the surroundings, placed relative to the root.
+    """Yield (shape, placement) of the first ``MAX_SHAPES`` shapes of the surroundings.
 
-    A missing mesh is skipped here; :class:`Bodies` raises an error for it.
+    The placement is relative to the robot's root. A missing mesh is skipped here; :class:`Bodies`
+    raises an error for it.
     """
     around = robot.surroundings
     if around is None:
@@ -313,7 +314,10 @@ def _file_times(robot: Mechanism, shapes: Sequence[Shape]) -> list[tuple[Shape, 
 
 
 def _corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[Array]:
-    """List, for each shape, the corners of its convex hull in its own frame, scaled: (P, 3), m."""
+    """List, for each shape, the corners of its convex hull in its own frame, scaled: (P, 3), m.
+
+    Stray points of a mesh are included.
+    """
     return [_hull_corners(shape, surfaces) * np.array(shape.scale) for shape in shapes]
 
 

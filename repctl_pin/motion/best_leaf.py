@@ -6,8 +6,8 @@ path of all cycles. The leaf margin ``σ_min(Nᵀ V̂)`` is the distance from a 
 inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised. Ω is the region of
 joint space for which the inverse was designed, and the desired inverse G_d the one that it
 approximates, usually the pseudoinverse J⁺. A cycle has three relative margins, each a minimum over
-the cycle: the joint-limit margin divided by half the joint's range, the body distance divided by a
-tenth of the arm length, and the leaf margin.
+the cycle: the smallest, over all joints, of the joint-limit margin divided by half the joint's
+range; the body distance divided by a tenth of the arm length; and the leaf margin.
 
 ``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.
 ``_LeafCandidate`` is a start configuration, with the margins of the cycle that begins there.
@@ -105,11 +105,12 @@ class _LeafCandidate:
     q0 : (n,) array
         Start configuration, with the frame at the path's first point.
     relative_margins : dict
-        Minimum margins over the cycle, without unit: ``limits``, the joint-limit margin divided by
-        half the joint's range; ``bodies``, the body distance divided by a tenth of the arm length;
-        and ``leaf``, the leaf margin.
+        Minimum margins over the cycle, without unit: ``limits``, the smallest, over all joints, of
+        the joint-limit margin divided by half the joint's range; ``bodies``, the body distance
+        divided by a tenth of the arm length; and ``leaf``, the leaf margin.
     limit_margin : float
-        Minimum joint-limit margin over the cycle, rad or m; negative if a limit is exceeded.
+        Minimum joint-limit margin over the cycle and all joints, rad or m; negative if a limit is
+        exceeded.
     body_distance : float
         Minimum body distance over the cycle, m; inf without bodies.
     leaf_margin : float
@@ -117,7 +118,8 @@ class _LeafCandidate:
     distance : float
         Relative distance from the desired inverse, ``(Σ ‖G − G_d‖² / Σ ‖G_d‖²)^½`` over the cycle.
     motion : Motion
-        Motion of the cycle; ``motion.outside`` is its fraction outside Ω, if a region Ω was given.
+        Motion of the cycle; ``motion.outside`` is the fraction of its samples outside Ω, None if no
+        region Ω was given.
     """
 
     q0: Array
@@ -147,9 +149,9 @@ class _LeafCandidate:
 
         First, the candidate with fewer kinds of violations is better; there are two kinds, exceeded
         joint limits and collisions. Then the smallest relative margins, rounded to 0.01, are
-        compared. If these are equal, the next smallest ones are compared, because two wrist links
-        that are always close would hide the other margins. Last, the smallest margins are compared
-        unrounded.
+        compared. If these are equal, the next smallest ones are compared. So the other margins
+        count, too, where two wrist links that are always close give all candidates the same
+        smallest margin. Last, the smallest margins are compared unrounded.
         """
         broken = (self.limit_margin < -1e-9) + (self.body_distance < 0)
         relative_margins = np.rint(np.sort(list(self.relative_margins.values())) / _ALIKE)
@@ -353,9 +355,10 @@ class _Search:
                 yield candidate
 
     def clearer(self, one: _LeafCandidate, other: _LeafCandidate) -> bool:
-        """Test whether ``one`` is better than ``other``: fewer violations, then larger margins.
+        """Test whether ``one`` is better than ``other``, by :attr:`_LeafCandidate.order`.
 
-        The limit margin of ``one`` must also be at least that of the given start.
+        Fewer kinds of violations are better; if equal, larger relative margins are. The joint-limit
+        margin of ``one`` must also be at least that of the given start.
         """
         return one.order > other.order and (
             self.given is None or one.limit_margin >= self.given.limit_margin

@@ -1,11 +1,13 @@
 """Displacement of bodies between two placements.
 
-The **most displaced part** is the arm link whose drawn body contains the point with the largest
-displacement. That point gives the displacement of the part, in every text, table, page and figure.
+A drawn body, or drawn shape, is a visible shape of the robot: a visual shape of its URDF, or what
+is drawn instead if there is none. The **most displaced part** is the arm link whose drawn body
+contains the point with the largest displacement. That point gives the displacement of the part, in
+every text, table, page and figure.
 
-``JointMotion`` is a joint motion over several cycles: q, q̇ (T, n) at times t, without the path of
-the frame. ``Shape`` is a shape of a URDF as plain data: its kind, size, link and place, or its mesh
-file.
+``JointMotion`` is a joint motion over several cycles: q, q̇ (T + 1, n) at times t, without the path
+of the frame. ``Shape`` is a shape of a URDF as plain data: its kind, size, link and place, or its
+mesh file.
 """
 
 from __future__ import annotations
@@ -41,8 +43,8 @@ def displacements(
     Parameters
     ----------
     before, after : (T, S, 4, 4) arrays
-        Rigid placements of S bodies at T moments, m. A first axis of length 1 stands for the same
-        placements at all moments.
+        Rigid placements of S bodies at T moments, in one fixed frame, m. A first axis of length 1
+        stands for the same placements at all moments.
     bodies : sequence of S arrays (P, 3)
         Corners of each body's convex hull in its own frame, m; at least one.
 
@@ -51,7 +53,7 @@ def displacements(
     displacement : (T, S) array
         Displacement of each body, m.
     which : (T, S) array of int
-        Index of the corner of each body that moves farthest.
+        Index of the corner of each body that has this displacement.
     """
     D = (after - before)[..., :3, :]  # (T, S, 3, 4)
     way = np.empty(D.shape[:2])
@@ -68,7 +70,7 @@ def displacements(
 
 
 def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tuple[str, float]:
-    """Find the link whose shape is displaced most: its name, and the displacement, m.
+    """Find the link with the most displaced shape: its name, and the displacement, m.
 
     The result is ("", 0) if no shape belongs to one of the links.
 
@@ -77,7 +79,7 @@ def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tup
     shapes : sequence of S shapes
         Shapes of a robot.
     off : (S,) array
-        Displacement of each shape, m.
+        Displacement of each shape between two placements, m.
     links
         Names of the links to consider, such as those of the arm.
     """
@@ -87,7 +89,11 @@ def farthest(shapes: Sequence[Shape], off: Array, links: Collection[str]) -> tup
 
 
 def farthest_link(motion: JointMotion) -> tuple[str, float]:
-    """Find the most displaced part of an arm after a motion: its link, and the displacement, m."""
+    """Find the most displaced part of an arm at the end of a motion: (link, displacement, m).
+
+    The displacement is from the start of the motion. The result is ("", 0) if no link of the arm
+    has a drawn shape.
+    """
     shapes, off = _off(motion)
     return farthest(shapes, off[-1], arm_links(motion.task))
 
@@ -95,7 +101,7 @@ def farthest_link(motion: JointMotion) -> tuple[str, float]:
 def cycle_displacements(motion: JointMotion) -> Array:
     """Compute the displacement of the most displaced part after each cycle: (cycles,), m.
 
-    The displacement is from the start; the part can differ from cycle to cycle.
+    The displacement is from the start of the motion; the part can differ from cycle to cycle.
     """
     return _off(motion)[1].max(axis=1, initial=0.0)
 

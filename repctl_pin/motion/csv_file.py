@@ -71,8 +71,9 @@ def csv_text(
         One motion, or pairs (name of the strategy, motion). A timed motion gives columns for
         accelerations too, and no column ``cycle``.
     most
-        Maximum number of rows per cycle, cycle ends included; the numbers then have 10 digits. By
-        default, and for a timed motion, all rows are written with all digits.
+        Maximum number of steps per cycle: samples are left out, but those at the ends of the cycles
+        are kept, and the numbers have 10 digits. By default, and for a timed motion, all rows are
+        written with all digits.
 
     Raises
     ------
@@ -111,9 +112,9 @@ def csv_text(
 
 
 def with_run(text: str, run: str) -> str:
-    """Add a last column ``run`` to the text of a CSV file, with the same content in each row.
+    """Add a column called "run" to the text of a CSV file, with the argument ``run`` in each row.
 
-    InputError is raised if a joint is called ``run``.
+    InputError is raised if a joint is called "run".
     """
     header, *rows = text.splitlines()
     refuse_twice([*next(csv.reader([header])), _RUN], _THIS)
@@ -123,8 +124,8 @@ def with_run(text: str, run: str) -> str:
 def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
     """Yield the rows of a motion as texts: cycle, time, positions, velocities.
 
-    ``most`` is the maximum number of rows per cycle, with 10 digits; None gives all rows, with all
-    digits.
+    ``most`` is the maximum number of steps per cycle, of which the rows are written with 10 digits;
+    None gives all rows, with all digits.
     """
     rows = rows_of(motion, most or motion.steps)
     q = motion.q[rows]
@@ -139,7 +140,8 @@ def read_motions(
 ) -> list[_Recorded]:
     """Read the motions of a CSV file with a column per joint, rad or m.
 
-    Velocities are ignored.
+    The result has one motion per name in the column ``strategy``, or a single one if there is no
+    such column. Velocities are ignored.
 
     Parameters
     ----------
@@ -148,7 +150,8 @@ def read_motions(
     known
         Joint names of the robot.
     cycles
-        Number of cycles in the file; by default the last value of its column ``cycle``, else 1.
+        Number of cycles of each motion; by default the last value of the column ``cycle`` in the
+        motion's rows, or 1 without such a column.
 
     Raises
     ------

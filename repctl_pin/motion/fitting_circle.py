@@ -46,12 +46,14 @@ def fitting_circle(
 ) -> TaskPath:
     """Find a circle that a controller can follow for a cycle, within joint limits and a region.
 
-    The circle stays away from singularities, and one without collisions is preferred. At q0 (n,),
-    the frame is on the circle. ``control`` is the controller, by default J⁺, and ``radius`` is in
-    m. By default, the radius is the largest possible one of some round numbers, up to a seventh of
-    the reach of the arm. The motion stays inside ``region``, if one is given. ``plane`` is
-    ``"xy"``, ``"yz"`` or ``"xz"``, by default the first possible. Four positions of the start on
-    the circle are tried.
+    The circle starts at the frame's position at q0 (n,). It stays away from singularities, and one
+    without collisions is preferred. The motion stays inside ``region``, if one is given.
+
+    ``control`` is the controller, by default J⁺. ``radius`` is in m; by default 0.5, 0.3, 0.2,
+    0.1 m and so on are tried, the largest first, up to a seventh of the arm's length (strokes of
+    prismatic joints included). ``plane`` is ``"xy"``, ``"yz"`` or ``"xz"``, in base axes; by
+    default all planes of the task are tried. For each radius and plane, four positions of the start
+    on the circle are tried.
 
     Raises
     ------

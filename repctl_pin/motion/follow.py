@@ -74,9 +74,10 @@ class _Method:
     at_end : function q → q̇, optional
         Velocity q̇ at the end of the motion; by default, the q̇ of the last step is used.
     compiled : function (most (n,)) → Steps or None
-        Creates the function that takes steps in C, see :data:`.compiled_steps.Steps`, or None if C
-        does not support the strategy. The created function stops before a step in which a joint
-        moves by more than ``most``, rad or m.
+        Creates the function that takes steps in C; returns None if C does not support the strategy.
+        The created function (step, end, Q, Qdot) → int takes the steps from ``step`` to ``end``
+        − 1, writes q and q̇ to the rows of Q and Qdot, and returns the first step that was not
+        taken. It stops before a step in which a joint moves by more than ``most``, rad or m.
     """
 
     advance: Advance
@@ -134,7 +135,8 @@ def follow(
     Raises
     ------
     InputError
-        If an option is out of its range, or the path does not start at the frame.
+        If an option is out of its range, or the path does not start at the frame and there is
+        neither feedback nor a leaf lock.
     SingularityError
         If the motion reaches a singularity; the message names the cycle.
 
@@ -192,8 +194,9 @@ def followed(
     Each cycle has ``steps`` steps, and the duration ``period``, s, by default that of the path.
     ``integrator`` is ``"euler"``, ``"rk4"`` (Runge–Kutta), or a :class:`LeafLock`, which corrects
     the pose and the level at each step in place of integration. ``feedback`` is the gain of the
-    task error, 1/s. The caller has checked the arguments. Only the pose at q0 is checked
-    here: InputError is raised if it is not the start of the path and there is no feedback.
+    task error, 1/s. The caller has checked the arguments. Only the pose at q0 is checked here:
+    InputError is raised if it is not the start of the path and there is neither feedback nor a leaf
+    lock.
     """
     task = strategy.task
     period = period or path.period or PERIOD
@@ -396,8 +399,9 @@ def _velocity(
 ) -> Callable[[Array, Array, float], Array]:
     """Create the function (q, velocity of the path, s) → q̇.
 
-    ``feedback`` is the gain of the task error, 1/s. The velocity of the path is ẋ (m,). For an axis
-    task, whose ẋ depends on q, it is the twist (v, ω).
+    The velocity of the path is ẋ (m,). For an axis task, whose ẋ depends on q, it is the twist (v,
+    ω). ``feedback`` is the gain of the task error, 1/s; the error is that from the pose at q to the
+    path at s.
     """
     task, own = strategy.task, strategy.velocity
     turning = task.kind.tool_axes
@@ -414,10 +418,11 @@ def _velocity(
 
 
 def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
-    """Return the function ``sample`` of a path, without its cache if the path can change.
+    """Return ``sample`` with its cache, or without the cache if the path can change.
 
-    ``sample`` has an ``lru_cache``. The cache is used for the paths of this package, which have a
-    ``spec``. A path that the user defines by functions can change between two calls.
+    ``sample`` is a function whose first argument is the path, with an ``lru_cache``. A path that
+    has a ``spec``, the text of the option ``--path``, cannot change. A path that the user defines
+    by functions can change between two calls.
     """
     return sample if path.spec else sample.__wrapped__  # type: ignore[attr-defined]
 
@@ -441,7 +446,10 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
 
 
 def placements_along(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
-    """Evaluate a path's placements at the start of a cycle and at the end of each of its steps."""
+    """Evaluate a path's placements at the start of a cycle and at the end of each of its steps.
+
+    For a path of several frames, each entry of the result is the tuple of their placements.
+    """
     placements: tuple[pin.SE3, ...] = _kept(_placements, path)(path, steps)
     return placements
 

@@ -5,8 +5,8 @@ fractions: 2.5 is the middle of the third cycle. J⁺ is the pseudoinverse, the 
 
 ``Clearance`` is the minimum body distance of a motion, and its first collision. ``Nearest`` is the
 closest pair of bodies at a configuration, and its distance, m. ``JointMotion`` is a joint motion
-over several cycles: q, q̇ (T, n) at times t, without the path of the frame. ``Violation`` is the
-first violation of a joint limit or the first collision, with its time and its joint or links.
+over several cycles: q, q̇ (T + 1, n) at times t, without the path of the frame. ``Violation`` is
+the first violation of a joint limit or the first collision, with its time and its joint or links.
 """
 
 from __future__ import annotations
@@ -131,9 +131,10 @@ class JointMotion:
 
     @property
     def speed_ratio(self) -> float:
-        """Maximum ratio of a joint's speed to its limit.
+        """Maximum ratio of a joint's speed to its limit, over all joints and samples.
 
-        If the ratio is above 1, the duration must be multiplied by it; see :meth:`Motion.slowed`.
+        If it is above 1, the motion keeps the speed limits if its duration is multiplied by the
+        ratio, as :meth:`Motion.slowed` does.
         """
         return float(self._speed_shares.max())
 
@@ -173,11 +174,13 @@ class JointMotion:
 
     @cached_property
     def body_distance(self) -> Array:
-        """Minimum distance between the robot's bodies, or to its surroundings: (T + 1,), m.
+        """Minimum body distance at each sample: (T + 1,), m; below 0 in a collision.
 
-        It is below 0 in a collision. Bodies are the URDF's collision shapes; a mesh of the robot is
-        replaced by its convex hull. The distance is 0 if the hulls overlap but the meshes do not
-        collide, and inf if there is no pair of bodies to measure. See :class:`Bodies`.
+        The minimum is over pairs of the robot's own bodies, and pairs of one of them and a body of
+        the surroundings. Bodies are the URDF's collision shapes; a mesh of the robot is replaced by
+        its convex hull. The distance is 0 if the hulls overlap but the meshes do not collide, and
+        inf if there is no pair to measure. Some pairs are not measured, such as two links that a
+        joint connects; :class:`Bodies` lists them.
         """
         distances = bodies_of(self.task).distances(self.q)
         distances.setflags(write=False)
@@ -188,9 +191,9 @@ class JointMotion:
         """Minimum body distance and first collision, at the samples and between them.
 
         Between two samples, the joints move on a straight line. Distances are measured at about 100
-        samples per cycle. Bounds on the distances show where more samples are needed. For some
-        pairs of links, see :class:`Bodies`, no distance is measured; they are tested for collisions
-        where the bounds do not exclude one.
+        samples per cycle. Bounds on the distances show where more samples are needed. For a few
+        pairs of links, such as those whose convex hulls always overlap, no distance is measured;
+        they are tested for collisions where the bounds do not exclude one.
         """
         return self._clearance_from(_COARSE)
 
@@ -224,8 +227,8 @@ class JointMotion:
     def _first(self, broken: NDArray[np.bool_], margins: Array) -> tuple[float, str] | None:
         """Find the first violation: (time in cycles, joint name), or None.
 
-        ``broken`` (T + 1, n) is a mask: True where a joint violates a limit. Among several joints,
-        the one with the smallest of ``margins`` (T + 1, n) is named.
+        ``broken`` (T + 1, n) is a mask: True where a joint violates a limit. The joint named is the
+        one with the smallest of ``margins`` (T + 1, n) at the first sample with a violation.
         """
         if not broken.any():
             return None
@@ -322,8 +325,8 @@ def violations_of(motion: JointMotion) -> tuple[Violation, ...]:
 def checked_words(motion: JointMotion) -> str:
     """Return the text " at N points" to qualify a body distance that was only sampled.
 
-    The text is empty if the distance also holds between the samples, and for a motion with a
-    collision.
+    N is the number of points of the whole motion at which distances were measured. The text is
+    empty if the distance also holds between the samples, and for a motion with a collision.
     """
     found = motion.clearance
     return "" if found.between or found.touch else f" at {found.points:,} points"

@@ -46,7 +46,8 @@ class LeafLock:
         Joint speed limits, rad/s or m/s. A step that would exceed them is shortened, and so does
         not reach its point of the path. By default, there are no limits.
     damping : float
-        Maximum damping λ_max near singularities, see :meth:`RepeatableInverse.step`.
+        Maximum damping λ_max near singularities, in the units of J. Damped steps are shorter, and
+        so not exact. With 0, the default, a SingularityError is raised at a singularity.
 
     Raises
     ------

@@ -272,13 +272,14 @@ class _Cost:
         return None if moved is None else np.vstack([Q[: self.first], moved])
 
     def step(self, Q: Array, *, exact: bool) -> tuple[Array, float]:
-        """Compute a Newton step (K, n) along the null space; predict the decrease of the cost.
+        """Compute a Newton step (K, n) along the null space, and the decrease that it predicts.
 
-        The step begins at Q (K, n). N spans the null space of J, and H = ∂J/∂q. With a (r,), ``q(a)
-        = q + N a − ½ J⁺ (H N a) N a + …`` is a self-motion, so Newton's matrix is the Gauss–Newton
-        matrix plus one block (r, r) per configuration, the curvature of the self-motion times the
-        gradient. If ``exact`` is False, the positive semidefinite parts of these blocks are used,
-        so that the matrix is positive definite. The step of a fixed start is 0.
+        The decrease is that of the cost. The step begins at Q (K, n); a fixed start has the step 0.
+        Each configuration moves along its self-motions ``q(a) = q + N a − ½ J⁺ (H N a) N a + …``
+        with the unknowns a (r,), a basis N of the null space of J, and H = ∂J/∂q. The term of
+        second order adds one block (r, r) per configuration to the Gauss–Newton matrix; the sum is
+        Newton's matrix. If ``exact`` is False, each block is replaced by its positive semidefinite
+        part, so that Newton's matrix is positive definite.
 
         Raises
         ------
@@ -311,7 +312,7 @@ class _Cost:
         ``gradient`` (K, n) is ∇. Unless ``exact``, each block is replaced by its positive
         semidefinite part.
         """
-        forces = np.einsum("kni,kn->ki", inverse, gradient)  # λ (K, m)
+        forces = np.einsum("kni,kn->ki", inverse, gradient)  # μ (K, m)
         bent = -np.einsum("ki,kiab->kab", forces, self.task.hessians(Q))
         bent = np.swapaxes(N, 1, 2) @ bent @ N
         bent = (bent + np.swapaxes(bent, 1, 2)) / 2

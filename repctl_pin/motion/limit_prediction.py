@@ -1,7 +1,7 @@
 """Prediction of the cycle in which a drifting joint reaches its limit.
 
-``JointMotion`` is a joint motion over several cycles: q, q̇ (T, n) at times t, without the path of
-the frame.
+``JointMotion`` is a joint motion over several cycles: q, q̇ (T + 1, n) at times t, without the path
+of the frame.
 """
 
 from __future__ import annotations

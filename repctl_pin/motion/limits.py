@@ -104,10 +104,10 @@ class Limits:
         Jerk limits of the robot's joints, rad/s³ or m/s³, or a name of published limits: ``panda``,
         ``fr3``. By default the URDF's if it has one for every joint, else not limited.
     torque : bool
-        True to respect the URDF's effort limits too. Not for a governor.
+        True to respect the URDF's effort limits too. A governor refuses this limit.
     tool_speed : float or (2,) array, optional
         Largest speed of the frame along the path, m/s; or of its linear and its angular speed, m/s
-        and rad/s. Not for a governor.
+        and rad/s. A governor refuses this limit.
 
     Raises
     ------

@@ -50,7 +50,8 @@ class Motion(JointMotion):
     drift : (cycles,) array
         ``‖q(after cycle k) − q(0)‖``, k = 1, 2, …, rad (m for prismatic joints).
     tracking_error : (T + 1,) array
-        Distance of the frame from its point on the path, in the coordinates of the task, m.
+        Distance of the frame from its point on the path, m; for a task of two coordinates, in its
+        plane. For several frames, the norm of their distances.
     turning_error : (T + 1,) array
         Orientation error of the frame, rad; 0 if the task has no orientation.
     damping : float
@@ -112,10 +113,11 @@ class Motion(JointMotion):
 
     @cached_property
     def path_loss(self) -> tuple[float, float, float] | None:
-        """(Time in cycles when the frame leaves its path, maximum errors, m and rad), or None.
+        """Time when the frame first leaves its path, and its maximum errors; None if it does not.
 
-        None means that the frame stays on the path: its errors are at most 0.001 arm lengths and
-        0.001 rad. The drift of a controller that leaves its path is meaningless.
+        The result is (time in cycles, tracking error, m, turning error, rad); both errors are
+        maxima over the motion. The frame is on its path if its errors are at most 0.001 arm lengths
+        and 0.001 rad. The drift of a controller that leaves its path is meaningless.
         """
         length = arm_length(self.task, self.q[0]) or 1.0
         off = ~((self.tracking_error <= ON_PATH * length) & (self.turning_error <= ON_PATH))
@@ -135,9 +137,9 @@ class Motion(JointMotion):
     def retimed(self, limit: ArrayLike | None = None) -> Motion:
         """Return the same joint path, slowed down wherever a joint exceeds its speed limit.
 
-        The duration of each step is multiplied by the maximum ratio of speed to limit in it and at
-        its ends; steps within the limits keep their duration. A controller ``q̇ = G ẋ`` makes this
-        motion if ẋ is scaled likewise.
+        The ratio of a step is the maximum ratio of a joint's speed to its limit: at both ends, and
+        for the mean velocity of the step. A step with a ratio above 1 takes longer by this factor.
+        A controller ``q̇ = G ẋ`` makes this motion if ẋ is scaled likewise.
 
         Parameters
         ----------

@@ -38,17 +38,20 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
     Parameters
     ----------
     text
-        Name of the path, such as ``circle:RADIUS`` or ``circle:RADIUS:DEGREES``. In the first form,
-        the circle lies where the arm can follow it, see :func:`fitting_circle`. In the second form,
-        DEGREES is the angle of the start on the circle, from the first axis of the plane.
+        Name of the path: ``circle:RADIUS``, ``circle:RADIUS:DEGREES``, ``eight:RADIUS``,
+        ``rose:RADIUS``, ``square:SIDE``, ``polygon:CORNERS:RADIUS``, a CSV file, or a shape of a
+        plug-in. Lengths are in m. ``:blend=RADIUS`` at the end rounds corners. ``circle:RADIUS``
+        lies where the arm can follow it, see :func:`fitting_circle`. DEGREES is the angle of the
+        start on the circle, from the first axis of the plane.
     plane
         ``xy``, ``yz`` or ``xz``; by default the first plane that the task allows or, for
-        ``circle:RADIUS``, in which the arm can follow the circle.
+        ``circle:RADIUS``, in which the arm can follow the circle. Not allowed with a file.
 
     Raises
     ------
     InputError
-        If the name is unknown, a number is missing or not above 0, or the CSV cannot be used.
+        If the name or the plane is unknown, a number is missing or not above 0, the file cannot be
+        used, or an option does not fit the path.
     """
     if plane is not None and plane not in PLANES:
         raise InputError(f"there is no plane {plane!r}; choose from {', '.join(PLANES)}")

@@ -71,7 +71,8 @@ def solve_ik(
 
     The first start is q0. If it leads to no solution, 40 more follow. Start k lies on the line from
     q0 to the k-th of 40 random configurations inside the joint limits, at the fraction k / 40 of
-    this line. The first solution is returned; the random numbers are the same in each call.
+    this line. The first accepted solution is returned; the random numbers are the same in each
+    call.
 
     Parameters
     ----------
@@ -83,7 +84,8 @@ def solve_ik(
         Desired placement of the frame.
     tolerance, iterations
         Norm of the task error (m and rad) at which Newton's method stops, and maximum number of
-        its steps per start. A result is accepted if its error is below this tolerance, or 1e-9.
+        its steps per start. A solution is accepted if its error is below 1e-9, or below a larger
+        ``tolerance``.
     limits
         True to accept only solutions within the joint limits.
 

@@ -46,8 +46,9 @@ class TimedMotion:
     motion : Motion, optional
         The motion that was timed; None in a result of :func:`approach`.
     trajectory
-        The timed motion as a function of time, with exact derivatives. :class:`Run`, which executes
-        a timed motion at a speed that the user may change, requires it.
+        The timed motion as a function of time: object whose method ``derivatives`` gives q and its
+        first three derivatives, exactly, at any times. :class:`Run`, which executes a timed motion
+        at a speed that the user may change, requires it.
 
     Examples
     --------

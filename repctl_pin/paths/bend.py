@@ -51,14 +51,18 @@ class Bend:
         return phi * u**2 * (3 - 2 * u)
 
     def at(self, u: ArrayLike) -> Array:
-        """Evaluate the point at u: (2,), or (2, K) for u (K,), as in :attr:`point`."""
+        """Evaluate the point at u: (2,), or (2, K) for u (K,).
+
+        The two coordinates are along and across the direction at u = 0.
+        """
         return np.asarray(chebyshev.chebval(2 * np.asarray(u) - 1, self.point))
 
     def length(self, cut: float) -> float:
-        """Compute the length, m, at which the curve's ends lie ``cut``, m, from its corner.
+        """Compute the length, m, of the scaled curve whose ends lie ``cut``, m, from its corner.
 
-        The curve has length 1, so the result is also the factor by which to scale it. The ends of
-        the scaled curve are ``2 cut cos(φ/2)`` apart.
+        The corner is the point where the tangents at both ends meet. Before scaling, the curve has
+        length 1, so the result is also the factor by which to scale it. The ends of the scaled
+        curve are ``2 cut cos(φ/2)`` apart.
         """
         return float(2 * cut * np.cos(self.phi / 2) / np.linalg.norm(self.at(1.0)))
 

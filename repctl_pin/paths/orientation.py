@@ -183,8 +183,9 @@ def facing(
 ) -> tuple[_Turning, _Turning, Callable[[float, float], float]]:
     """Create R(s), ω(s) and a bound on the rotation of a frame that always faces a point.
 
-    ``point`` and ``slope`` are p(s), m, and dp/ds of the path, ``target`` is the point (3,), m, and
-    ``start`` is R(0). In the frame's axes, the direction of the point is constant:
+    ``point`` and ``slope`` are p(s), m, and dp/ds of the path, ``target`` is the point (3,), m, all
+    in the base frame, and ``start`` is R(0). In the frame's axes, the direction of the point is
+    constant:
     ``R(s) = T(d₀ → d(s)) R(0)``, where d(s) is the unit vector from p(s) to the point, d₀ = d(0),
     and T the shortest rotation. With ḋ = dd/ds, ``ω = d × ḋ − (d₀ × d)·ḋ / (1 + d₀·d) d``.
 

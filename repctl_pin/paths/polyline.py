@@ -1,7 +1,8 @@
 """Closed paths of straight lines between waypoints, with sharp or blended corners.
 
 A blend is a curve of continuous curvature that rounds a corner, so that the arm need not stop
-there. Knots are the times, in any unit, at which the lines and blends begin.
+there. Knots are the lengths, m, or the times from the start at which the lines and blends begin and
+end. Divided by the last knot, they are values of the path parameter s, which runs from 0 to 1.
 
 ``Bend`` is a plane curve of length 1 that rounds a corner. ``_Curve`` is a function of u in [0, 1]
 that returns the position p (3,), m, and dp/du (3,).
@@ -85,9 +86,9 @@ def polygon(
     q0 : (n,) array
         Start configuration, rad (m for prismatic joints).
     corners : (P, 3) array
-        Corners after the start, in order, m *from the start*; the path returns to the start
-        automatically. A single corner gives a line there and back. At a repeated corner the frame
-        pauses for the time of an edge of mean length.
+        Corners after the start, in order, m *from the start*, in base axes. The path returns to
+        the start automatically; a single corner gives a line there and back. At a repeated corner
+        the frame pauses for the time of an edge of mean length.
     blend
         Radius ρ, m, of the arcs that would round the corners. Each corner is rounded by a curve of
         continuous curvature that begins and ends where such an arc would. The path starts at the

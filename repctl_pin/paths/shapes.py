@@ -45,16 +45,16 @@ def circle(
     radius
         Radius, m.
     normal
-        Axis of the circle, ``x``, ``y`` or ``z``, with ``-z`` for the opposite direction; or its
-        plane: ``yz``, ``xz``, ``xy``.
+        Axis of the circle, ``x``, ``y`` or ``z`` of the base, with ``-z`` for the opposite
+        direction; or the plane of the circle: ``yz``, ``xz``, ``xy``.
     start_angle
         Angle α of the start on the circle, rad from the plane's first axis: in the plane, the
         centre is at ``p − radius (cos α, sin α)``, where p is the start.
     rotation
-        ``fixed``, which keeps the orientation at q0; ``tangent``, by which the frame turns with the
-        direction of the circle; or a point (3,), m in the base frame, which the frame always faces
-        as it does at the start. With ``tangent``, the frame makes a full turn per cycle, for which
-        repeatability is not guaranteed.
+        ``fixed`` keeps the orientation at q0. ``tangent`` rotates the frame with the direction of
+        the circle, a full turn per cycle, for which repeatability is not guaranteed. A point (3,),
+        m in the base frame, is faced all along: seen in the frame's axes, its direction is
+        constant.
 
     Returns
     -------
@@ -112,8 +112,8 @@ def _facing(
 ) -> TaskPath:
     """Create a path of constant speed whose frame always faces the point ``target`` (3,), m.
 
-    ``name`` is the display name of the curve, ``point`` and ``slope`` are p(s), m, and dp/ds,
-    ``start`` is R(0), and ``length`` the length of the path, m.
+    Points are in the base frame. ``name`` is the display name of the curve, ``point`` and ``slope``
+    are p(s), m, and dp/ds, ``start`` is R(0), and ``length`` the length of the path, m.
     """
     target = vector(target, 3, "rotation, as a point to face,")
     R, spin, turn = facing(target, point, slope, start)
@@ -139,10 +139,10 @@ def figure_eight(
     q0 : (n,) array
         Start configuration, rad (m for prismatic joints).
     radius
-        Half of the length, m.
+        Half of the extent along the long axis, m.
     normal
-        Normal of the curve's plane, ``x``, ``y`` or ``z``, with ``-z`` for the opposite direction;
-        or the plane: ``yz``, ``xz``, ``xy``.
+        Normal of the curve's plane, ``x``, ``y`` or ``z`` of the base, with ``-z`` for the opposite
+        direction; or the plane: ``yz``, ``xz``, ``xy``.
     start_angle
         Direction of the long axis, rad from the plane's first axis, such as x for ``z``.
 
@@ -185,6 +185,8 @@ def rose(
 ) -> TaskPath:
     """Create a rose, ρ = radius · sin(petals · φ) in polar coordinates around the start.
 
+    φ is counted from the first axis of the plane.
+
     Parameters
     ----------
     task
@@ -196,8 +198,8 @@ def rose(
     petals
         Number of petals, odd.
     normal
-        Normal of the rose's plane, ``x``, ``y`` or ``z``, with ``-z`` for the opposite direction;
-        or the plane: ``yz``, ``xz``, ``xy``.
+        Normal of the rose's plane, ``x``, ``y`` or ``z`` of the base, with ``-z`` for the opposite
+        direction; or the plane: ``yz``, ``xz``, ``xy``.
 
     Returns
     -------
@@ -244,8 +246,8 @@ def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Arra
 
     ``normal`` is the axis or plane that the user gave, such as "-z" or "xz"; the name of the plane
     is xy, yz or xz, with the axes of the base frame. The vectors (3,) are along these two axes, in
-    that order. With a minus sign, the
-    second vector is reversed, and so is the direction of the path.
+    that order. With a minus sign, the second vector is reversed, and so is the direction of the
+    path.
     """
     normal = require_type(
         normal, str, "normal", "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'"

@@ -29,8 +29,9 @@ _LARGEST = 4_000_000
 def read_waypoints(file: str | Path) -> Waypoints:
     """Read waypoints from a CSV file: x, y, z in m, and optionally a quaternion qx, qy, qz, qw.
 
-    A header line can name these columns, and ``time``, s, in any order. A file without a header has
-    three or seven columns in the order above.
+    Positions and quaternions are in the base frame. A header line can name these columns, and
+    ``time``, s, in any order. A file without a header has three or seven columns in the order
+    above.
 
     Returns
     -------
@@ -95,11 +96,11 @@ def _waypoints(table: CsvTable, columns: Mapping[str, str]) -> Waypoints:
 def waypoint_path(file: str, blend: float) -> Callable[[Task, ArrayLike], TaskPath]:
     """Read a file of waypoints, and return a function ``(task, q0) → path`` through them.
 
-    Positions are in m. ``blend`` is the radius of rounded corners, m; 0 keeps the corners.
-    Without quaternions in the file, a frame keeps its orientation at q0. In a file for several
-    frames, each has its own columns, ``left.x, left.y, left.z``. The text before the dot is the
-    frame's name or a part of the name, see :func:`_frame_of`. A frame without columns stands still;
-    columns without a dot belong to the first frame.
+    Positions are in m, in the base frame. ``blend`` is the radius of rounded corners, m; 0 keeps
+    the corners. Without quaternions in the file, a frame keeps its orientation at q0. In a file for
+    several frames, each has its own columns, ``left.x, left.y, left.z``. The text before the dot is
+    the frame's name or a part of the name, see :func:`_frame_of`. A frame without columns stands
+    still; columns without a dot belong to the first frame.
 
     Raises
     ------

@@ -57,7 +57,7 @@ class WorkspaceBox(Region):
     Attributes
     ----------
     center : (n,) array
-        The one nearest to the centre of ``within`` among 16 configurations in the region.
+        Configuration in the region: among 16 points of it, the nearest to the centre of ``within``.
 
     Raises
     ------

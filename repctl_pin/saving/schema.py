@@ -3,7 +3,8 @@
 The decoder uses these classes, and ``docs/design.schema.json`` is made from them. For each object
 that a design contains, there are two functions: ``…_file`` converts the object to its part of a
 file, and ``…_of`` creates the object from that part. A part that an older file lacks is UNSET,
-msgspec's value for a missing key.
+msgspec's value for a missing key. The check configurations of a task are four configurations, in
+its ``fingerprint``, at which a robot is compared with the one in the file.
 
 ``ProofFile`` is the stored bounds that are proved over a region or cell. ``PotentialBasis`` is a
 basis of N functions of q, whose combinations are the potentials h of a design. ``Cycle`` is one
@@ -97,10 +98,10 @@ class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
     """Arm angle as a potential: the rotation of the elbow about the line from shoulder to wrist.
 
     ``frames`` are shoulder, elbow and wrist. ``reference`` is the direction, in base axes, from
-    which the angle is measured. ``singular`` is the direction of the wrist at which a stereographic
-    arm angle is undefined; null if the arm angle is the conventional one. ``points`` are the
-    origins of the frames, m, at each check configuration of the task; if they differ on loading, a
-    frame has moved. Older files lack ``points``.
+    which the angle is measured. ``singular`` is the direction from shoulder to wrist, in base axes,
+    at which a stereographic arm angle is undefined; null if the arm angle is the conventional one.
+    ``points`` are the origins of the frames, m in the root frame, at each ``q`` of the task's
+    ``fingerprint``; if they differ on loading, a frame has moved. Older files lack ``points``.
     """
 
     frames: tuple[str, str, str]
@@ -132,7 +133,8 @@ class TubeFile(Part, tag_field="kind", tag="tube"):
 class WorkspaceFile(Part, tag_field="kind", tag="workspace"):
     """Region Ω of a design: all q in a box of joint space with the frame inside a box of positions.
 
-    The box of joint space is ``within``; the box of positions is ``position ± half_width``, m.
+    The box of joint space is ``within``; the box of positions is ``position ± half_width``, m, in
+    the base frame.
     """
 
     position: Row
@@ -148,8 +150,9 @@ class WeightedFile(Part, tag_field="kind", tag="weighted"):
     """Desired inverse J⁺_M, which minimises q̇ᵀ M q̇; ``weight`` is M.
 
     ``weight`` is a list of n numbers, the diagonal of M; a matrix (n, n); or "inertia", for the
-    robot's joint-space inertia. The key ``inertia`` then has M at each check configuration of
-    the task, kg m² and kg, by which changed masses are detected. Older files lack this key.
+    robot's joint-space inertia. The key ``inertia`` then has M, kg m² and kg, at each ``q`` of the
+    task's ``fingerprint``; other values on loading show that masses have changed. Older files lack
+    this key.
     """
 
     weight: str | list[float | Row]
@@ -173,7 +176,7 @@ Desired = PseudoinverseFile | WeightedFile | LimitsFile
 
 
 class Check(Part):
-    """Placement ``[R p]`` (3, 4), m, of the frame at ``q``, one of the check configurations.
+    """Placement ``[R p]`` (3, 4), m, of the frame in the base frame at a configuration ``q``.
 
     The placement is computed again when the file is loaded; a difference shows that the robot has
     changed. For a task of F frames, the placements are stacked: (3 F, 4).
@@ -209,8 +212,9 @@ class TaskFile(Part):
     """Robot and task of a design; the file is refused for any other robot.
 
     ``catalogue`` is true if the robot is in the catalogue, and ``file`` is the name of its URDF.
-    ``lock`` lists the locked joints, ``task`` is the kind of task, such as ``pose``.
-    ``fingerprint`` holds placements of the frame at several check configurations. ``limits`` are
+    ``base`` is the link that is the robot's base; null for the root link. ``lock`` lists the locked
+    joints, ``task`` is the kind of task, such as ``pose``. ``fingerprint`` holds placements of the
+    frame at several configurations, by which a changed robot is detected. ``limits`` are
     the limits of ``joints``; older files lack them. ``frames`` exists only for a task of several
     frames; ``frame`` and ``task`` then join the names and the kinds of all. ``tool`` is the
     placement (4, 4) of a tool in the link ``frame``, if the task controls the tool. ``coordinates``
@@ -290,9 +294,11 @@ class CycleFile(Part):
 class Figures(Part):
     """Figures of merit of a saved design: cost, margins and errors, as in :class:`Design`.
 
-    They are computed when the design is made, not when it is loaded. ``cost``, ``cost_error``,
-    ``relative_distance``, ``leaf_margin``, ``leaf_margin_at`` and ``inside_limits`` are evaluated
-    over Ω. ``fit_cost``, ``gradient_norm``, ``converged`` and ``steps`` are results of the
+    They are computed when the design is made, not when it is loaded. ``cost`` is the mean over Ω of
+    ‖G_r − G_d‖_F², and ``cost_error`` its standard error. ``relative_distance`` is
+    ``√(cost / mean ‖G_d‖_F²)``. ``leaf_margin`` is the smallest leaf margin found in Ω, at the
+    configuration ``leaf_margin_at``. ``inside_limits`` is the fraction of Ω inside the joint
+    limits. ``fit_cost``, ``gradient_norm``, ``converged`` and ``steps`` are results of the
     optimiser. ``samples`` and ``held_out`` are the numbers of nodes of the fit and of the
     evaluation, and ``seed`` is their random seed. ``dropped`` lists the potentials that were left
     out. ``shrunk`` is the width of Ω divided by the requested width. ``degrees`` has (degree, cost,

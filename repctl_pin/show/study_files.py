@@ -100,7 +100,10 @@ def with_command(page: str, command: str) -> str:
 
 
 def _portable(command: str) -> str:
-    """Remove from a command what says where it ran: the output folder, and folders of files."""
+    """Remove the option ``--out`` from a command, and the folders from its absolute paths.
+
+    They only show where the command ran. Relative paths are unchanged.
+    """
     kept: list[str] = []
     words = iter(shlex.split(command))
     for word in words:

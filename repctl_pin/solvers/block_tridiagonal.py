@@ -24,11 +24,12 @@ def solve_block_tridiagonal(diagonal: Array, upper: Array, rhs: Array, *, cyclic
     diagonal : (K, r, r) array
         Symmetric blocks D_k.
     upper : (K, r, r) array
-        Blocks U_k. Only a cyclic system uses the last one; it must have K ≥ 3.
+        Blocks U_k, which couple block k to block k + 1. The last one couples block K − 1 to
+        block 0, and is used only if ``cyclic``.
     rhs : (K, r) array
         Right-hand sides b_k.
     cyclic
-        True if block K − 1 is coupled to block 0.
+        True if block K − 1 is coupled to block 0. K must then be at least 3.
 
     Returns
     -------

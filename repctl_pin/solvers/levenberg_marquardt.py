@@ -127,9 +127,9 @@ class Damping:
     sufficient : float
         Fraction of the predicted decrease that a step must achieve to be accepted.
     halvings : int
-        Number of step lengths (1, ½, ¼, …) that are tried before a step is rejected and the
-        iteration ends. With 0, only the full step is tried; a rejected one is computed again with
-        a larger μ.
+        Number of step lengths (1, ½, ¼, …) that are tried; if none is accepted, the iteration
+        ends. 0 has a different effect: only the full step is tried, and if it is rejected, a new
+        step is computed with a larger μ.
     """
 
     first: float = 0.0

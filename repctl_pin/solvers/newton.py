@@ -57,8 +57,9 @@ def newton(
     Returns
     -------
     (n,) array or None
-        The solution. If the method did not converge: without ``residual`` None; with it the last q,
-        whose residual the caller must check, or None if a step was not finite.
+        The solution; None if the method did not converge. With ``residual``, the last q is returned
+        even then, and the caller must check its residual; the result is None only if a step was not
+        finite, or too long for ``contraction``.
     """
     from scipy.linalg.blas import daxpy, idamax  # slow to import
 

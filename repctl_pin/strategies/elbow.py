@@ -9,7 +9,7 @@ region of the inverse. The ratio of a configuration is the scale of Ω at which 
 through it: 1 at the edge, below 1 inside. An argument ``inverse`` is the repeatable inverse, and
 ``lower`` and ``upper`` (n,) are joint limits, rad or m.
 
-``_Bounded`` is a region Ω of joint space, with the distance of q from its edge. ``_OnLeaves`` is a
+``_Bounded`` is a region Ω of joint space that gives ratios of configurations. ``_OnLeaves`` is a
 repeatable inverse, as far as the search for an elbow needs it. ``ElbowLevel`` is the level c at
 which the elbow is nearest to a point, and the configuration there. ``_Regular`` is bounds on
 singular values, leaf margin and Ω that a search must keep.
@@ -81,7 +81,10 @@ class _OnLeaves(Protocol):
         """Region Ω, at whose edge the search stops; None without one."""
 
     def step(self, q: Array, target: pin.SE3, dt: float) -> Array:
-        """Compute the next q (n,) towards a target, at the level of q; dt = 1 is a Newton step."""
+        """Compute the next q (n,): the frame moves towards a target, and h keeps its value.
+
+        ``target`` is a placement of the frame in the base frame. dt = 1 makes a Newton step.
+        """
 
     def leaf(self, q: Array) -> Array:
         """Evaluate the level c = h(q) (r,)."""
@@ -374,8 +377,9 @@ def _accepted(
 def _inside(inverse: _OnLeaves, q: Array, place: pin.SE3, lower: Array, upper: Array) -> Array:
     """Move joints of q (n,) that are beyond their limits back to them, with the frame at ``place``.
 
-    Return the configuration (n,). The joints are moved step by step; before a step that would move
-    a joint by more than 0.3 rad or m, the result is returned with joints still beyond their limits.
+    Return the configuration (n,). The joints are moved in a few steps along the self-motion. If a
+    step would move a joint by more than 0.3 rad or m, it is not taken, and the result has joints
+    that are still beyond their limits.
     """
     for _ in range(_NEWTON):
         back = np.clip(q, lower, upper) - q

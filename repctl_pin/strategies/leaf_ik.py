@@ -61,7 +61,7 @@ def solve(
     step
         The method :meth:`RepeatableInverse.step` of that inverse.
     target
-        Desired placement x of the frame.
+        Desired placement x of the frame, in the base frame.
     q0 : (n,) array
         Initial configuration.
     leaf : (r,) array, optional

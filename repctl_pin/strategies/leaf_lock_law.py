@@ -29,8 +29,8 @@ from .step_arguments import StepLimits, failure
 class NumPyLaw:
     """The control law by the formulas of the paper: ``J_V = [J; Vᵀ]`` (37), and its inverse (31).
 
-    It is made from a task and the potentials h. The class has the methods of :class:`NativeLaw`,
-    whose results it must reproduce. Arguments are checked by the caller.
+    It is made from a task and the potentials h. It has the same methods as :class:`NativeLaw`, and
+    both give the same results. Arguments are checked by the caller.
     """
 
     def __init__(self, task: Task, potentials: Potentials) -> None:

@@ -159,7 +159,7 @@ class RepeatableInverse:
         q, xdot : (n,), (m,) arrays
         outside
             Action if q lies outside Ω or violates a joint limit: ``"ignore"``, ``"warn"`` or
-            ``"raise"`` (an InputError).
+            ``"raise"`` (an InputError). Only ``"ignore"`` is possible without a region Ω.
 
         Raises
         ------
@@ -207,8 +207,8 @@ class RepeatableInverse:
         q : (n,) array
             Configuration, measured or commanded.
         target : pinocchio.SE3 or (4, 4) array
-            Desired placement of the frame: now, if ``twist`` is given; else at the end of the step.
-            For a task of several frames, a list with one placement per frame.
+            Desired placement of the frame, in the base frame: now, if ``twist`` is given; else at
+            the end of the step. For a task of several frames, a list with one placement per frame.
         dt
             Duration of the step, s.
         twist : (6,) or (6 F,) array, optional
@@ -227,8 +227,9 @@ class RepeatableInverse:
             vector by which J_V⁻¹ is multiplied above. :meth:`damped_step` reports λ.
         outside
             Action if q lies outside the design region Ω, or the next q beyond the joint limits:
-            ``"ignore"``, ``"warn"``, or ``"raise"`` (an InputError). The check takes about as
-            long as three steps for a box, seven for a cell; ``"ignore"`` takes no time.
+            ``"ignore"``, ``"warn"``, or ``"raise"`` (an InputError). Only ``"ignore"`` is possible
+            without a region Ω, and takes no time. The check takes about as long as three steps for
+            a box, seven for a cell.
 
         Raises
         ------
@@ -263,11 +264,11 @@ class RepeatableInverse:
     ) -> Step:
         """Compute the next q as :meth:`step` does, and report the step's damping and scale.
 
-        The arguments are those of :meth:`step`: ``target`` is the placement at the end of the step
-        or, with a ``twist``, now; dt is in s; ``leaf`` is the level c, by default the present
-        one; ``gain``, 1/s, is 1 / dt by default; ``damping`` is λ_max; ``outside`` is ``"ignore"``,
-        ``"warn"`` or ``"raise"``. The damping and the scale show whether the step differs from the
-        requested one, as near a singularity or at a speed limit.
+        The arguments are those of :meth:`step`: ``target`` is the placement, in the base frame, at
+        the end of the step or, with a ``twist``, now; dt is in s; ``leaf`` is the level c, by
+        default the present one; ``gain``, 1/s, is 1 / dt by default; ``damping`` is λ_max;
+        ``outside`` is ``"ignore"``, ``"warn"`` or ``"raise"``. The damping and the scale show
+        whether the step differs from the requested one, as near a singularity or at a speed limit.
 
         Returns
         -------
@@ -416,7 +417,7 @@ class RepeatableInverse:
         Parameters
         ----------
         target : pinocchio.SE3 or (4, 4) array
-            Desired placement x of the frame.
+            Desired placement x of the frame, in the base frame.
         q0 : (n,) array
             Initial configuration of the search.
         leaf : (r,) array, optional

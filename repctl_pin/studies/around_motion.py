@@ -149,7 +149,8 @@ def shrunk_note(design: Design) -> tuple[str, ...]:
 def half_width_within(region: Region) -> str:
     """Format the smallest half-width of the box around a region, rad or m, to two digits.
 
-    It is rounded down. The error on a region with a singularity suggests this number as ``region``.
+    The number is rounded down. If a design fails because its region contains a singularity, the
+    error message suggests this number, for a smaller region, as the argument ``region``.
     """
     width = float(region.bounds.half_width.min())
     digit = 10.0 ** (np.floor(np.log10(width)) - 1)

@@ -1,4 +1,4 @@
-"""Drift in other planes: does J⁺ drift more on circles or small loops that the study did not take?
+"""Drift in other planes: does J⁺ drift more on other circles or loops than on the study's path?
 
 On some paths, J⁺ hardly drifts by chance. A note then names a plane in which it drifts more.
 """

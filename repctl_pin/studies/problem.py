@@ -67,8 +67,10 @@ class Problem:
     robot : str, Robot or Task
         Catalogue name, path to a URDF, or a loaded robot; or a task, which has a frame and a kind.
     frame, kind : str, optional
-        Frame to move, or a list of several as :meth:`Robot.task` takes it, and kind of task; by
-        default the end of the arm, and the first of pose, position, xy, xz, yz that is redundant.
+        Frame to move, the name of a link, and kind of task; by default the end of the arm, and the
+        first of pose, position, xy, xz, yz that is redundant. For several frames, ``frame`` is a
+        list of names, or of tuples (name, kind) or (name, kind, base), where base is the link
+        relative to which the frame is placed; the default kind is then pose.
     start : (n,) array or str, optional
         Start configuration q0, rad (m for prismatic joints), or the name of a pose of the robot; by
         default the first of the reference pose, the ready pose, mid-range and poses around it, far
@@ -265,10 +267,11 @@ def tube_around(motion: Motion, width: float | None = None) -> Tube:
 def at_minimum_speed(problem: Problem) -> Problem:
     """Copy a problem, with the start moved along its self-motion to minimum joint speed.
 
-    In a self-motion the joints move and the frame does not, so the path does not change. The new
-    start has at least half of the largest joint-limit margin found, and no bodies collide. A note
-    of the copy says by how much the joint speed falls. If no such start needs less joint speed, the
-    start is kept, and the note says so.
+    In a self-motion the joints move and the frame does not, so the path does not change. Each start
+    is rated by the closed motion of minimum joint speed (rms over a cycle) that begins there and
+    follows the path. A start is excluded if bodies collide in this motion, or if its joint-limit
+    margin is less than half of the largest one found. A note of the copy says by how much the joint
+    speed falls. If no other start needs less joint speed, the start is kept, and the note says so.
 
     Raises
     ------

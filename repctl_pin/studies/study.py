@@ -182,9 +182,10 @@ def _designed(
 ) -> tuple[Problem, Design]:
     """Design the repeatable inverse nearest to ``desired``; return problem and design.
 
-    The solved problem can have another default start, if no motion from the first keeps the limits
-    at low joint speed. ``degree`` is that of the polynomials. ``say`` receives the name of each
-    step; if ``quiet``, not those of the fit.
+    The returned problem can have another start than ``problem``, unless the user gave the start or
+    the region: default starts are tried until the repeatable motion keeps the limits, at low joint
+    speed. ``degree`` is that of the polynomials. ``say`` receives the name of each step; if
+    ``quiet``, not those of the fit.
     """
     designing = f"designing the nearest repeatable inverse, degree {degree}"
 
@@ -300,10 +301,10 @@ def _postures(task: Task, q0: Array) -> tuple[PostureControl, PostureControl]:
 def _repeatable(design: Design, path: TaskPath, q0: Array, options: dict[str, Any]) -> Row:
     """Follow the path with the design's inverse from q0 (n,), and return its row of the study.
 
-    The motion has the region Ω of the design, and the proved closing radius, within which every
-    closed path closes in joint space. If the design cannot follow a path that J⁺ can follow, the
-    attribute ``stopped`` of the row names the design as the cause. ``options`` are passed to
-    ``follow``.
+    The design's region Ω and its proved closing radius are added to the motion, as its attributes
+    ``region`` and ``closing_radius``. Closed paths within this radius of the start, or of a path,
+    close in joint space. If the design cannot follow a path that J⁺ can follow, the attribute
+    ``stopped`` of the row names the design as the cause. ``options`` are passed to ``follow``.
     """
     row = _run("repeatable", design.inverse, path, q0, options)
     if row.motion is not None:
@@ -319,10 +320,10 @@ def edge_warning(
 ) -> list[str]:
     """Make a warning if the motion changes when its start moves by 1e-6 along the self-motion.
 
-    The results from a start whose motion changes depend on rounding errors. ``row`` is the result
-    of ``strategy`` from q0 (n,), and ``options`` are passed to ``follow``. The list has one text;
-    it is empty if the motions from q0 and from the moved start, 1e-6 rad or m beside it, end cycle
-    1 within 1e-3 rad or m, or if both stop.
+    From such a start, the motion depends on rounding errors. ``row`` is the result of ``strategy``
+    from q0 (n,), and ``options`` are passed to ``follow``. Cycle 1 is followed again from a start
+    1e-6 rad or m beside q0. The list is empty if both motions end cycle 1 within 1e-3 rad or m of
+    each other, or if both stop; otherwise it has one text.
     """
     task = strategy.task
     beside = q0 + _EDGE * nullspace(task.jacobian(q0))[:, 0]

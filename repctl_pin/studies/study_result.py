@@ -53,8 +53,9 @@ class Row:
         the potentials no longer determine the joints: 1 is best, 0 is singular. None if the
         strategy has no potentials.
     distance : float or None
-        Relative distance ``‖G − G_d‖ / ‖G_d‖`` from the desired inverse G_d, in the mean over the
-        region Ω, for the design and for J⁺ if G_d is J⁺; else None.
+        Relative distance ``‖G − G_d‖ / ‖G_d‖`` of the strategy's inverse G from the desired inverse
+        G_d, with both norms as root mean squares over the region Ω. It is given for the design and,
+        as 0, for J⁺ if G_d is J⁺; otherwise it is None.
     body_distance : float or None
         Minimum distance between bodies, m, see :attr:`.JointMotion.clearance`; None without bodies
         or without a motion.

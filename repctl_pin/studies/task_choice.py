@@ -110,9 +110,9 @@ def _redundant(robot: Robot, task: Task) -> Task:
 
 
 def _redundant_frame(robot: Robot) -> str | None:
-    """Find the redundant frame that most joints move, to suggest it in an error message.
+    """Find a frame at which a kind of task is redundant, to suggest it in an error message.
 
-    None if no kind of task is redundant at any frame.
+    It is the one that is moved by the largest number of joints; None if there is no such frame.
     """
     chains = {tuple(robot.chain(frame)): frame for frame in robot.frames}
     for chain in sorted(chains, key=len, reverse=True):

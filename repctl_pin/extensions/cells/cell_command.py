@@ -390,10 +390,10 @@ def _with_choices(
 def _placed(options: Options, at: Any, report: Report) -> _Asked:
     """Find the best place for the box of ``--size``; without ``--size``, the largest sector.
 
-    The arm covers the result within its limits and without collisions. If the position ``at`` (3,),
-    m, is not None, the box nearest to it is preferred among boxes of equal size. With
-    ``--half-angle`` the box also has rotations; ``posture`` of the result is then None, and the
-    design searches for a configuration.
+    One function covers the result, within the joint limits and without collisions. If ``at`` (3,),
+    a position in the base frame, m, is not None, the box nearest to it is preferred among boxes of
+    equal size. The rotations of ``--half-angle`` are added to the box after the search; ``posture``
+    of the result is then None, and the design searches for a configuration.
     """
     import numpy as np
     import pinocchio as pin
@@ -536,7 +536,11 @@ _DEFAULTS = {
 
 
 def _require_one_shape(options: Options) -> None:
-    """Raise an InputError if two options are mutually exclusive, or no option shapes the cell."""
+    """Raise an InputError if two options exclude each other, or none gives the cell's shape.
+
+    One of ``--half-width``, ``--size``, ``--sector``, ``--down``, ``--forward`` and ``--rpy`` must
+    be given. An option that requires another one which is missing is refused, too.
+    """
     said = vars(options) | {"path": options.path or options.plane}
 
     def given(name: str) -> bool:

@@ -161,13 +161,18 @@ class CellDesign:
 
     @property
     def cost(self) -> float:
-        """Mean of ``‖∂F/∂x − G_d(F)‖_F²`` over the held-out poses that the function F covers."""
+        """Mean of ``‖∂F/∂x − G_d(F)‖_F²`` over the held-out poses that the function F covers.
+
+        Only velocities along the coordinates of the cell count, not those along task coordinates
+        that the cell holds constant.
+        """
         return self.evaluation.cost
 
     @property
     def extra_speed(self) -> float:
         """Rms joint speed over the cell relative to that of the desired inverse, minus 1.
 
+        The mean is over the held-out poses that the function covers, and over all directions of ẋ.
         Both speeds are evaluated at the configurations of the function.
         """
         return self.evaluation.extra_speed
@@ -193,7 +198,8 @@ class CellDesign:
     def limit_margin(self) -> float:
         """Minimum distance of a joint from its limit on the held-out poses, rad or m.
 
-        The margin is negative if a limit is violated, and infinite if no joint has limits.
+        The margin is negative if a limit is violated, and infinite if no joint has limits. A joint
+        is left out if it moves the frame along a coordinate of the range ``"all"``.
         """
         return self.evaluation.limit_margin
 
@@ -201,7 +207,7 @@ class CellDesign:
     def limit_margin_worst(self) -> float:
         """Limit margin at the worst pose found by a search over the cell, rad or m.
 
-        The margin is negative if a limit is violated, and infinite if no joint has limits.
+        It is at most :attr:`limit_margin`, which has the same meaning on the held-out poses alone.
         """
         return self.evaluation.limit_margin_worst
 
@@ -209,8 +215,9 @@ class CellDesign:
     def leaf_margin(self) -> float:
         """Minimum leaf margin ``σ_min(Nᵀ V̂)``; 1 is best, 0 is an algorithmic singularity.
 
-        The columns of N and V̂ are orthonormal: N spans the null space of J, V̂ the gradients of
-        the potentials that the controller holds constant. NaN in designs of older versions.
+        The minimum is the smallest that a search found over the poses that the function covers. The
+        columns of N and V̂ are orthonormal: N spans the null space of J, V̂ the gradients of the
+        potentials that the controller holds constant. NaN in designs of older versions.
         """
         return self.evaluation.leaf_margin
 
@@ -226,11 +233,12 @@ class CellDesign:
 
     @property
     def body_distance(self) -> float:
-        """Minimum distance between two bodies, of the robot or of its surroundings, m.
+        """Minimum distance between two links, or between a link and the surroundings, m.
 
-        It is that of the evaluated poses and of the search beside them. The distance is infinite if
-        there are no collision bodies, and NaN if the bodies have changed since the design was
-        saved.
+        It is negative in a collision. The minimum is over the first 1024 held-out poses, the
+        corners of the cell and, if no bodies collide at these, the poses that a search visits from
+        the nearest of them. The distance is infinite if there are no collision bodies, and NaN if
+        the bodies have changed since the design was saved.
         """
         return self.evaluation.body_distance
 

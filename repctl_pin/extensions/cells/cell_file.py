@@ -72,9 +72,11 @@ _MOST_DEGREE = 64
 class _FailureFile(Part):
     """Reason why a function fails at some poses of its cell.
 
-    ``cause`` is ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``; ``share`` is the
-    fraction of the sampled poses that fail for this cause; ``u`` (k,) is the worst pose; and
-    ``what`` is a message that describes the failure there.
+    ``cause`` is ``reach``, ``singularity``, ``limit``, ``fold`` or ``collision``. At a fold, the
+    leaf (the set of the function's configurations) turns back along the self-motion, and is no
+    longer a function of the pose. ``share`` is the fraction of the sampled poses that fail for this
+    cause. ``u`` is the worst pose, in all coordinates of the cell, and ``what`` a message that
+    describes the failure at this pose.
     """
 
     cause: str
@@ -115,9 +117,9 @@ class _SectorFile(Part):
     """Cylindrical coordinates of a sector: radius, angle, height, two tilts, spin, numbered from 0.
 
     Their half-widths are in :attr:`_CellFile.widths`, in this order, rad or m. ``axis`` has two
-    rows: a point of the axis, m, and its direction. ``free`` has the numbers of the coordinates
-    whose range ends only at the joint limits. ``symmetric`` has the numbers of the coordinates that
-    the polynomials leave out. ``spin_middle`` is the middle of the spin, rad; it is present only if
+    rows, in the base frame: a point of the axis, m, and its direction. ``free`` has the coordinates
+    whose range ends only at the joint limits, and ``symmetric`` those that the polynomials leave
+    out, by their numbers. ``spin_middle`` is the middle of the spin, rad; it is present only if
     the sector has tilts and the spin is in ``free``. ``profile`` is present only if the range of
     radius depends on the height. It has two rows: the coefficients of the bend, which shifts the
     range, and of the stretch, which scales the range, in powers of the height above the middle, m;
@@ -175,14 +177,14 @@ class _CellFigures(Part):
 class _CellFile(Sealed):
     """File content: an inverse kinematic function over a cell of poses.
 
-    ``placement`` (4, 4) is the pose in the middle of the cell, ``widths`` (m,) are the half-widths
-    of the cell's coordinates. ``coefficients`` (N, n, 1 + r) are the coefficients of the
-    polynomials q_ref and n_ref in the N monomials of u up to the ``degree``. ``bodies`` is the
-    fingerprint of the collision bodies. Older files, and files without a known body distance, do
-    not have this key. ``desired`` is the inverse to which ∂F/∂x is near, and ``posture`` (n,) the
-    configuration in the middle. ``degrees`` are the degrees that were tried, with their costs;
-    ``sector`` are the coordinates of a sector. The other keys are numbers of the fit, and requested
-    minima of the margins, as in :class:`CellDesign`.
+    ``placement`` (4, 4) is the pose in the middle of the cell, in the base frame; ``widths`` (m,)
+    are the half-widths of its coordinates, m and rad. ``coefficients`` (N, n, 1 + r) are the
+    coefficients of the polynomials q_ref and n_ref in the N monomials of u up to the ``degree``.
+    ``bodies`` is the fingerprint of the collision bodies. Older files, and files without a known
+    body distance, do not have this key. ``desired`` is the inverse to which ∂F/∂x is near, and
+    ``posture`` (n,) the configuration in the middle. ``degrees`` are the degrees that were tried,
+    with their costs; ``sector`` are the coordinates of a sector. The other keys are numbers of the
+    fit, and requested minima of the margins, as in :class:`CellDesign`.
     """
 
     desired: Desired

@@ -114,7 +114,7 @@ class InverseFunction:
         Parameters
         ----------
         target : pinocchio.SE3 or (4, 4) array
-            Pose x of the frame.
+            Pose x of the frame, in the base frame.
         leaf : (r,) array, optional
             Level c, rad (m for prismatic joints), by default 0. Other values move the arm along its
             self-motion, see :meth:`leaves`.
@@ -151,8 +151,8 @@ class InverseFunction:
         Parameters
         ----------
         targets : list of placements, or (K, 4, 4), (K, 7) or (K, k) array
-            Placements; homogeneous matrices; positions, m, with quaternions,
-            ``x, y, z, qx, qy, qz, qw``; or coordinates U of the cell.
+            Poses of the frame, in the base frame: placements; homogeneous matrices; or positions,
+            m, with quaternions, ``x, y, z, qx, qy, qz, qw``. Or coordinates U of the cell.
         leaf : (r,) or (K, r) array, optional
             Level c, by default 0: one for all targets, or one for each target.
         missing : "raise" or "nan"
@@ -224,7 +224,7 @@ class InverseFunction:
         Returns
         -------
         X : (K, 4, 4) array
-            Homogeneous matrices of the frame.
+            Homogeneous matrices of the frame, in the base frame.
         C : (K, r) array
             Levels c; NaN where the pose lies outside the cell.
 
@@ -335,17 +335,17 @@ class InverseFunction:
     def leaf_toward(
         self, target: Placement, *, elbow: ArrayLike, link: str | None = None, margin: float = 0.0
     ) -> ElbowLevel:
-        """Find the level c of F(x; c) at which the elbow is nearest to a point.
+        """Find a level c of F(x; c) at which the elbow's distance from a point is a local minimum.
 
-        The search begins at the configuration F(x) of level 0, and moves along the self-motion to
-        the next minimum of the distance. So the result is a function c*(x, p_e) of pose and point:
-        the same pose and point give the same configuration. The result has the level, the
-        configuration there, and the distance of the elbow from the point, m.
+        The search begins at the configuration F(x) of level 0, and moves along the self-motion, the
+        frame at rest, to the next minimum of the distance. So the result is a function c*(x, p_e)
+        of pose and point: the same pose and point give the same configuration. The result has the
+        level, the configuration there, and the distance of the elbow from the point, m.
 
         Parameters
         ----------
         target : pinocchio.SE3 or (4, 4) array
-            Pose x of the frame.
+            Pose x of the frame, in the base frame.
         elbow : (3,) array
             Point p_e for the elbow, in the base frame, m.
         link

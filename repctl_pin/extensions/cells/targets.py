@@ -1,6 +1,6 @@
 """Conversion of target poses to arrays, from placements, matrices, or positions and quaternions.
 
-Targets are the poses at which a function q = F(x) is evaluated.
+Targets are the poses of the frame, relative to the base, at which a function q = F(x) is evaluated.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ def as_poses(task: Task, targets: Sequence[Placement] | Array) -> tuple[Array, A
     task
         The task. Rotation matrices are checked only if the task commands a rotation.
     targets : list of placements, (K, 4, 4) or (K, 7) array
-        A row of seven is a position, m, and a quaternion: ``x, y, z, qx, qy, qz, qw``. Targets with
+        A placement is a pinocchio.SE3 or a homogeneous matrix (4, 4), as in an array (K, 4, 4). A
+        row of seven is a position, m, and a quaternion: ``x, y, z, qx, qy, qz, qw``. Targets with
         numbers that are not finite are not checked; their results are not finite either.
 
     Raises

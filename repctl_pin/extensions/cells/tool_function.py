@@ -116,7 +116,7 @@ class ToolFunction:
     def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate ∂F'/∂x (n, m) at a pose of the tool: the joint velocity per task velocity.
 
-        ``leaf`` is the level c (r,), by default 0.
+        The level is constant: ``leaf``, c (r,), by default 0.
         """
         return self.inverse(self(target, leaf=leaf))
 
@@ -132,8 +132,8 @@ class ToolFunction:
     def leaves(self, target: Placement) -> Array:
         """Find the range (low, high) of each component of the level at a pose of the tool: (r, 2).
 
-        The other components are 0. A range ends at a joint limit, at ±π, or near a singularity of
-        the equations of F, see :meth:`InverseFunction.leaves`.
+        While one component varies over its range, the others are 0. A range ends at a joint limit,
+        at ±π, or near a singularity of the equations of F, see :meth:`InverseFunction.leaves`.
         """
         intervals: Array = self.of_frame.leaves(as_placement(target) * self._back)
         return intervals

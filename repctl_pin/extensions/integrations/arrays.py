@@ -90,7 +90,7 @@ def inverse_function(F: InverseFunction, xp: Namespace) -> Callable[..., Numbers
     Parameters
     ----------
     F
-        Function of a cell, such as ``found.function``.
+        Function of a cell: ``found.function``, with ``found`` the design of a cell.
     xp
         Namespace of the arrays: numpy, jax.numpy, torch, cupy, or another one of the standard.
 
@@ -152,7 +152,7 @@ def pose_and_leaf(
     Parameters
     ----------
     F
-        Function of a cell, such as ``found.function``.
+        Function of a cell: ``found.function``, with ``found`` the design of a cell.
     xp
         Namespace of the arrays: numpy, jax.numpy, torch, cupy, or another one of the standard.
 
@@ -190,7 +190,7 @@ def velocity(inverse: RepeatableInverse, xp: Namespace) -> Callable[[Numbers, Nu
     ----------
     inverse
         ``design.inverse``, with polynomials, Fourier series or their sums as potentials, or
-        ``found.inverse`` of a cell.
+        ``found.inverse``, with ``found`` the design of a cell.
     xp
         Namespace of the arrays: numpy, jax.numpy, torch, cupy, or another one of the standard.
 
@@ -728,9 +728,10 @@ def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
 def _profiled(xp: Namespace, cell: Sector, eta: Numbers) -> list[Any]:
     """Evaluate bend and stretch of a sector, and their slopes, at heights ``eta`` = η (K,), m.
 
-    The result is bend, m, stretch, and the derivatives of both by η: arrays (K,), or floats if both
-    are constant. At the height η above the middle, the range of radius has its middle at the bend,
-    and its half-width times the stretch. Both are constant above and below the sector.
+    At the height η above the sector's middle, the bend, m, is added to the middle of the range of
+    radius, and the half-width of the range is multiplied by the stretch. Both are constant above
+    and below the sector. The result is bend, stretch, and the derivatives of both by η: arrays
+    (K,), or floats if the range is the same at all heights.
     """
     if not cell.profile.degree:
         return [0.0, 1.0, 0.0, 0.0]

@@ -17,14 +17,14 @@ class FunctionKinematics:
     """Forward and inverse kinematics for LeRobot's processors, by a cell's function.
 
     A cell is a box of poses over which a function F gives one configuration per pose, independent
-    of the current configuration. So a policy's poses always lead to the same joints. A leaf is the
-    set of configurations that F gives for one level c, the position along the self-motion. Revolute
-    joints are in degrees, prismatic joints in m, poses are homogeneous matrices (4, 4).
+    of the current configuration. So one pose of a policy always leads to one configuration. A leaf
+    is the set of configurations that F gives for one level c, the position along the self-motion.
+    Revolute joints are in degrees, prismatic joints in m, poses are homogeneous matrices (4, 4).
 
     Parameters
     ----------
     F
-        Function of a cell, such as ``found.function``.
+        Function of a cell: ``found.function``, with ``found`` the design of a cell.
     leaf : (r,) array, optional
         Level c, rad (m for prismatic joints), by default 0; another level moves the elbow along the
         self-motion.

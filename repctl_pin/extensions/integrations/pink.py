@@ -34,8 +34,8 @@ class RepeatableTask(PinkTask):
     Parameters
     ----------
     inverse
-        Repeatable inverse, such as ``design.inverse``; its task should have the frame and the kind
-        of the frame task.
+        Repeatable inverse, such as ``design.inverse``. Its task should control the same frame as
+        pink's frame task, in the same coordinates, such as a pose.
     cost : float or (r,) numbers
         Weight of each of the r errors relative to the costs of other tasks. This task and the frame
         task do not conflict: together they determine all joints.

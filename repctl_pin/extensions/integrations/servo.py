@@ -104,7 +104,8 @@ class Servo:
     tool
         Placement of the tool in the frame of the design; targets and twists are then the tool's.
     clutch
-        Clutch between the operator's hand and the arm; by default with scale 1.
+        Clutch between the operator's hand and the arm. By default, the arm translates and rotates
+        by as much as the hand, and the axes of the tracker are those of the base.
     """
 
     def __init__(

@@ -97,9 +97,9 @@ class JointReadings:
         return now - self._still[1] >= duration
 
     def disturb(self) -> None:
-        """Begin the period of :meth:`rest`, in which joints must be constant, anew.
+        """Restart the test of :meth:`rest`: joints must be constant for the whole duration again.
 
-        The servo calls it after late readings, before its first command.
+        The servo calls this method after late readings, before its first command.
         """
         self._still = None
 

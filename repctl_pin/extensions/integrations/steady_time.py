@@ -35,7 +35,8 @@ class SteadyTime:
     def tick(self, now: float) -> float:
         """Compute the steady time, s, of a tick at which the clock reads ``now``, s.
 
-        A tick less than half a period after the last one counts as a whole period.
+        The time since the last tick is that of the clock. If it is less than half a period, it
+        counts as a whole period.
         """
         if self.at(now) - self._last_tick < self._dt / 2:
             self._time = self._last_tick + self._dt

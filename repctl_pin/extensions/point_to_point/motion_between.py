@@ -137,7 +137,8 @@ def motion_between(
     Parameters
     ----------
     F
-        Function of a cell or sector, such as ``design.function``, or ``F.with_tool(…)``.
+        Function of a cell or sector: ``found.function``, with ``found`` the design of a cell, or
+        ``found.function.with_tool(…)``.
     poses : list of placements, or (P, 4, 4) or (P, 7) array
         Two poses or more: placements, homogeneous matrices, or rows x, y, z, qx, qy, qz, qw, with
         positions in m.

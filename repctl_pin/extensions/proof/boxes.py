@@ -170,7 +170,7 @@ def limit_margin(task: Task, low: Array, high: Array) -> tuple[float, int]:
     """Bound the joint-limit margin from below on boxes with corners low and high, (K, n) each.
 
     The margin is the smallest distance of a joint from its limits, negative outside them. Return
-    the bound over all boxes, rad or m, and the index of the box with the smallest margin.
+    the smallest bound of all boxes, rad or m, and the index of the box with this bound.
     """
     middle, reach = (low + high) / 2, (high - low) / 2
     size = np.abs(low).max() + np.abs(high).max()

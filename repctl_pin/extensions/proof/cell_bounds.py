@@ -22,7 +22,7 @@ u of the box and all q with ``|q − q_ref(u)| ≤ g``, then
 
 The values of F are the leaf of r potentials. The gradients V (n, r) of the potentials on the leaf
 are ``Vᵀ = n_refᵀ − W J`` with ``W E = w``. Here ∂ is the derivative with respect to the task's
-coordinates, E are the twists of the pose per unit of each, and
+coordinates, a column of E is the twist of the pose per unit of one of them, and
 ``w = n_refᵀ ∂q_ref − (∂n_refᵀ) (F − q_ref)``. V and the null space of J are expanded to first order
 along F. From both follows a bound on the leaf margin σ_min(Nᵀ V̂): the columns of N and V̂ are
 orthonormal bases of the null space and of V. The reciprocal of the leaf margin, minus 1, is the
@@ -172,7 +172,7 @@ class CellProof:
         return points.q_ref + self._correction.at(points.U)
 
     def away(self, points: Points) -> Array:
-        """Return the distance ``|q − c|`` of K configurations: (K, n)."""
+        """Return the distance ``|q − c|`` of K configurations from c at their poses: (K, n)."""
         return np.asarray(np.abs(points.Q - self.center(points)))
 
     def _found_away(self, U: Array) -> Array:
@@ -450,10 +450,11 @@ def _nested(found: Array) -> Array:
 def limits_of(cell: Cell) -> tuple[Array, Array]:
     """Return the joint limits (lower, upper) that F of a cell must keep, (n,) each, rad or m.
 
-    F leaves out a coordinate of a sector if a single joint moves the frame along it. The limits of
-    this joint are narrowed by the half-width of the coordinate, so that the joint can still move
-    the frame over the whole range. The range ``"all"`` ends where the joint's limits are, so the
-    joint has no further limits: the result is −inf and inf.
+    The coordinates u leave out a coordinate of a sector if a single joint moves the frame along it.
+    The proof then covers F in the middle of that coordinate's range. So the limits of this joint
+    are narrowed by the half-width of the range: from the middle, the joint can move the frame over
+    the whole range. A coordinate with the range ``"all"`` goes as far as its joint can move, so F
+    need not keep the limits of this joint: the result is −inf and inf.
     """
     lower, upper = cell.task.lower, cell.task.upper
     lower, upper = lower.copy(), upper.copy()

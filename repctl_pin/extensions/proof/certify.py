@@ -100,8 +100,8 @@ def prove(
     leaf
         Largest change of each level h_i(q) from its value at the start, in the unit of h_i, for
         which the closing radius is to hold; 0 for motions on one leaf. Above 0, the levels may
-        change during a motion. If it ends with the pose and the levels it began with, it then also
-        ends in the same configuration. A closed path as ``closes`` requires 0.
+        change during a motion. A motion that ends with the pose and the levels it began with is
+        then proved to end in the same configuration, too. A closed path as ``closes`` requires 0.
     seconds
         Processor time, s, after which the bounds found so far are returned: once for the margins,
         once for the closing radius.

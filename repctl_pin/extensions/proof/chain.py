@@ -169,7 +169,7 @@ def chain_of(task: Task) -> Chain:
 
 
 def frames_of(task: Task) -> tuple[Task, ...]:
-    """Return the tasks of the single frames of a task, each with all of its joints.
+    """Return one task per frame of a task; each has all joints of the given task.
 
     A task can control several frames, such as those of two arms. With one frame, the result has one
     item, the task itself.

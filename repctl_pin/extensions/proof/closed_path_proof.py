@@ -1,8 +1,9 @@
 r"""The motion along a closed path, enclosed in boxes between its samples, and proved to close.
 
-A lift q(s) is the joint motion over a path x(s) on one leaf, the set h(q) = c of the potentials h
-with the levels c. Let Φ(q) be the pose and the levels, J_V its Jacobian, A an inverse of J_V at a
-sample Q, and J̄ a mean of J_V. Any q and q' in a box of half-widths h around Q satisfy
+A lift q(s) is the joint motion over a path x(s) on one leaf, the set of configurations at which the
+r potentials have given values, the levels c. Let Φ(q) be the pose and the levels, J_V its Jacobian,
+A an inverse of J_V at a sample Q, and J̄ a mean of J_V. In this module, h are half-widths, not the
+potentials. Any q and q' in a box of half-widths h around Q satisfy
 ``q − q' = A (Φ(q) − Φ(q')) − A (J̄ − J_V(Q)) (q − q')``. On an arc of length ℓ therefore
 
 .. math:: |q − Q| ≤ |A| ℓ + |A|\, Δ(h)\, h < h,
@@ -14,7 +15,7 @@ closes", has the theorem.
 A closed path, whose traversal is a cycle, is sampled at K + 1 path parameters s_i, which divide it
 into K arcs; ``Q`` are the joints at the samples. Half-widths of boxes are in rad or m. The task has
 n joints, r potentials and F frames, such as two hands. An argument ``inverse`` is the repeatable
-inverse with the potentials h, and ``problem`` has bounds on its J_V over boxes of joints.
+inverse with these potentials, and ``problem`` has bounds on its J_V over boxes of joints.
 
 ``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
 of joint space. ``Enclosure`` is boxes of joints that contain a motion, their half-widths, and

@@ -1,9 +1,9 @@
 """The closing radius of a design: around its start, or along a closed path.
 
-Within this distance of the start or of the path, each closed path of the frame ends in the
-configuration it began in. It is a distance in m and, for tasks with a rotation, a rotation in rad.
-A leaf is the set h(q) = c of the potentials h, and c its level. Ω is the region of joint space to
-prove over. A tube is a region near a sampled motion. A lift is the joint motion on a leaf over a
+Within the closing radius of the start or of the path, each closed path of the frame ends in the
+configuration it began in. The radius is a distance, m, and for tasks with a rotation also an angle,
+rad. A leaf is the set h(q) = c of the potentials h, and c its level. Ω is the region of joint space
+to prove over. A tube is a region near a sampled motion. A lift is the joint motion on a leaf over a
 path of the frame, such as a straight line. A place is a box of configurations in which lifts begin,
 see :mod:`.lifts`. A :class:`Reach` is the length of lines whose lifts stay in Ω. An argument
 ``problem`` has bounds on J_V, the task Jacobian stacked on the potentials' gradients, over boxes of

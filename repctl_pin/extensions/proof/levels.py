@@ -1,7 +1,8 @@
 r"""The levels as coordinates: joints that are proved to be a function of the levels at the start.
 
-Let Φ(q) = (x, c) be the pose and the levels of a configuration, the values c = h(q) of the r
-potentials, and (x₀, c₀) those of the start. The cube of levels ``|c_i − c_0i| ≤ γ`` is divided into
+Let Φ(q) = (x, c) be the pose and the levels of a configuration, and (x₀, c₀) those of the start.
+The levels c are the values of the r potentials. In this module, h are half-widths of boxes of
+joints, not the potentials. The cube of levels ``|c_i − c_0i| ≤ γ`` is divided into
 cells. In the middle c_k of a cell of half-width a, let Q_k solve ``Φ(Q_k) = (x₀, c_k)``, and A be
 the inverse of the Jacobian J_V there. While the pose rests and the levels go from c_k to any c of
 the cell, the joints stay in a box,
@@ -12,9 +13,9 @@ with A_h the last r columns of A and Δ a bound of the change of J_V on the box 
 motion ends at F_k(c). A wider box around Q_k, in which Φ is injective, also contains the values of
 F_j for each neighbouring cell j. So F_k and F_j agree where the cells meet, and all F_k together
 are one continuous function F(x₀, c). The theory, "Hand and elbow", has the theorem. Ω is the region
-of joint space of the design. An argument ``inverse`` is the repeatable inverse with the potentials
-h, ``problem`` has bounds on its J_V over boxes of joints, and ``start`` (n,) is the start. Letters:
-K cells, n joints.
+of joint space of the design. An argument ``inverse`` is the repeatable inverse with these
+potentials, ``problem`` has bounds on its J_V over boxes of joints, and ``start`` (n,) is the start.
+Letters: K cells, n joints.
 
 ``LeafMarginProblem`` is a task with potentials, prepared for bounds of the leaf margin over boxes
 of joint space. ``Enclosure`` is boxes of joints that contain a motion, their half-widths, and

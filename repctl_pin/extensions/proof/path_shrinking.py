@@ -45,8 +45,8 @@ class PathCertificate:
     Attributes
     ----------
     shrinks : bool
-        True if every ray that was checked ends on the motion along the path; that motion then
-        closes.
+        True if every ray that was checked ends in the configuration that the motion along the path
+        has at the same pose; that motion then closes.
     gap : float
         Largest joint difference between end and start of the motion, rad or m; NaN if the motion
         stops early.
@@ -92,11 +92,12 @@ def path_certificate(
     """Check whether a closed path can be shrunk to its start, and so closes.
 
     A ray is the straight line ``x₀ + λ (x(s) − x₀)``, 0 ≤ λ ≤ 1, from the start pose x₀ to a pose
-    x(s) of the path, with a rotation about one axis. The arm follows each ray on the leaf of q0, on
-    which the potentials are constant. Let J_V be the task Jacobian stacked on the gradients of the
-    potentials. If J_V is regular on all rays, and each ray ends on the motion along x(s), that
-    motion closes: with λ → 0, the paths ``x₀ + λ (x(s) − x₀)`` shrink to a point. Rays are checked
-    at some 120 poses, all corners included, so this is no proof. Paths around the base, or around a
+    x(s) of the path. Along a ray, the frame rotates from one orientation to the other about one
+    axis. The arm follows each ray on the leaf of q0, on which the potentials are constant. Let J_V
+    be the task Jacobian stacked on the gradients of the potentials. If J_V is regular on all rays,
+    and each ray ends in the configuration of the motion along the path at x(s), that motion closes:
+    with λ → 0, the paths ``x₀ + λ (x(s) − x₀)`` shrink to a point. Only rays to some 120 poses, all
+    corners included, are checked, so this is no proof. Paths around the base, or around a
     singularity, cannot be shrunk.
 
     Parameters
@@ -165,10 +166,11 @@ def _require_start(task: Task, path: TaskPath, q0: Array) -> None:
 
 
 def _ray_ends(inverse: RepeatableInverse, path: TaskPath, shares: Array, q0: Array) -> Array:
-    """Follow straight lines from q0 (n,) to P poses x(s) of a path; return their ends (P, n).
+    """Follow the straight lines from the pose of q0 (n,) to P poses x(s) of a path, on a leaf.
 
-    ``shares`` (P,) are the values of s, from 0 to 1. If a line stops early, the InputError states s
-    in percent.
+    The leaf is that of q0, where every line begins. ``shares`` (P,) are the values of s, from 0 to
+    1. Return the configurations (P, n) at the ends of the lines. If the arm cannot follow a line to
+    its end, the InputError states s in percent.
     """
     reached = []
     for s in shares:

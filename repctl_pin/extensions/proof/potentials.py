@@ -5,10 +5,11 @@ r potentials, and V are their gradients: V_ai = ∂h_a/∂q_i. A proof expands V
 inside a box Ω, which contains the region of the design. ∂ is the derivative with respect to q: ∂V
 are the second, ∂²V the third derivatives of h.
 
-An argument z is a linear function of q. A feature φ is 1, a product of an earlier feature and an
-argument, or the sine or cosine of an argument. V and its derivatives are sums of features: G, C and
-C_3 are their coefficients, T and T_4 are bounds. The features are numbered in the order in which
-they are added. An argument ``field`` has the r potentials.
+An argument of a feature is a linear function z of q. A feature φ is 1, a product of an earlier
+feature and an argument z, or the sine or cosine of an argument z. V and its derivatives are sums of
+features: G, C and C_3 are their coefficients, T and T_4 are bounds. The features are numbered in
+the order in which they are added. The parameter ``field`` of a function is the object with the r
+potentials.
 
 .. math:: z = Z q - z_0, \quad φ_f = 1,\; φ_{parent} z,\; \sin z,\; \cos z, \qquad
           V = G φ, \quad ∂V = C φ,
@@ -57,8 +58,9 @@ class Features:
     Z, z0 : (s, n) and (s,) arrays
         The s linear arguments of the features, ``z = Z q − z0``.
     kind, parent, variable : (F,) arrays of int
-        Per feature: its kind (0 for the feature 1, 1 for a product, 2 for a sine, 3 for a cosine);
-        for a product, the index of the earlier feature; and the index of the argument.
+        ``kind`` is 0 for the feature 1, 1 for a product, 2 for a sine, 3 for a cosine. ``parent``
+        is the index of the earlier feature in a product, 0 for other kinds. ``variable`` is the
+        index of the argument z, 0 for the feature 1.
     G : (r, n, F) array
         Coefficients of V, the gradients.
     C : (r, n, n, F) array
@@ -113,7 +115,7 @@ def features_of(field: Potentials, n: int, box: Box) -> Features:
 class _Argument(NamedTuple):
     """Linear function ``z = row · q − z0`` of the joints.
 
-    ``most`` bounds |z| in Ω, ``error`` the rounding error of z.
+    ``most`` is a bound on |z| in Ω, and ``error`` is a bound on the rounding error of z.
     """
 
     row: Array
@@ -125,9 +127,10 @@ class _Argument(NamedTuple):
 class _Feature(NamedTuple):
     """One feature: 1, a product, a sine or a cosine.
 
-    ``kind`` is 0 for 1, 1 for a product, 2 for a sine and 3 for a cosine. ``parent`` is the index
-    of the earlier feature of a product, ``variable`` that of the argument z. ``bound`` bounds the
-    absolute value of the feature in Ω, ``error`` its rounding error.
+    ``kind`` is 0 for the feature 1, 1 for a product, 2 for a sine and 3 for a cosine. ``parent`` is
+    the index of the earlier feature in a product, and ``variable`` the index of the argument z.
+    ``bound`` is a bound on the absolute value of the feature in Ω, and ``error`` is a bound on its
+    rounding error.
     """
 
     kind: int

@@ -21,9 +21,10 @@ def space_of(k: int) -> Any:
     """Create the C struct SPACE: the table with which C multiplies Taylor models in k variables.
 
     The table has one row per pair of monomials whose product has a degree of at most 3: the indices
-    of both factors. Rows are sorted by the index of the product. Two further arrays hold, for each
-    product, its first row and, for each degree, its first monomial. A copy of the struct does not
-    keep its arrays alive, so keep the original.
+    of both factors. Rows are sorted by the index of the product, which is a monomial, too. The
+    array ``first`` has the first row of each product, and ``starts`` the index of the first
+    monomial of each degree. A copy of the struct does not keep its arrays alive, so keep the
+    original.
     """
     from ..cells.chart.monomials import Monomials  # a study has no need of it
 

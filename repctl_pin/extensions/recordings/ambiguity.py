@@ -55,7 +55,7 @@ class Ambiguity:
 
     @property
     def residuals(self) -> tuple[float, ...]:
-        """Rms misfit of each labelling, rad or m."""
+        """Rms of each labelling's misfits over all frames, rad or m; NaN without frames."""
         return tuple(
             float(np.sqrt(np.mean(one**2))) if len(one) else np.nan for one in self.misfits
         )

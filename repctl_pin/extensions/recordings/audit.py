@@ -5,7 +5,10 @@ time at which the hand is at the pose; every visit but the first is a return. Th
 that the task controls; if the task controls several frames, all must be at their poses. The noise
 of the log is the scatter of a joint reading, estimated from differences of successive rows.
 Differences at the pose are within the noise if the noise, and the errors of interpolating the log,
-can explain them. Letters: N visits, n joints, L links, T rows of the log.
+can explain them. The most displaced point of a link is the point of its drawn body that, at some
+visit, is farthest from its position at the first visit. Levels are positions along the self-motion,
+such as the position of the elbow, that were commanded together with the pose. Letters: N visits, n
+joints, L links, T rows of the log.
 
 ``Trend`` is robust lines through columns of values over time: their slopes, and the half-widths of
 the slopes' confidence intervals. ``JointLog`` is recorded joint positions q (T, n) and their times
@@ -56,14 +59,15 @@ class Audit:
     visits : Visits
         Visits of the hand pose that was visited most often.
     points : (N, L, 3) array
-        Positions in the root frame, m, of one point of each link: the most displaced point of its
-        body. The first index is the visit, the second the link.
+        Positions in the root frame, m, of one point of each link: the point of its drawn body that,
+        at some visit, is farthest from its position at the first visit. The first index is the
+        visit, the second the link.
     links : tuple of str
         Names of the L links.
     found : Verdict or None
         Verdict on the configurations at the visits; None with fewer than two returns.
     part : int
-        Index, among ``links``, of the link that is displaced most; see :mod:`.body_displacement`.
+        Index, among ``links``, of the link whose point is displaced most from the first visit.
     rate : float
         Speed at which the point of that link drifts, m/s; 0 with fewer than two returns.
     error : float
@@ -126,7 +130,10 @@ class Audit:
 
     @property
     def joints(self) -> Trend | None:
-        """Drift of each joint, its steady change, rad/s or m/s; None for fewer than two returns."""
+        """Drift rate of each joint and the error of the rate, rad/s or m/s.
+
+        The result is None for fewer than two returns.
+        """
         return None if self.found is None else self.found.trend
 
     @property
@@ -163,8 +170,8 @@ class Audit:
     def along(self) -> Array:
         """Signed displacement, since the first visit, of the point of link ``part``: (N,), m.
 
-        The displacement is measured along the straight line from the first visit's position to the
-        last visit's, in this direction.
+        It is the component in the direction from the point's position at the first visit to its
+        position at the last, positive in this direction.
         """
         place = self.points[:, self.part] - self.points[0, self.part]
         way = place[-1]
@@ -275,6 +282,7 @@ def audit(
     is the median of the slopes between all pairs of visits (Theil and Sen), so an outlier, a gap or
     a pause does not change it. The confidence interval is that of a straight-line fit. The scatter
     about the line is estimated robustly from the visits, and is at least the noise of the log.
+    Logs of more than 200,000 rows are thinned to at most this number for the search for visits.
 
     Parameters
     ----------
@@ -296,10 +304,10 @@ def audit(
         Distance within which the end effector counts as being at the pose, m; by default derived
         from the noise of the log.
     levels : sequence of str, optional
-        Names of columns with numbers that were commanded beside the pose: levels of the
-        self-motion, rad, or the elbow's position, m. If given, a return is a return to the same
-        pose and the same levels. So a difference of the joints is no drift where the elbow was
-        moved on purpose.
+        Names of columns with levels: positions along the self-motion, such as an elbow angle, rad,
+        or the elbow's position, m, that were commanded together with the pose. If given, a return
+        is a return to the same pose and the same levels. So a change of the joints is not taken for
+        drift where the elbow was moved on purpose.
 
     Returns
     -------
@@ -365,7 +373,7 @@ def _task(robot: Any, frame: Any, kind: str | None) -> Task:
     """Make the task of an audit from a robot, a frame and a kind; a given task is returned as is.
 
     ``robot`` is a name, a URDF, a Robot or a Task. InputError is raised if a task is given together
-    with a frame or kind that is not its own.
+    with a frame or a kind, even if they are the task's own.
     """
     if isinstance(robot, Task):
         if frame is not None or kind is not None:
@@ -381,8 +389,8 @@ def _measured(task: Task, log: JointLog, visits: Visits, notes: tuple[str, ...])
     """Compare the configurations at the visits, measure the links, and return the audit.
 
     The verdict is on the joints. To express it in metres, the most displaced point of the most
-    displaced link is found. The speed of its drift, and its largest distance between two visits,
-    are computed. ``notes`` are remarks on the log.
+    displaced link is found. For this point, the speed of the drift and the largest distance between
+    two visits are computed. ``notes`` are remarks on the log.
     """
     scale = joint_scale(task, visits.q[0])
     found = verdict(visits.t, visits.q, visits.deviation, visits.bias, scale)

@@ -58,7 +58,8 @@ def add_options(parser: Parser) -> None:
 def run(options: Options) -> int:
     """Audit the log, print the answer and write the page and the figure.
 
-    Return the exit code, 0 for any verdict.
+    The page and the figure are only written if the hand came back to a pose at least twice. Return
+    the exit code, 0 for any verdict.
     """
     folder = options.output_folder(Path(options.log).stem)
     say = progress(options.json)

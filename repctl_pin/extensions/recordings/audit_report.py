@@ -36,7 +36,7 @@ from .audit_words import audit_dialog
 from .verdict import ENOUGH, JUMPS, REPEATS, SCATTERS
 
 _JOINTS = 8
-"""Maximum number of joints in the table, the fastest first."""
+"""Maximum number of joints in the table, the joint with the largest difference first."""
 
 _SHOWN, _LETTERS = 24, 26
 """Maximum numbers of visits, and of different configurations, that are written as letters."""
@@ -91,8 +91,8 @@ def audit_answer(audit: Audit, files: Sequence[str] = ()) -> list[Span]:
 def _audit_sentence(audit: Audit) -> list[Span]:
     """Write the verdict, its statistic, such as the drift rate, and the number of returns.
 
-    The result is one sentence, in pieces of styled text. If no pose of the log is visited often
-    enough, the sentence says so.
+    The result is a text of a few sentences, in styled pieces. If no pose of the log is visited
+    often enough for a verdict, the text says so.
     """
     if audit.found is None:
         return [Span(f"The log does not repeat{_distance(audit)}. Drift cannot be determined.")]
@@ -108,10 +108,10 @@ def _audit_sentence(audit: Audit) -> list[Span]:
 
 
 def _verdict(audit: Audit) -> list[Span]:
-    """Write the verdict and its statistic as one sentence in pieces, with the key number marked.
+    """Write the verdict and its statistic in pieces of text; the key number has a style.
 
     The statistic is the rate with its interval if the arm drifts, and the largest difference if it
-    jumps or scatters. If the log is inconclusive, the sentence gives the reason.
+    jumps or scatters. If the log is inconclusive, the text gives the reason.
     """
     assert audit.found is not None
     seconds, unit = audit.clock
@@ -251,7 +251,7 @@ def _number(value: float) -> str:
 
 
 def _table(audit: Audit) -> str:
-    """Format the table of drift: the most displaced link, then the joints that differ most.
+    """Format the table of drift: the most displaced link, then up to eight joints that differ most.
 
     The columns are the largest difference, the drift per return and per unit of time, and the
     half-width of the 95 % interval.
@@ -399,9 +399,10 @@ def _between(audit: Audit, end: int, steps: int) -> Array:
 
 
 def _audit_figure(audit: Audit) -> Figure:
-    """Draw ``audit.png``: drift of the most displaced link and of the joints over time.
+    """Draw ``audit.png``: drift of the most displaced link, and of up to four joints, over time.
 
-    Dots are the visits of the hand pose, lines the measured rates.
+    These joints have the fastest drift. Dots are the visits of the hand pose; the slopes of the
+    lines are the estimated drift rates.
     """
     task = audit.task
     visits = audit.visits

@@ -222,8 +222,9 @@ def _wide_sector(task: Task, middle: pin.SE3, radius: float) -> Sector:
 def _sector_of(probe: Sector, w: Array) -> Sector:
     """Make a sector with the middle of ``probe`` and half-widths w, one per coordinate, m or rad.
 
-    A spin, the turn about the tool's axis, of less than 0.6 rad is passed to :class:`Sector` as the
-    third component of ``half_angle``, together with the tilts.
+    A spin, the rotation about the tool's axis, has a half-width of its own in :class:`Sector`,
+    ``spin``. If its half-width is less than 0.6 rad, it becomes the third component of
+    ``half_angle`` instead, beside the two tilts.
     """
     task = probe.task
     spin = float(w[SPIN]) if task.m > SPIN else 0.0

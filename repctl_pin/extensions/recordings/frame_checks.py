@@ -4,8 +4,8 @@ A frame is a row of a recording. A mistake in the recording, such as degrees or 
 would later give wrong joints without an error. So each check raises an InputError that names the
 mistake. A session is one run of the recorder, such as a demonstration. Letters: Q (K, n),
 configurations of n joints at K frames; p (K, 3), m, and R (K, 3, 3), positions and rotations of the
-recorded poses. A difference, or miss, is a pair (m, rad). The noise is the median difference that
-remains after the best constant offset of the tool or the base.
+recorded poses. A difference of poses, ``miss`` in the code, is a pair (m, rad). The noise is the
+median difference that remains after the best constant offset of the tool or the base.
 
 ``_Explanation`` is an explanation of a constant offset, its remedy, and the difference that
 remains.
@@ -58,7 +58,10 @@ _BEYOND = 0.1
 
 
 def require_metres(task: Task, p: Array) -> None:
-    """Raise an InputError if positions (K, 3) are far beyond the arm's reach, as in millimetres."""
+    """Raise an InputError if positions p (K, 3), m, are far beyond the arm's reach.
+
+    If they would be within reach as millimetres, the message says so.
+    """
     q = np.array(task.reference)
     reach = arm_reach(task, q)
     away = float(np.median(np.linalg.norm(p - task.joint_origins(q)[0], axis=1)))
@@ -111,8 +114,9 @@ def require_limits(task: Task, Q: Array) -> None:
 def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> None:
     """Raise an InputError if recorded poses differ from the forward kinematics of recorded joints.
 
-    A constant offset of the tool or of the base is refused if it exceeds both the remaining noise
-    and the usual corrections by an arm's calibration. Other differences are refused above 0.05 m or
+    A constant offset of the tool or of the base is refused if it exceeds both the noise, which
+    remains after the offset is subtracted, and the usual corrections by an arm's calibration, 3 mm
+    or 0.01 rad. Any other difference is refused if its median over the frames is above 0.05 m or
     0.2 rad. If a mistake in the numbers would explain the difference, the message names the
     mistake.
 
@@ -147,7 +151,7 @@ def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: 
 def _explanation(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> tuple[str, str]:
     """Find a mistake in the recorded numbers that explains why joints and poses disagree.
 
-    Other orders of the joints, quaternions that begin with qw, and constant offsets are tried.
+    Other orders of the joints and, if ``quaternions``, quaternions that begin with qw are tried.
     ``quaternions`` is True if R (K, 3, 3) comes from quaternions. Return the explanation, empty if
     none is found, and the remedy, as texts for the error message.
     """

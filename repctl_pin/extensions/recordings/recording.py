@@ -287,7 +287,10 @@ def thinned(recording: Recording, most: int) -> Recording:
 
 
 def forward(task: Task, Q: Array) -> tuple[Array, Array]:
-    """Compute positions (K, 3), m, and rotations (K, 3, 3) at configurations Q (K, n)."""
+    """Compute the poses of the task's frame, in the base frame, at configurations Q (K, n).
+
+    Returns the positions (K, 3), m, and the rotations (K, 3, 3).
+    """
     p, R = in_blocks(lambda part: placed(task, part)[:2], Q)
     return p, R
 

@@ -82,8 +82,8 @@ class Relabeled:
     recording : Recording
         The frames as recorded.
     design : CellDesign
-        The cell and its function; ``design.function(pose, leaf=leaf)`` labels other poses
-        consistently.
+        The cell and its function. At other poses, ``design.function(pose, leaf=leaf)`` gives the
+        configurations that belong with the new ones.
     leaf : (r,) array
         Level c of the new configurations, rad or m.
     recorded_leaves : (K, r) array or None
@@ -205,9 +205,9 @@ class Relabeled:
 
         If the recording was read from a file, its other columns are kept, except those that depend
         on the recorded joints: they are left out (:attr:`removed`) or, for poses, computed from the
-        new joints (:attr:`recomputed`). In the same format, their values and types, and the
-        metadata, are unchanged. New joints are rounded to the type of their column. Configurations
-        of frames that could not be relabelled are NaN.
+        new joints (:attr:`recomputed`). If the format is that of the file, the columns that are
+        kept have the same values and types, and the metadata are unchanged. New joints are rounded
+        to the type of their column. Configurations of frames that could not be relabelled are NaN.
 
         Raises
         ------
@@ -335,8 +335,9 @@ def relabel(
     leaf : (r,) array, optional
         Level c, rad or m. By default, levels between the median of the recorded levels and 0 are
         tried, and the one nearest to the median that is as good as c = 0 is used. A level is as
-        good if it relabels as many frames, and its joint-limit margin is as large, or at least 0.05
-        rad or m. Without recorded configurations, c = 0.
+        good as c = 0 if at least as many frames are relabelled at this level, and if the smallest
+        joint-limit margin over these frames is at least as large, or at least 0.05 rad or m.
+        Without recorded configurations, c = 0.
     options
         ``samples``, ``held_out`` and ``seed`` of the function's design, see :class:`FitOptions`.
     progress
@@ -351,7 +352,7 @@ def relabel(
     ------
     InputError
         If no function covers a cell around the frames, the design is for another task, or no frame
-        lies in its cell.
+        has a configuration in its cell, within the joint limits.
 
     Examples
     --------
@@ -441,10 +442,10 @@ def _labels(F: InverseFunction, recording: Recording, c: Array) -> Array:
 def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | None) -> Array:
     """Find the level c (r,) nearest to the median of the recorded levels that is as good as c = 0.
 
-    A level is as good if it relabels as many frames as c = 0, with a limit margin that is as large,
-    or large enough. Levels between the median of ``recorded`` (K, r) and 0 are tried, the nearest
-    to the median first; the last is c = 0, for which the function was designed. If there are no
-    recorded levels, the result is 0.
+    A level is as good as c = 0 if F reaches at least as many of the recorded poses at this level,
+    and if the smallest limit margin there is at least as large, or large enough. Levels between the
+    median of ``recorded`` (K, r) and 0 are tried, the nearest to the median first; the last is
+    c = 0, for which the function was designed. If there are no recorded levels, the result is 0.
     """
     zero = np.zeros(F.task.r)
     if recorded is None or np.isnan(recorded).all():

@@ -1,12 +1,13 @@
 """Columns of a relabelled recording: the columns of its file, with new joints and poses.
 
 Columns that depend on the recorded joints, such as velocities or actions, would contradict the new
-joints and are removed. Columns of the gripper, of cameras and of times stay. A session is one run
-of the recorder, such as a demonstration. Letters: K frames (rows), n joints.
+joints and are removed. Columns of the gripper, of cameras and of times stay. The new joints are
+NaN where the function that relabels has no value. A session is one run of the recorder, such as a
+demonstration. Letters: K frames (rows), n joints.
 
 ``Table`` is the columns of a file by name, all of one length, with one row per frame of a
-recording. ``NewCells`` are numbers that replace cells of one column of a table, with the rows that
-they replace.
+recording. ``NewCells`` are new numbers for one column of a table, with the rows, and the indices in
+a row, at which they replace the old ones.
 """
 
 from __future__ import annotations
@@ -81,8 +82,8 @@ def relabeled_columns(
     """Find the columns of a recording's file that change with new configurations Q (K, n).
 
     ``further`` are the new configurations of further columns of joints, by name. Other columns are
-    kept, unless they depend on the recorded joints. Where the cell's function has no value and Q is
-    NaN, the recorded pose is kept.
+    kept, unless they depend on the recorded joints. In frames where Q is NaN, the recorded pose is
+    kept.
     """
     task, old, source = recording.task, recording.joints, recording.source
     assert source is not None

@@ -97,8 +97,9 @@ class Verdict:
         Index of each visit's configuration. Visits with equal indices differ by no more than the
         noise.
     within : bool
-        True if the differences of all visits are within the noise. It can be True for any kind: a
-        slow drift, for example, can be significant within the noise.
+        True if the differences of all visits are within the noise. It is True for ``repeats``, and
+        can be True for ``inconclusive`` and ``drifts``: the slope of a slow drift can be
+        significant although all differences are within the noise. It is False for other kinds.
     """
 
     kind: str
@@ -172,14 +173,18 @@ class _Visits(NamedTuple):
     def drift(self, first: int, confidence: float = _CONFIDENCE) -> Trend:
         """Fit the trend of the joints over the visits from number ``first`` on.
 
-        ``confidence`` is the probability, 0 to 1, with which the intervals of all joints hold at
-        once.
+        ``confidence`` is the probability, 0 to 1, with which the slopes' intervals of all joints
+        hold at once.
         """
         share = 1 - (1 - confidence) / self.q.shape[1]
         return trend(self.t[first:], self.q[first:], self.least, share)
 
     def steady(self, first: int, confidence: float) -> NDArray[np.bool_]:
-        """Test which joints drift steadily over the visits from number ``first`` on: (n,)."""
+        """Test which joints drift steadily over the visits from number ``first`` on: (n,).
+
+        ``confidence`` is the probability, 0 to 1, with which the slopes' intervals of all joints
+        hold at once.
+        """
         line = self.drift(first, confidence)
         return _steady(self.t[first:], self.q[first:], self.r[first:], line)
 
@@ -221,10 +226,10 @@ def _groups(q: Array, r: Array) -> NDArray[np.intp]:
 def _few(q: Array, r: Array, groups: NDArray[np.intp]) -> bool:
     """Test whether the arm jumps between a few separate configurations.
 
-    Few means at most two configurations, or that the arm enters each configuration twice on
-    average. ``groups`` (N,) has the index of each visit's configuration, and q ± r (N, n) are the
-    intervals of its values. Two configurations are separate if, for some joint, the intervals of
-    their visits do not overlap.
+    Few means at most two configurations, or that the arm enters each configuration at least twice,
+    on average over the configurations. ``groups`` (N,) has the index of each visit's configuration,
+    and q ± r (N, n) are the intervals of its values. Two configurations are separate if, for some
+    joint, no interval of a visit to one overlaps an interval of a visit to the other.
     """
     count = groups.max() + 1
     entered = 1 + np.count_nonzero(np.diff(groups))

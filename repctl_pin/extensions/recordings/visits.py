@@ -3,11 +3,12 @@
 A visit is a time at which the hand is within a tolerance of the pose. The configuration of a visit
 is estimated from nearby rows of the log. Two errors are given: the deviation is the scatter due to
 noise, the bias a bound on systematic errors. Distances between poses are in m; a rotation by 1 rad
-counts as a length, ``radian``, m. A gap is a time step of the log that is too long; ``whole``
-(T − 1,) is False there. Levels are positions along the self-motion, such as the position of the
-elbow, that were commanded together with the pose. The search tries the poses of up to 65 rows, and
-takes the one that is visited most often. A pass is a run of consecutive rows near a pose: within
-three times the sum of the tolerance and the 95 % quantile of the distances between rows.
+counts as a length, ``radian``, m: a quarter of the arm's length. A gap is a time step of the log
+that is too long; ``whole`` (T − 1,) is False there. Levels are positions along the self-motion,
+such as the position of the elbow, that were commanded together with the pose. The search tries the
+poses of up to 65 rows, and takes the one that is visited most often. A pass is a run of consecutive
+rows near a pose. Near means within three times the sum of the tolerance and the 95 % quantile of
+the distances between the poses of successive rows.
 
 Letters: T rows of the log, K rows of one visit, n joints, k levels, N visits, d coordinates of a
 pose as a point, m task coordinates; e is the task error. ``noise`` (n,) is the standard deviation
@@ -94,8 +95,9 @@ class Visits:
     noise : (n,) array
         Noise of each joint, standard deviation, rad or m.
     nearest : float
-        Smallest distance, m, at which the hand came back to any pose that the search tried, within
-        the tolerance or not. Rotations count as in ``tolerance``, and so do differences of levels.
+        Smallest distance, m, within which the hand came back to one of the poses that the search
+        tried, within the tolerance or not. Rotations, and differences of levels, count as in
+        ``tolerance``. It is inf if the hand left none of these poses.
     deviation : (N, n) array
         Standard deviation of the joints at each visit due to the noise of the log, rad or m.
     bias : (N, n) array
@@ -119,8 +121,8 @@ def _most_visited(
 
     The rows of X (T, d) are points in m, ``steps`` (T - 1,) the distances between them; ``whole``
     is False at gaps of the log. Return three values: the index of the row; the passes at which the
-    hand is within the tolerance of the row's pose; and the smallest distance, m, at which the hand
-    returns to any row that :func:`_candidates` chooses, within the tolerance or not.
+    hand is within the tolerance of the row's pose; and the smallest distance, m, within which the
+    hand returns to one of the up to 65 poses that the search tries, within the tolerance or not.
     """
     radius = tolerance + float(np.quantile(steps, 0.95))
     tree = cKDTree(X)
@@ -146,11 +148,11 @@ def find_visits(
 
     Up to 65 poses of the log are tried: the first, and others spread over time and along the path.
     The pose with the most visits within a quarter of the tolerance is chosen; among equals, the
-    pose at which the hand stayed longest. On the way to a pose and back, the hand passes other
-    poses twice per visit of this pose. So visits count twice for a pose at which the hand nearly
-    always rests for 0.2 s or more. Nearby poses, with position p and rotation matrix R, are found
-    in a k-d tree of points ``(p, ℓ R / √2)``, m, with up to 12 coordinates per hand; a rotation by
-    1 rad counts like the length ℓ.
+    pose at which the hand stayed longest. A hand that moves to a pose, rests and moves back passes
+    the poses on its way twice per visit of the pose of rest. So each visit counts as two at a pose
+    at which the hand nearly always rests for 0.2 s or more. Nearby poses, with position p and
+    rotation matrix R, are found in a k-d tree of points ``(p, ℓ R / √2)``, m, with up to 12
+    coordinates per hand. A rotation by 1 rad counts like the length ℓ, ``radian`` in the code.
 
     Parameters
     ----------
@@ -263,9 +265,10 @@ def _features(task: Task, Q: Array, radian: float) -> Array:
 def _coordinates(kind: Kind, placements: Sequence[pin.SE3], radian: float) -> Array:
     """Convert T placements of one frame to points (T, d), m.
 
-    The distance of two points is the distance of their poses. A point is the position and the
-    entries of the rotation matrix, scaled by ``radian``, m per rad, as far as the kind of task
-    commands them. For an axis task, it has the direction of the tool axis instead of the matrix.
+    The distance of two points is the distance of their poses. A point has the coordinates of the
+    position that the task commands. If the task commands the rotation, the nine entries of the
+    rotation matrix follow, times ``radian`` / √2, m per rad. For an axis task, the direction of the
+    tool axis follows instead, times ``radian``.
     """
     p = np.array([M.translation for M in placements])[:, kind.rows[kind.rows < 3]]
     if not kind.turns:
@@ -278,12 +281,12 @@ def _coordinates(kind: Kind, placements: Sequence[pin.SE3], radian: float) -> Ar
 def _tolerance(
     task: Task, Q: Array, X: Array, noise: Array, radian: float, whole: NDArray[np.bool_]
 ) -> float:
-    """Compute the default tolerance of a hand pose, m, without the 1e-4 arm lengths added to it.
+    """Compute the default tolerance of a hand pose, m, to which the caller adds 1e-4 arm lengths.
 
     The result is four times the noise of the distance between two poses, plus the sagitta of the
     path between two rows, because a quick hand can pass a pose between two rows. ``X`` (T, d) are
-    the poses as points, whose distances are those of the poses, m; ``noise`` (n,) is that of the
-    joints.
+    the poses as points, whose distances are those of the poses, m. ``noise`` (n,) is the noise of
+    the joints, and ``radian`` the length, m, that counts like a rotation by 1 rad.
     """
     some = Q[np.linspace(0, len(Q) - 1, min(len(Q), 32)).astype(int)]
     J = task.jacobians(some)
@@ -379,7 +382,9 @@ def _configuration(
     """Estimate the configuration of a visit, and correct it by J⁺ to reach the pose ``target``.
 
     If at least four rows of the visit ``one`` are within the tolerance, the configuration is their
-    average, see :func:`_average`, which also explains ``late``. Otherwise it is interpolated.
+    average. Otherwise it is interpolated between rows of the log. If the self-motion of the arm
+    continues during the visit, only the first part of the rows is averaged, or the last part if
+    ``late``.
     """
     if len(one.rows) >= _AVERAGED:
         q, A, bend = _average(task, Q[one.rows], target, noise, late)

@@ -3,7 +3,7 @@ r"""Clutch of teleoperation: from an operator's hand and elbow to targets of the
 While the clutch is engaged, the arm's target moves with the operator's hand. While the clutch is
 released, there is no target, and the hand can move freely. A governor moves the arm to the target;
 a level is the position of the arm's elbow along the self-motion. A tracker measures the poses of
-the operator's hand and elbow, in a frame of its own.
+the operator's hand and elbow, in a frame of its own. Poses of the arm are in its base frame.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ class Clutch:
     r"""Clutch that moves the target of an arm with a hand while engaged, never with a jump.
 
     Let (p_h, R_h) be the pose of the hand in the frame of its tracker. When the clutch was engaged,
-    the hand was at (p_h0, R_h0) and the arm's frame at (p_0, R_0). The target is
+    the hand was at (p_h0, R_h0), and the arm's frame at (p_0, R_0) in the base frame. The target,
+    in the base frame, is
 
     .. math:: p = p_0 + s\,B\,(p_h - p_{h0}), \qquad
               R = \exp(\rho\,B \log(R_h R_{h0}^T))\,R_0
@@ -99,14 +100,16 @@ class Clutch:
         hand : pinocchio.SE3 or (4, 4) array
             Pose of the operator's hand, in the tracker's frame.
         at : pinocchio.SE3 or (4, 4) array
-            Commanded pose of the arm's frame, ``task.placement(governor.q)``. The clutch is
-            released if this pose or ``hand`` is not finite, or has no rotation matrix.
+            Commanded pose of the arm's frame, in the base frame: ``task.placement(governor.q)``.
+            The clutch is released if this pose or ``hand`` is not finite, or has no rotation
+            matrix.
         elbow : (3,) array, optional
             Position of the operator's elbow, in the tracker's frame, m. Without it,
             :meth:`elbow` returns None.
         elbow_at : (3,) array, optional
-            Commanded position of the arm's elbow, ``inverse.elbow(governor.q)``, m. Give both
-            elbows or none; if one is not finite, both are ignored.
+            Commanded position of the arm's elbow, in the base frame, m:
+            ``inverse.elbow(governor.q)``. Give both elbows or none; if one is not finite, both are
+            ignored.
         """
         hand, at = as_placement(hand, "hand"), as_placement(at, "at")
         if (elbow is None) != (elbow_at is None):
@@ -124,10 +127,11 @@ class Clutch:
         self._start = self._elbows = None
 
     def target(self, hand: Placement) -> pin.SE3 | None:
-        """Compute the target of the arm for a pose of the hand; None while released.
+        """Compute the target of the arm, in its base frame, for a pose of the operator's hand.
 
-        A pose that is not finite, or has no rotation matrix, releases the clutch, so that the arm
-        does not jump when the tracker finds the hand again. While there is no target, call
+        ``hand`` is in the tracker's frame. The result is None while the clutch is released. A pose
+        that is not finite, or has no rotation matrix, releases the clutch, so that the arm does not
+        jump when the tracker finds the hand again. While there is no target, call
         ``governor.step(None)``, which stops the arm.
         """
         hand = as_placement(hand, "hand")

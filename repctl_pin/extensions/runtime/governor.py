@@ -336,7 +336,8 @@ class Governor:
         In both cases, the first target or twist moves the joint straight inside, never farther out.
         The speed is at most a tenth of the limits, and the status ``RECOVERING``. Once begun, this
         motion continues until the joint is inside; the arm is then on the leaf of the motion's
-        last configuration.
+        last configuration. If this method raises an error, a governor that had started before goes
+        on from its last command.
 
         Parameters
         ----------
@@ -351,8 +352,6 @@ class Governor:
             ``body_distance`` may not be kept on the motion of a joint back inside.
         SingularityError
             If J_V = [J; Vᵀ], with the gradients V of h, is singular at q.
-
-        After an error, a governor that had started goes on from its last command.
         """
         q = self._task.check(q, "the start", beyond=RECOVERABLE)
         inside = np.clip(q, self._lower, self._upper)
@@ -411,10 +410,10 @@ class Governor:
         Parameters
         ----------
         target : pinocchio.SE3 or (4, 4) array, optional
-            Placement to which the frame moves as fast as the limits allow. From rest, it moves on a
-            straight line with a rotation about one axis. For a task of several frames, a list with
-            one placement per frame; at any time, all frames have completed the same share of their
-            lines.
+            Placement, in the base frame, to which the frame moves as fast as the limits allow.
+            From rest, the frame moves on a straight line and rotates about one axis. For a task of
+            several frames, a list with one placement per frame; at any time, all frames have
+            completed the same share of their lines.
         twist : (6,) or (F, 6) array, optional
             Velocity (v, ω) of the frame, or of each of F frames, in base axes, m/s and rad/s,
             instead of a target. Without target, twist and leaf, the arm stops.
@@ -493,9 +492,9 @@ class Governor:
         """Tell C whether a plan keeps all body distances: 1 if so, else 0.
 
         The plan is the first ``count`` samples in the memory that C shares with Python. C calls
-        this in the middle of a tick. It can try several plans, one after the other: ``first`` is 1
-        for the first of them, before which the work of a new tick begins, else 0. The first error
-        of a tick is kept, and raised after the call of C.
+        this in the middle of a tick, and can try several plans in one tick. ``first`` is 1 for the
+        first plan of a tick, else 0; together, the plans of a tick may measure 30 distances.
+        The first error of a tick is kept, and raised after the call of C.
         """
         if self._error is not None:
             return 0

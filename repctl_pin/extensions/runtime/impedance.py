@@ -174,9 +174,10 @@ class LeafImpedance:
         Parameters
         ----------
         q, qdot : (n,) arrays
-            Joint positions and velocities, rad or m, and per second.
+            Joint positions, rad or m, and joint velocities, rad/s or m/s.
         target : pinocchio.SE3 or (4, 4) array
-            Desired placement of the frame; for several frames, a list of one placement per frame.
+            Desired placement of the frame, in the base frame; for several frames, a list of one
+            placement per frame.
         twist : (6,) or (6 k,) array, optional
             Velocity (v, ω) of the target in base axes, m/s and rad/s; for k frames, the six numbers
             of each frame in turn. By default 0.

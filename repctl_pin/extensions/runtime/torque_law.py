@@ -60,8 +60,8 @@ class Observer(NamedTuple):
     Attributes
     ----------
     state : (r,) array
-        The rate ḣ to be expected without a disturbance, per second, called w in the formulas. The
-        torque law updates it in each call.
+        Rate ḣ, per second, that is to be expected without a disturbance: w in the formulas of
+        :class:`NumPyTorques`. The torque law updates it in each call.
     dt : float
         Time step of the loop, s.
     """
@@ -86,8 +86,9 @@ class NumPyTorques:
     ``√K ẍ = A √K e + 2 ζ A^½ √K (ẋ* − ẋ)``.
 
     ``ḧ = ω² (c − h) − 2 ζ_h ω ḣ``. The observer's estimate of the disturbance of ḧ is
-    ``d = κ (ḣ − w)``, with its state ``ẇ = ḧ``. The torque against d is scaled down to the limit
-    of every joint. K, ζ, ω, ζ_h and κ are the numbers of :class:`Gains`.
+    ``d = κ (ḣ − w)``, with its state ``ẇ = ḧ``. The torque against d is scaled down until no joint
+    exceeds its limit; w then also moves toward ḣ, so that the estimate stays near the limit. K, ζ,
+    ω, ζ_h and κ are the numbers of :class:`Gains`.
     """
 
     def __init__(self, task: Task, potentials: Potentials, gains: Gains) -> None:

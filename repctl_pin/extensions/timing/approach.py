@@ -1,8 +1,8 @@
 """Approach: the movement from the present configuration to a motion, from rest to rest.
 
-``JointLimits`` are the limits of all n joints, as arrays. ``Profile`` is the timing of a few
-cycles: segments with pauses between them. ``JointMotion`` is a joint motion over several cycles: q,
-q̇ (T, n) at times t, without the path of the frame.
+n is the number of joints. ``Profile`` is the timing of a few cycles: segments with pauses between
+them. ``JointMotion`` is a joint motion over several cycles: q, q̇ (T, n) at times t, without the
+path of the frame.
 """
 
 from __future__ import annotations

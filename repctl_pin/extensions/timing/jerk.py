@@ -21,9 +21,10 @@ four coefficients: those of x at the beginning, x at the end, x′ at the beginn
 Five arguments recur. ``path`` is q(s) evaluated at the stages, and ``limits`` are those of the
 joints. ``ties`` are the indices of two stages that get equal x and x′, so that the profile between
 them, a cycle, can be repeated; empty if there is no such cycle. ``weights``, one per interval,
-multiply the times of the intervals: by the number of traversals of this cycle between the ties, by
-1 elsewhere. ``tight``, one number per interval, at least 1, divides the limits of acceleration and
-jerk there; it is raised where a solution exceeds them between two stages.
+multiply the times of the intervals in the total duration. A weight is the number of traversals of
+this cycle for an interval between the ties, and 1 for any other. ``tight``, one number per
+interval, at least 1, divides the limits of acceleration and jerk in the interval; it is raised
+where a solution exceeds these limits between two stages.
 
 ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
 numbers. ``_JerkSegment`` is a smooth part of a joint path, from rest to rest, timed with bounded

@@ -88,10 +88,10 @@ def _inside_strips(
 ) -> tuple[Array, Array]:
     """Find the part of a line that lies inside all n strips, one line for each of K stages.
 
-    τ is the position on the line. Strip j bounds a quantity that is ``foot_j`` at τ = 0 and changes
-    by ``way_j`` per unit of τ: ``low_j ≤ foot_j + τ way_j ≤ high_j``; all arguments are (K, n).
+    λ is the position on the line. Strip j bounds a quantity that is ``foot_j`` at λ = 0 and changes
+    by ``way_j`` per unit of λ: ``low_j ≤ foot_j + λ way_j ≤ high_j``; all arguments are (K, n).
     ``size`` is the largest |way| that a line of any direction can have. A line is parallel to a
-    strip if its |way| is far smaller than ``size``. Return the range of τ as (first, last), (K,)
+    strip if its |way| is far smaller than ``size``. Return the range of λ as (first, last), (K,)
     each; no part of the line lies inside if first > last.
     """
     parallel = np.abs(way) < 1e-12 * size

@@ -3,8 +3,8 @@
 The joint path is cut at the stops into segments. Each segment is timed, and the result is sampled.
 A cycle is one traversal of the closed path; the steady cycle is the one between those that speed up
 and slow down. ``JointLimits`` are the limits of all n joints, as arrays. s is the length of the
-joint path, and T a number of samples. An argument ``laps`` is the joint path of a few cycles, see
-:class:`_Laps`.
+joint path, and T a number of samples. A stage is a value of s at which the speed ṡ is computed and
+the limits are imposed. An argument ``laps`` is the joint path of a few cycles, see :class:`_Laps`.
 
 ``Profile`` is the timing of a few cycles: segments with pauses between them. ``Segment`` is a
 smooth part of a joint path between two stops, with its speed at each stage. ``JointMotion`` is a
@@ -68,6 +68,7 @@ def timed(
     Returns
     -------
     TimedMotion
+        Positions, velocities and accelerations of the joints at even time steps, from rest to rest.
 
     Raises
     ------
@@ -197,8 +198,9 @@ class _Laps:
     ) -> tuple[Profile, list[int]]:
         """Join timed segments to the profile of all cycles.
 
-        ``runs`` are the segments between successive ``stops``, which are indices of points. Return
-        the profile, and the list of those stops that lie inside the first cycle.
+        ``runs`` are the segments between successive ``stops``, which are indices of points. From
+        ``limits``, the profile computes by which factor time must be stretched. Return the profile,
+        and the list of those stops that lie inside the first cycle.
         """
         stays = [float(self.stays[k]) for k in stops[:-1]]
         profile = Profile(runs, stays, stops, list(self.ends), limits)
@@ -212,10 +214,10 @@ def _as_fast_as_possible(
 
     Return the profile, and the stops inside the first cycle, as indices of points. If ``steady`` is
     −1, the limit of jerk is ignored; if it is 0 or more, the limit is respected. A positive
-    ``steady`` means that ``laps`` has three cycles, the second of which will be traversed
-    ``steady`` times. Unless there are stops between the ends of the path, the second cycle then
-    begins and ends with equal ṡ and s̈, and its duration is multiplied by ``steady`` in the total
-    that is minimised.
+    ``steady`` means that ``laps`` has three cycles, and that the second one will be traversed
+    ``steady`` times. The total duration of all these cycles is then minimised, and the second cycle
+    begins and ends with equal ṡ and s̈. If the path has a stop between its ends, ``steady`` has no
+    such effect, and each segment is timed separately.
     """
     stops = laps.stops(laps.corners())
     steps = np.linalg.norm(np.diff(laps.Q, axis=0), axis=1)
@@ -240,9 +242,10 @@ def _as_fast_as_possible(
 def _in_own_times(laps: _Laps, limits: JointLimits, motion: Motion) -> tuple[Profile, list[int]]:
     """Time a joint path by its own times, such as those of a file's waypoints, from stop to stop.
 
-    Return the profile, and the stops inside the first cycle, as indices of points. The arm stops at
-    sharp corners, and at other corners if the limits require it. InputError is raised if the limits
-    cannot be met.
+    ``motion`` is the motion from which ``laps`` was made. Return the profile, and the stops inside
+    the first cycle, as indices of points. The arm stops at pauses and at corners of over 0.3 rad.
+    If the limits cannot be met between two such stops, it also stops at all corners of over
+    0.05 rad there. InputError is raised if the limits cannot be met even then.
     """
     from .own_times import with_own_times  # only paths with a clock need it
 

@@ -81,7 +81,10 @@ class Animation:
 
 
 def animation(motions: Mapping[str, Motion] | Study, *, seconds: float | None = None) -> Animation:
-    """Show motions of one robot side by side, with paths, traces and the drift after each cycle.
+    """Make a page that shows motions of one robot side by side, with their paths and traces.
+
+    The page also has the drift after each cycle. Nothing is shown until :meth:`Animation.show` is
+    called, or a notebook cell ends with the result.
 
     Motions named as in a study, such as J⁺, have the colours of a study. Other motions have a warm
     colour if they drift, and a cool colour if they are closed.

@@ -1,7 +1,8 @@
-"""Drift of the drawn bodies between cycles, and the corners at which it is largest.
+"""Displacement of the drawn bodies between cycles, and the corners at which it is largest.
 
-The most displaced point of a body is always a corner of its convex hull. The page measures
-displacement at a few of these corners only.
+A drawn body is a visible shape of the robot, such as a mesh of its URDF. The most displaced point
+of a body is always a corner of its convex hull. The page measures displacement at a few of these
+corners only.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ def body_drift(
         Number of samples of one cycle, including both ends.
     directions : sequence of S int, optional
         For each body, the number of directions in which its outermost corners are kept; by default
-        8. With 128, the page measures displacements in a visitor's own motions with an error of at
-        most 0.7 %, and of 0.05 % on average.
+        8. On a path that the page's user draws, displacements are measured at the kept corners.
+        With 128 directions, they then have an error of at most 0.7 %, and of 0.05 % on average.
 
     Returns
     -------

@@ -98,8 +98,9 @@ def page(
     commands
         Commands for meshcat's viewer, each encoded as msgpack, see :mod:`.meshes`.
     motion : sequence of (T, W) arrays
-        Series of W numbers at T samples; T and W differ between arrays. In this order: those of
-        each arm (see :func:`.scene._describe`), the paths, and the rows of the joint plot.
+        Series of W numbers at T samples; T and W differ between arrays. In this order: for each arm
+        its poses, tips, elbows and points, as :func:`.scene._describe` makes them; the weights of
+        the page's own controller, if it has any; the paths; and the rows of the joint plot.
     headline
         Headline above the animation.
     dialog

@@ -5,7 +5,8 @@ meshcat is a viewer of three.js scenes in the browser. Each distinct body is def
 package, which is not used because it would import IPython and a web server. A surface is the
 content of a mesh file: points, normals, colours and triangles.
 
-``Shape`` is a shape of a URDF as plain data: its kind, size, link and place, or its mesh file.
+``Shape`` is a shape of a URDF as plain data: its kind, its size or mesh file, its link, and its
+placement on the link.
 ``Surface`` is a triangle mesh: points, normals, colours (V, 3) and faces (F, 3). ``Surfaces`` are
 the triangle meshes of mesh files by path, with the error instead if a file is unreadable.
 """
@@ -202,7 +203,7 @@ def _triangles(surface: Surface) -> _Element:
 def lifted(color: ArrayLike) -> NDArray[np.float64]:
     """Map colours, an array of any shape, from the range 0 to 1 to the range 0.06 to 0.96.
 
-    On pure black or white, shading, which shows the shape, would be invisible.
+    The shading of a body shows its shape; on pure black or white it would be invisible.
     """
     return 0.06 + 0.9 * np.asarray(color, float)
 

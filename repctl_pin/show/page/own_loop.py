@@ -56,8 +56,8 @@ def own_loop(
     strategies
         Controllers, one per pane of the page, in order.
     closes
-        Proved closing radius of the repeatable controller: every closed path within this radius
-        closes in joint space. None if no radius is proved.
+        Proved closing radius of the repeatable controller, around the start pose or around a path:
+        closed paths within this distance of it close in joint space. None if no radius is proved.
 
     Returns
     -------
@@ -167,10 +167,11 @@ def study_loop(study: Study) -> _Numbers | None:
 
 
 def _proved(closes: ClosingRadius | None, q0: Array) -> float | None:
-    """Return the proved closing radius around the start q0 (n,), m, rounded down to two digits.
+    """Return the proved closing radius around the pose of the start q0 (n,), m, rounded down.
 
-    Every closed path within this radius closes in joint space. A radius around a path is also valid
-    around its start. None if no radius is proved, or only one around another start.
+    Every closed path within this distance of the start pose closes in joint space. A radius that is
+    proved around a path is also valid around the pose where that path begins. The result has two
+    digits; it is None if no radius is proved, or if it is proved for another start than q0.
     """
     if not closes or not np.allclose(closes.start, q0, rtol=0, atol=1e-9):
         return None

@@ -114,7 +114,11 @@ class TracedChain:
 
 
 def traced_chains(task: Task, q0: Array) -> list[TracedChain]:
-    """List the traced chains of a task, one per frame, with their elbows at q0 (n,)."""
+    """List the traced chains of a task, one per frame.
+
+    The elbow of a chain is the joint in the middle of the arm that moves most in self-motions from
+    q0 (n,).
+    """
     if not isinstance(task, SeveralFrames):
         return [TracedChain(task, elbow(task, q0))]
     whole = task.to_robot(q0)
@@ -134,10 +138,10 @@ def playback_of(label: str, motion: Motion, color: str) -> Playback:
 
 
 def read_playbacks(file: str | Path, robot: Robot, *, cycles: int | None = None) -> list[Playback]:
-    """Read the motions of a robot from a CSV file, one for each strategy in it.
+    """Read the motions of a robot from a CSV file, one per distinct entry in column ``strategy``.
 
-    A strategy is a controller, such as the pseudoinverse J⁺. Joints without a column stay at the
-    reference pose.
+    A strategy is a controller, such as the pseudoinverse J⁺. A file without this column has one
+    motion. Joints without a column stay at the reference pose.
 
     Parameters
     ----------
@@ -189,7 +193,8 @@ def playback_page(
     tracks
         Motions to show, all with the same number of cycles and steps.
     paths : sequence of (P, 3) arrays, optional
-        Paths to draw, m; by default the paths of the frames in cycle 1 of the first motion.
+        Paths to draw, m, in the base frame; by default those of the frames in cycle 1 of the first
+        motion. If the base moves, the paths move with it.
     name
         Display name of the path.
     stopped
@@ -205,9 +210,9 @@ def playback_page(
     dialog
         Texts of the page's dialog; by default those of a study.
     cover
-        Numbers of a surface around the positions of a cell, by the keys that ``cover.js`` reads.
-        The page draws this surface in a pale colour; the first path must then be its edges. None
-        for no surface.
+        Numbers of a surface around the positions of a cell, a box of poses, by the keys that
+        ``cover.js`` reads. The page draws this surface in a pale colour; the first of ``paths``
+        must then be a line along all edges of the cell. None for no surface.
     """
     cycles = _common_cycles(tracks)
     visuals = Visuals.of(chains[0].task.robot)
@@ -280,7 +285,7 @@ def _joint_origins(
     """Compute the joint origins of every chain at the start of each motion: (n, 3) arrays, m.
 
     The list has all motions of the first chain, then those of the next. The origins are relative to
-    the robot's root link, where ``base`` (1, 4, 4) is the placement of the tasks' base.
+    the robot's root link. ``base`` (1, 4, 4) is the placement of the tasks' base on that link.
     """
     return [
         on_base(base, chain.task.joint_origins(chain.task.from_robot(track.Q[0]))[None])[0]
@@ -292,8 +297,9 @@ def _joint_origins(
 def _caption(chains: Sequence[TracedChain], together: Task | None) -> str:
     """Describe the tasks of the chains by kind, joints and redundancy, in lines of text.
 
-    ``together`` is the task of several frames that has all chains: its frames are grouped by kind,
-    and its redundancy is the last line. If it is None, each chain has a line of its own.
+    ``together`` is the task of several frames to which all chains belong, if there is one. Its
+    frames are then grouped by kind, and its redundancy is the last line. If ``together`` is None,
+    each chain has a line of its own.
     """
     if together is None:
         tasks = [chain.task for chain in chains]
@@ -337,10 +343,11 @@ def _arm(
 ) -> Arm:
     """Make the arm of one pane of the page, which shows one motion.
 
-    ``played`` has the motion of each chain, and ``frames`` the samples to show. ``drawn`` has the
-    robot's visuals, the corners of each shape, m, and the links of the arm. Displacement is shown
-    for these links only. ``start`` (4, 4) is the base's placement at the start, where the paths are
-    drawn. ``any_way`` is True if the visitor can draw a path; more corners are then kept.
+    ``played`` has the motion of each chain, and ``frames`` the samples to show. ``drawn`` has three
+    parts: the robot's visuals; the corners (P, 3) of each shape's convex hull in the shape's own
+    frame, m; and the links of the arm, the only ones whose displacement is shown. ``start`` (4, 4)
+    is the placement of the base at the start, relative to the root link. ``any_way`` is True if the
+    visitor can draw a path; more corners are then kept.
     """
     (visuals, bodies, own), rows = drawn, track.Q[frames.index]
     placements = visuals.placements(rows)
@@ -400,9 +407,10 @@ def _broken(played: Sequence[JointMotion], track: Playback, rows: Array) -> Firs
     """Find the first limit violation or collision of a motion, which the page marks; else None.
 
     ``played`` has the motion of each chain, ``rows`` (T, nq) the configurations of the robot at T
-    shown samples. Speed limits are checked if the motion has times; collisions, if there is one
-    chain or one task for all chains. The mark is at the origin of the violating joint's child link,
-    or of one of the colliding links.
+    shown samples. Speed limits are checked if ``track`` has times. Collisions are checked if
+    ``track`` has a motion, or if there is only one chain; the motion of one of several chains lacks
+    the joints of the others. The mark is at the origin of the violating joint's child link, or of
+    one of the colliding links.
     """
     description = played[0].task.robot.description
     child = {joint.name: joint.child for joint in description.joints}
@@ -449,11 +457,11 @@ def _summary(
 ) -> MotionSummary:
     """Summarise a motion for the headline of the page.
 
-    ``played`` has the motion of each chain; ``moved`` is the most displaced link, and its
-    displacement, m. For several chains, each quantity is that of the worst chain, but the joint
-    speed is a norm over the joints of all chains, and errors and turns of the path are those of
-    ``track.motion``, which has the path. Body distances, and the displacements of end
-    effectors outside the task, are then left out, because each chain moves bodies of the others.
+    ``played`` has the motion of the whole task, or of each chain; ``moved`` is the most displaced
+    link, and its displacement, m. For several chains, each quantity is that of the worst chain, but
+    the joint speed is a norm over the joints of all chains, and errors and turns of the path are
+    those of ``track.motion``, which has the path. Body distances, and the displacements of end
+    effectors outside the task, are then left out: they depend on the joints of all chains.
     """
     alone = len(played) == 1
     summaries = [motion_summary(track.label, one, moved, bodies=alone) for one in played]

@@ -1,11 +1,12 @@
 """Scene of the animation page: arms side by side, each with traces of its cycles.
 
 A pane is the part of the page that shows one arm. A shape is a body of the arm as it is drawn. A
-sample is a moment of the motion whose configuration the page holds; between samples it
-interpolates. The tip is the frame of the task. A chain consists of the joints that move one frame;
-its elbow joint is the joint in the middle that moves most in self-motions. A potential is a
-function of the joints that a repeatable controller holds constant. Letters: T shown samples, S
-shapes, K chains, P points of a path or a shape, nq joints of the whole robot.
+sample is a moment at which a configuration of the motion is known. The page shows some of the
+samples, and interpolates between them. The tip is the frame of the task. A chain consists of the
+joints that move one frame; its elbow joint is the joint in the middle that moves most in
+self-motions. A potential is a function of the joints that a repeatable controller holds constant.
+Letters: T shown samples, S shapes, K chains, P points of a path or a shape, nq joints of the whole
+robot.
 
 ``Frames`` are the samples of a motion that the page shows. ``Arm`` is the arm in one pane of the
 page, and its motion under one controller. ``Dialog`` is the texts of a page's dialog, by name.
@@ -63,8 +64,8 @@ class Frames:
     Attributes
     ----------
     index : (T,) array of int
-        Indices of the samples, cycle by cycle, each with both its ends: T = len(cycles) *
-        per_cycle.
+        Indices of the shown samples among all samples of the motion, cycle by cycle. Each cycle
+        includes its first and its last sample: T = len(cycles) * per_cycle.
     cycles : tuple of int
         Numbers of the shown cycles, counted from 1.
     per_cycle : int
@@ -114,7 +115,8 @@ class Arm:
     shapes : tuple of S Shape
         All shapes to draw: those of the robot and of its surroundings.
     placements : (T, S, 4, 4) array
-        Rigid, unscaled transforms of the shapes, m, relative to the robot's root link.
+        Rigid, unscaled transforms of the shapes, m, relative to the robot's root link; in the live
+        viewer, these and all positions are relative to the base of the task.
     tip, elbow : (T, K, 3) arrays
         Positions, m, relative to the root link, of the frame and the elbow joint of each of K
         chains, one per frame of the task.
@@ -132,8 +134,9 @@ class Arm:
     broken : FirstViolation or None
         First violated joint limit, or first collision.
     carried : (T, 4, 4) array or None
-        Displacement of the base since the start, a rigid transform, if the base is a workpiece that
-        other joints move; the drawn paths move with it. None if the base does not move.
+        Rigid transforms from the base's placement at the start to that at each sample, in the
+        frame of the root link, m, if the base is a workpiece that other joints move. The drawn
+        paths move with it. None if the base does not move.
     """
 
     label: str
@@ -151,7 +154,7 @@ class Arm:
 
 
 def choose_frames(samples: int, cycles: int, *, per_cycle: int = 61) -> Frames:
-    """Choose the samples to show of a motion of ``samples`` = cycles · steps + 1 configurations.
+    """Choose the samples to show of a motion that has ``samples`` = cycles · steps + 1 samples.
 
     A page with all samples would be too large. If there are more than 24 cycles, only the first,
     the last, and every k-th cycle before the last are shown. Within a cycle, the number of samples
@@ -218,8 +221,9 @@ class JointRows:
         """Describe the joints, without the rows, in plain types for JSON.
 
         ``names``, ``lower``, ``upper`` (None for no limit) and ``turns`` (True if revolute) have
-        one entry per joint. ``perCycle`` is the number of samples per cycle, ``at`` are their
-        times, and ``scale`` is the factor, 0.001, by which the page's script divides the rows.
+        one entry per joint. ``perCycle`` is the number of samples per cycle, and ``at`` are their
+        times, as fractions of the cycle. ``scale`` is 0.001: the page holds the rows times
+        ``scale``, so its script divides by it.
         """
         lower, upper = self.task.lower, self.task.upper
         return {
@@ -307,7 +311,8 @@ def animation_page(
     arms
         The arms, one per pane.
     paths : sequence of (P, 3) arrays
-        The paths that the tips follow, closed or not, m.
+        The paths that the tips follow, closed or not, m, relative to the root link or, in the live
+        viewer, to the base of the task.
     frames
         Samples of the motions to which the arrays of the arms belong.
     surfaces
@@ -326,11 +331,11 @@ def animation_page(
         True if a :class:`~repctl_pin.show.page.viewer.Viewer` sends the configurations; those of
         the arms then only serve to find the shapes that move.
     names
-        Display name of the arm's part to which a shape belongs, by the name of the shape; used if
-        ``live``.
+        Display name of the part of the arm to which a shape belongs, in a dictionary by the name of
+        the shape; used if ``live``.
     own
         Numbers with which the page follows a closed path that its visitor draws: start, joints and
-        potentials; None if the visitor cannot draw a path. Its array ``weights`` (1, K), the
+        potentials; None if the visitor cannot draw a path. Its array ``weights``, one row with all
         coefficients of a cell's function, is packed with the motion.
     hands
         Display names of the traced frames.
@@ -339,9 +344,9 @@ def animation_page(
     dialog
         Texts of the page's dialog; by default those of a study.
     cover
-        Numbers of a surface around the positions of a cell, by the keys that ``cover.js`` reads.
-        The page draws this surface in a pale colour; the first path must then be its edges. None
-        for no surface.
+        Numbers of a surface around the positions of a cell, a box of poses, by the keys that
+        ``cover.js`` reads. The page draws this surface in a pale colour; the first of ``paths``
+        must then be a line along all edges of the cell. None for no surface.
 
     Returns
     -------
@@ -408,10 +413,11 @@ def _describe(
     """Describe an arm in plain types for the page's script, and append its arrays to ``parts``.
 
     ``frames`` are the samples of its motion, ``library`` has the number of each body in the
-    viewer's library by its :data:`~.meshes.Key`, and ``link`` is the link whose largest drift the
-    page states. ``rides`` (S,) is True for those of the S shapes that can move, even if they do not
-    move in this motion. The keys of the result are the names by which the script reads them, such
-    as ``label``, ``drift`` (one number per cycle) and ``shapes`` (a list of dictionaries).
+    viewer's library by its :data:`~.meshes.Key`, and ``link`` is the link of the part that the page
+    marks, usually the most displaced one. ``rides`` (S,) is True for those of the S shapes that can
+    move, even if they do not move in this motion. The keys of the result are the names by which the
+    script reads them, such as ``label``, ``drift`` (joint drift, one number per cycle) and
+    ``shapes`` (a list of dictionaries).
 
     The first appended array has the poses of the M moving shapes (T, M, 7), then the pose of the
     workpiece if it moves. A pose is x, y, z, qx, qy, qz, qw. Tips and elbows (T, K, 3) of K chains

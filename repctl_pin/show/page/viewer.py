@@ -345,10 +345,10 @@ class Viewer:
 
 
 def _only_this_host(request: RequestHandler) -> None:
-    """Refuse, with status 403, a request whose header Host is neither this host nor localhost.
+    """Refuse, with status 403, a request whose header Host is not 127.0.0.1 or localhost.
 
-    Otherwise another site could let its name point to this host, and its pages could read the
-    configurations.
+    Otherwise a web site could let its own host name resolve to 127.0.0.1 (DNS rebinding), and its
+    pages could read the configurations.
     """
     if request.request.host_name not in (_HOST, "localhost"):
         request.send_error(403)

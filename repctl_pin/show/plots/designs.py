@@ -5,9 +5,9 @@ approximates. The cost is their mean squared distance over Ω, the region of the
 margin is the distance from an algorithmic singularity: 1 is best, 0 is singular. Maps show values
 over two joints, with the others at the centre of Ω.
 
-``Baseline`` is a simpler repeatable inverse over the same Ω: its name, its figures, or why it was
-refused. ``DesignMap`` is the distance from the desired inverse and the leaf margin of a design on a
-grid over two joints.
+``Baseline`` is a simpler repeatable inverse over the same Ω: its name, and its cost and margins, or
+the error if it is singular in Ω. ``DesignMap`` is the distance from the desired inverse and the
+leaf margin of a design on a grid over two joints.
 """
 
 from __future__ import annotations

@@ -121,11 +121,10 @@ def _short_table(study: Study, rows: Sequence[Row]) -> list[Span]:
 
 
 def displacement_cells(study: Study) -> list[tuple[str, list[str]]]:
-    """Format the displacements of the hand and of the farthest part, for every controller.
+    """Format the first two lines of the short table, each a name and a text per controller.
 
-    The result has two lines of the short table, each a name and a text per controller. The first
-    is the maximum distance of the hand, the task's frame, from its path; the second is the
-    displacement of the most displaced part.
+    The first line has the maximum distance of the hand, the task's frame, from its path. The second
+    has the displacement of the part of the arm that is displaced most.
     """
     rows = _cells(study, study.rows)[:2]
     return [(name, [cell.text for cell in line]) for name, line in rows]
@@ -213,9 +212,10 @@ def _speed(summary: MotionSummary, usual: MotionSummary | None) -> Span:
 
 
 def _limits(summary: MotionSummary) -> Span:
-    """Format the cycle of the first joint-limit violation, or the factor of a speed violation.
+    """Format the cycle of the first joint-limit violation, else the worst speed-limit violation.
 
-    The text is ``kept`` if no limit is violated.
+    The latter is the largest ratio of a joint speed to its limit, such as ``speed × 1.3!``. The
+    text is ``kept`` if no limit is violated.
     """
     if summary.limit_violation:
         return Span(f"cycle {summary.limit_violation[0]}!", "bad")

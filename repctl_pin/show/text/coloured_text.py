@@ -25,11 +25,12 @@ _COLOURS = {"bad": "31", "good": "32"}
 class Span(NamedTuple):
     """Piece of text, with its tone, its exact value and the controller to which it belongs.
 
-    ``tone`` is ``bad``, ``good``, ``near`` (a small distance, or a gap in a check) or empty. A page
-    shows every tone as a colour, a terminal only ``bad`` and ``good``. ``exact`` is the value that
-    a rounded text stands for, such as ``elbow_link: 0.0321 m``, or empty. ``whose`` chooses a
-    colour that a page shows instead of the tone: that of the controller ``usual`` or
-    ``repeatable``, or ``ink``, that of plain text. If ``whose`` is empty, the tone is shown.
+    ``tone`` is ``bad``, ``good``, ``near`` (a small body distance, or bodies that are not checked
+    for collisions) or empty. A page shows every tone as a colour, a terminal only ``bad`` and
+    ``good``. ``exact`` is the value that a rounded text stands for, such as
+    ``elbow_link: 0.0321 m``, or empty. ``whose`` chooses a colour that a page shows instead of the
+    tone: that of the controller ``usual`` or ``repeatable``, or ``ink``, that of plain text. If
+    ``whose`` is empty, the tone is shown.
     """
 
     text: str

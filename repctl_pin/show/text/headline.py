@@ -4,10 +4,11 @@ If a motion exceeds a limit or collides, the headline begins with that, and does
 hand is back. Its notes give the extra joint speed of the repeatable controller, and body distances.
 The displacement of a part is the distance between its positions at the start and after all cycles;
 a part is back if its displacement is below 0.1 mm. The hand is the task's frame. A summary
-(:class:`.MotionSummary`) has the numbers of one motion; a list ``summaries`` has one per
-controller, the reference first and the repeatable one last; the label of a controller is its name
-in a study, such as ``J⁺``. A :class:`.Span` is a piece of text with a tone (``bad``, ``good`` or
-``near``), which a page and a terminal show as colour; lists of spans are joined to one text.
+(:class:`.MotionSummary`) has the numbers of one motion. A list ``summaries`` has one per
+controller: first that of the controller with which the others are compared, in a study J⁺, and last
+that of the repeatable one. The label of a controller is its name in a study, such as ``J⁺``. A
+:class:`.Span` is a piece of text with a tone (``bad``, ``good`` or ``near``), which a page and a
+terminal show as colour; lists of spans are joined to one text.
 
 ``Row`` is the result of one strategy in a study: its motion and figures, or why it stopped.
 """
@@ -207,9 +208,9 @@ def _violated(summaries: Sequence[MotionSummary], by_all: str) -> list[Span]:
     """State which limits are exceeded and which links collide, and in which cycle.
 
     Controllers with equal violations share a sentence. ``by_all`` is the text that names all
-    controllers, such as " under either control". If the last of several motions collides, the one
-    that a user would run, its sentence asks for another start or path. The list is empty if there
-    is no violation.
+    controllers, such as " under either control". The last of several motions is the one that a user
+    would run: if bodies collide in it, its sentence asks for another start or path. The list is
+    empty if there is no violation.
     """
     found: dict[str, list[MotionSummary]] = {}
     for one in summaries:
@@ -409,7 +410,8 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
     """Format the displacement of the most displaced part under each controller: one span each.
 
     The text ``unit``, such as " from its start", follows each value, except a 0 that is not the
-    first value. A value other than 0 names its part if another part has the largest displacement.
+    first value. Under different controllers, different parts can be displaced most. A value other
+    than 0 is followed by its part, unless that part has the largest displacement of all.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
@@ -511,10 +513,11 @@ def _outlook(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
 
 
 def _bodies(summaries: Sequence[MotionSummary]) -> list[Span]:
-    """State minimum body distances of motions without a collision; the list is empty if none has.
+    """State the minimum body distances of the motions in which no bodies collide.
 
-    Links are named if they come within 2 cm; if none do, one text gives the minimum distance over
-    all motions.
+    If links come within 2 cm in some motions, the text names them, and gives their distance for
+    each of these motions. Otherwise, one text gives the minimum distance over all motions; the list
+    is empty instead if bodies collide in one of them, or a motion has no bodies.
     """
     free = [one for one in summaries if one.body_distance is not None and not one.collision]
     said = _nearest([one for one in free if (one.body_distance or 0.0) < NEAR], summaries)

@@ -62,10 +62,11 @@ class MotionSummary:
         Maximum displacement of a revolute joint at the end, rad, and that joint; 0 if the motion is
         closed.
     path_loss : (int, float, float) or None
-        The cycle in which the frame leaves its path, and its largest errors, m and rad; None if it
-        never does.
+        The cycle in which the frame leaves its path, and the largest errors of the frame in the
+        whole motion, m and rad; None if the frame never leaves its path.
     size : float
-        Length of the arm, m.
+        Length of the arm, m: the sum of the distances from revolute joint to revolute joint to the
+        frame; 1 without revolute joints.
     part : str
         Display name of the part that is displaced most at the end.
     link : str

@@ -56,7 +56,7 @@ class _Goals(NamedTuple):
     q_ref, n_ref : (K, n) and (K, n, r) arrays
         Reference configurations, and reference null-space bases.
     p, R : (K, 3) and (K, 3, 3) arrays
-        Positions, m, and rotation matrices of the poses.
+        Positions, m, and rotation matrices of the poses, in the base frame.
     """
 
     q_ref: Array
@@ -183,7 +183,7 @@ class Chart:
         return _Goals(*self.reference(U), *self.cell.placements(U))
 
     def goals_of(self, at: Points) -> _Goals:
-        """Return the terms of :meth:`goals` at the poses of ``at``, with its q_ref and n_ref."""
+        """Return the terms of :meth:`goals` at the poses of ``at``, which has q_ref and n_ref."""
         return _Goals(at.q_ref, at.n_ref, *self.cell.placements(at.U))
 
     def solve(
@@ -403,11 +403,11 @@ class Points(NamedTuple):
     U, Q : (K, k) and (K, n) arrays
         Poses, in coordinates of the cell, and configurations.
     R, J : (K, 3, 3) and (K, m, n) arrays
-        Rotation of the frame, and Jacobian, at Q.
+        Rotation of the frame, in base axes, and Jacobian, at Q.
     q_ref, n_ref : (K, n) and (K, n, r) arrays
         Reference configuration and reference null-space basis of the chart at U.
     residual : (K,) array
-        Largest entry of the task error, m or rad.
+        Largest absolute entry of the task error, m or rad.
     found : (K,) array of bool
         True where Newton's method converged to a solution.
     """

@@ -91,8 +91,8 @@ class Monomials:
     def differentiated(self, C: Array) -> tuple[Monomials, Array]:
         """Compute the coefficients of the derivatives of polynomials with coefficients C (N, …).
 
-        Return the N' monomials of a degree lower by one, and the coefficients (N', …, k); the last
-        axis numbers the variables u_j.
+        Return the N' monomials up to degree d − 1, and the coefficients (N', …, k) of the
+        derivatives. The last axis numbers the variables u_j.
         """
         lower = Monomials(self.k, max(self.degree - 1, 0))
         D = np.stack([self.derivative(C, j) for j in range(self.k)], axis=-1)

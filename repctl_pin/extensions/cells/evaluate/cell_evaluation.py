@@ -3,8 +3,8 @@
 The function q = F(x) gives one configuration for each pose of the cell, a box of poses with
 coordinates u from −1 to 1. Formulas use ∂F = ∂F/∂u, E = ∂x/∂u, and C = (EᵀE)^(−1/2), so that ∂F C
 and G_d E C are joint speeds per unit of task speed. G_d is the desired inverse, such as J⁺.
-Held-out poses are Sobol points of the cell that the fit did not use. ∂x/∂u is the task velocity per
-unit of each coordinate u.
+E is the task velocity per unit of each coordinate u. Held-out poses are Sobol points of the cell
+that the fit did not use.
 
 A candidate function is written in a chart: s is its position along the self-motion at each pose,
 and n_ref the approximate null space of J. At a fold, the leaf turns back along the self-motion, and
@@ -21,12 +21,12 @@ numbers of poses or configurations. N spans the null space of J; N, V̂ and n̂_
 columns.
 
 ``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the label ``s(u) =
-Σ_t a_t T_t(u)``. ``Sample`` is a function F evaluated at K poses of its cell: configurations, joint
-speeds and margins. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses,
-with the kinematics there. ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the
-label s (r,) the position along its self-motion. ``FailureReason`` is one reason why a function
-fails at some poses of its cell: cause, share of the poses, worst pose. ``Turn`` is the range of a
-function along a symmetric coordinate, which one joint alone changes, rad.
+Σ_t a_t T_t(u)``, with monomials T_t. ``Sample`` is a function F evaluated at K poses of its cell:
+configurations, joint speeds and margins. ``Points`` are the configurations Q (K, n) of F at K
+poses, with the kinematics there. ``Chart`` is coordinates (u, s) of configurations: u gives the
+pose, the label s (r,) the position along its self-motion. ``FailureReason`` is one reason why a
+function fails at some poses of its cell: cause, share of the poses, worst pose. ``Turn`` is the
+range, rad, over which a function can be used along a symmetric coordinate.
 """
 
 from __future__ import annotations
@@ -103,9 +103,9 @@ class Evaluation:
     limit_margin, limit_margin_worst : float
         Minimum distance of a joint from its limit, rad or m: over the held-out poses, and over
         these together with all poses that a search for smaller margins visited. Negative beyond the
-        limit, infinite without limits. A joint that moves the frame along a coordinate with the
-        range ``"all"`` is left out. If this range is a full turn, the distance of the joint from
-        its limits is :attr:`Turn.left`.
+        limit, infinite without limits. The range ``"all"`` of a symmetric coordinate ends only at
+        the limits of the joint that moves the frame along it. This joint is left out. If the range
+        reaches a full turn first, :attr:`Turn.left` is the distance of this joint from its limits.
     attainable_margin, attainable_margin_worst : float
         Largest limit margin on any leaf, rad or m, at the pose of ``limit_margin`` and at that of
         ``limit_margin_worst``. Each equals the margin at its pose if no leaf with a larger margin
@@ -113,10 +113,10 @@ class Evaluation:
     smallest_singular_value : float
         Minimum σ_min of J, by search.
     body_distance : float
-        Minimum distance between bodies of the robot and its surroundings, m, see
-        :class:`rp.Bodies`. It is evaluated at the first 1024 held-out poses and the corners. If no
-        bodies collide there, a search begins at the poses with the smallest distances. Infinite if
-        no bodies move relative to each other.
+        Minimum distance, m, between two links of the robot, or between a link and the surroundings,
+        over the pairs that :class:`rp.Bodies` checks. It is evaluated at the first 1024 held-out
+        poses and the corners. If no bodies collide there, the poses at which each pair is nearest
+        are searched for. Infinite if no bodies move relative to each other.
     nearest_bodies : (str, str)
         Links of the two bodies with this distance; ("", "") if there are no bodies.
     leaf_margin : float

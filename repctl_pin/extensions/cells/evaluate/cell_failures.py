@@ -137,10 +137,11 @@ def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None
     """Describe the failure of a function that folds between the middle and poses U (K, k).
 
     At a fold, the leaf turns back along the self-motion, and the leaf margin, the distance from an
-    algorithmic singularity, is 0. Near a singularity of J every leaf folds, because the null space
-    takes all directions around the singularity. So a singularity is searched for, from the
-    configurations Q (K, n) at the poses U. If a singularity is found, the cause is ``singularity``,
-    else ``fold``. ``share`` is the share of poses beyond a fold. Return None if U is empty.
+    algorithmic singularity, is 0. Every leaf folds near a singularity of J, because the direction
+    of the null space turns through all angles on a path around the singularity. So a singularity is
+    searched for, from the configurations Q (K, n) at the poses U. If one is found, the cause is
+    ``singularity``, else ``fold``. ``share`` is the share of poses beyond a fold. Return None if U
+    is empty.
     """
     if not len(U):
         return None

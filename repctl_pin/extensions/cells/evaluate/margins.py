@@ -1,21 +1,23 @@
 """Margins of a candidate function, and a search for the poses of its cell where they are smallest.
 
-Margins are distances from joint limits, between bodies, and from singularities (σ_min of J), and
-the leaf margin, the distance from an algorithmic singularity. The candidate q = F(x) gives one
-configuration for each pose of the cell, with coordinates u (k,) from −1 to 1. It is written in a
-chart, polynomials in u that approximate a configuration and the null space of J: the label s is the
-position of F along the self-motion. Points are configurations with their kinematics at K poses. A
-pose has no point if Newton's method finds no configuration of F there (``found`` is False). A
-coordinate of the cell is symmetric if a single joint moves the frame along it. The potentials of a
-chart are equal to s, and its leaf is the set s = 0.
+There are four kinds of margins: the distance of a joint from its limits, the distance between two
+bodies, the distance from a singularity (σ_min of J), and the leaf margin, which is the distance
+from an algorithmic singularity. Bodies are those of the robot's links and of its surroundings; the
+pairs are two links, or a link and the surroundings, see :class:`rp.Bodies`. The candidate q = F(x)
+gives one configuration for each pose of the cell, with coordinates u (k,) from −1 to 1. It is
+written in a chart, polynomials in u that approximate a configuration and the null space of J: the
+label s is the position of F along the self-motion. Points are configurations with their kinematics
+at K poses. A pose has no point if Newton's method finds no configuration of F there (``found`` is
+False). A coordinate of the cell is symmetric if a single joint moves the frame along it. The
+potentials of a chart are equal to s, and its leaf is the set s = 0.
 
 Letters: n joints, r components of s, k coordinates u, K poses or configurations, P margins of one
 kind per configuration, such as one per joint.
 
 ``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the label ``s(u) =
-Σ_t a_t T_t(u)``. ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s
-(r,) the position along its self-motion. ``Quantity`` is a margin, or a joint speed, that a search
-minimises over the cell of a function.
+Σ_t a_t T_t(u)``, with monomials T_t. ``Chart`` is coordinates (u, s) of configurations: u gives the
+pose, the label s (r,) the position along its self-motion. ``Quantity`` is a margin, or a joint
+speed, that a search minimises over the cell of a function.
 """
 
 from __future__ import annotations
@@ -229,9 +231,10 @@ class _LeafSearch:
         self._s = np.einsum("Knr,Kn->Kr", at.n_ref, at.Q - at.q_ref)
 
     def along(self, count: int) -> None:
-        """Try ``count`` labels in each of 2 r directions, 0.06 rad apart, from the present label.
+        """Try ``count`` labels in each of 2 r directions, 0.06 rad apart, at each pose.
 
-        A direction increases or decreases one component of the label. Newton's method for a label
+        The labels begin next to the best one so far, which is at first the label of the point. A
+        direction increases or decreases one component of the label. Newton's method for a label
         starts from the solution for the preceding label of the same direction. All directions are
         followed at once; if equal margins are found, the first direction has precedence.
         """
@@ -286,8 +289,9 @@ class _LeafSearch:
 def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
     """Make the margin of joint limits: the distance of each joint from its nearer limit, rad or m.
 
-    ``required`` is the required minimum. ``limited`` is a task, or a cell, whose symmetric
-    coordinates narrow the limits.
+    ``required`` is the required minimum. ``limited`` is a task or a cell. In a cell, a joint that
+    alone moves the frame along a symmetric coordinate also moves through the range of this
+    coordinate; the margin is then the smallest over this range.
     """
     return Margin(
         "joint limits", limited.limit_margin, required, 0.4, watched=4096, starts=48, violators=96
@@ -297,8 +301,9 @@ def limits_of(limited: Task | Cell, required: float = 0.0) -> Margin:
 def distances_of(task: Task, required: float = 0.0) -> Margin:
     """Make the margin of collisions: the smallest distance between convex hulls of bodies, m.
 
-    ``required`` is the required minimum. The distance between two hulls is at most the distance
-    between the bodies in them, and much faster to compute.
+    The smallest distance is taken over all pairs of bodies. ``required`` is the required minimum.
+    The distance between two hulls is at most the distance between the bodies in them, and much
+    faster to compute.
     """
     distances = bodies_of(task).hull_distances
     return Margin(
@@ -361,7 +366,10 @@ class LeafMargin(Quantity):
     chart: Chart
 
     def least(self, at: Points) -> Array:
-        """Evaluate the leaf margin at K points: (K,), infinite where there is no point."""
+        """Evaluate the leaf margin at K points: (K,), infinite where there is no point.
+
+        :func:`leaf_margins`, in contrast, is 0 where there is no point.
+        """
         return np.where(at.found, leaf_margins(self.chart, at), np.inf)
 
 
@@ -402,11 +410,11 @@ def lowest_distances(
 
 
 def _nearest_hulls(bodies: Bodies, Q: Array, required: float) -> Array:
-    """Compute distances (K,), m, between the convex hulls of bodies at Q (K, n).
+    """Compute the distance (K,), m, of the nearest pair of convex hulls at each row of Q (K, n).
 
-    The smallest distance is exact, and so are all distances that are negative or below
-    ``required``, m. The others are lower bounds, which are faster to compute, and exceed the
-    smallest distance.
+    The smallest of the K distances is exact, and so are all that are negative or below
+    ``required``, m. The others are lower bounds, which are faster to compute. Each of them exceeds
+    the smallest distance.
     """
     first = np.argsort(bodies._hull_bounds(Q))[:_TESTED]
     hulls = np.full(len(Q), np.inf)
@@ -473,9 +481,9 @@ def with_edges(cell: Cell, count: int, seed: int, rng: np.random.Generator) -> A
 def _between_corners(cell: Cell, rng: np.random.Generator) -> Array:
     """Sample 4096 poses of which all coordinates but two are −1 or 1: (4096, k).
 
-    The two coordinates are selected at random, and have random values. Where radius and height are
-    at their ends, bodies may be near each other only in a small range of the other coordinates,
-    which fewer poses would miss.
+    The two coordinates are selected at random for each pose, and have random values. Where two
+    coordinates of a cell are at their ends, such as radius and height of a sector, bodies may be
+    near each other only in a small range of the other coordinates. Fewer poses would miss it.
     """
     U = np.sign(rng.uniform(-1, 1, (_BETWEEN, cell.k)))
     free = rng.random(U.shape).argsort(axis=1) < 2

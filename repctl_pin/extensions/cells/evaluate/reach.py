@@ -63,7 +63,8 @@ def reached(
     cell
         The cell, which has the task and measures task errors by :meth:`Cell.errors`.
     p, R, Q : (K, 3), (K, 3, 3) and (K, n) arrays
-        Positions, m, and rotations of the poses, and the initial configurations.
+        Positions, m, and rotation matrices of the poses in the base frame, and the initial
+        configurations.
     inward
         Move joints away from their limits in the null space, too.
     iterations
@@ -228,11 +229,12 @@ def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array
 def grown(box: Cell, p: Array, Q: Array) -> Grown:
     """Grow a box around each of the positions p (K, 3), m, as far as the arm reaches the box.
 
-    ``box`` gives the full size and the orientation. Inverse kinematics of the positions starts at Q
-    (K, n). Positions that are not reached inside the joint limits are left out of the result. J⁺
-    moves the arm from each middle straight to all corners, edge middles and face centres, by steps
-    ``Δq = J⁺ (x_next − f(q))``. The box stops growing when one of these points is not reached or
-    singular, or when a joint leaves its limits at such a point.
+    The positions, in base axes, are the middles. ``box`` gives the full size and the orientation.
+    Inverse kinematics of the positions starts at Q (K, n). Positions that are not reached inside
+    the joint limits are left out of the result. J⁺ moves the arm from each middle straight to all
+    corners, edge middles and face centres, by steps ``Δq = J⁺ (x_next − f(q))``. The box stops
+    growing if, at one of these points, the arm is singular, a joint leaves its limits, the point is
+    not reached, or a joint would move by more than 0.4 rad or m in one step.
     """
     task, n = box.task, box.task.n
     p, Q = _middles(box, p, Q)

@@ -6,14 +6,14 @@ the function along the coordinate ends at the limits of its joint. The user requ
 or ``"all"`` for the largest range inside these limits. A computed range is a number, its full width
 from end to end, rad. A pose is covered if the function has a configuration there inside the joint
 limits. A sector is a cell in cylindrical coordinates, numbered from 0: radius, angle and height
-about an axis, two tilts of the tool, and its spin. A chart is the pair of polynomials of u in which
-the function is written: q_ref approximates its configurations, n_ref the null space of J. K poses
-are the rows of U (K, k). n is the number of joints, m that of task coordinates.
+about an axis, two tilts of the tool, and its spin. K poses are the rows of U (K, k). n is the
+number of joints, m that of task coordinates.
 
 ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position
-along its self-motion. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K poses,
-with the kinematics there. ``Turn`` is the range of a function along a symmetric coordinate, which
-one joint alone changes, rad. ``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated
+along its self-motion. It consists of two polynomials of u: q_ref approximates a configuration, and
+n_ref the null space of J. ``Points`` are the configurations Q (K, n) of a function q = F(u) at K
+poses, with the kinematics there. ``Turn`` is the range, rad, over which a function can be used
+along a symmetric coordinate. ``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated
 at q (n,) or Q (K, n).
 """
 
@@ -73,8 +73,8 @@ class Turn:
         Fraction of 4096 sampled poses that the function covers, without regard to the limits of the
         joints of symmetric coordinates; NaN in older files.
     as_covered : float
-        Range of the coordinate, rad, in which the joint stays within its limits at a part of the
-        covered poses. This part is the fraction ``covered`` of them. NaN in older files.
+        Like ``nearly``, but for the fraction ``covered`` of the covered poses in place of 99.9 %:
+        range of the coordinate, rad. NaN in older files.
     bodies : str
         Links that collide beyond the range; empty if the range ends at the joint's limits.
     """

@@ -17,12 +17,12 @@ of u, K and L poses.
 ``Candidate`` is a configuration in the middle of a cell, with the share of corners that rays from
 there reach, and its margins. ``Chart`` is coordinates (u, s) of configurations: u gives the pose,
 the label s (r,) the position along its self-motion. ``Descent`` is the result of a minimisation:
-coefficients a, the cost with its configurations, and the number of steps. ``Turn`` is the range of
-a function along a symmetric coordinate, which one joint alone changes, rad. ``ActiveConstraint`` is
-one kind of margin, with the poses at which it is checked and those at which it is penalised.
-``Margin`` is a kind of margin, such as joint limits, with its required minimum. ``Monomials`` are
-all monomials ``u^α`` up to a degree in the coordinates u, the constant 1 first. ``Cost`` is the
-cost of a candidate function: mean distance from the desired inverse, plus penalties on margins.
+coefficients a, the cost with its configurations, and the number of steps. ``Turn`` is the range,
+rad, over which a function can be used along a symmetric coordinate. ``ActiveConstraint`` is one
+kind of margin, with the poses at which it is checked and those at which it is penalised. ``Margin``
+is a kind of margin, such as joint limits, with its required minimum. ``Monomials`` are all
+monomials ``u^α`` up to a degree in the coordinates u, the constant 1 first. ``Cost`` is the cost of
+a candidate function: mean distance from the desired inverse, plus penalties on margins.
 ``FailureReason`` is one reason why a function fails at some poses of its cell: cause, share of the
 poses, worst pose.
 """

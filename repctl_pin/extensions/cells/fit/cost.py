@@ -119,9 +119,9 @@ class Penalty:
 class Cost:
     r"""Cost of a candidate F: mean distance from the desired inverse, plus penalties on margins.
 
-    The cost is ``C(a) = mean over the cell of ‖∂F/∂x − G_d(F)‖_F² + penalties`` with
-    ``s = Σ_t a_t T_t(u)``. A cell may have fewer coordinates than the task, so ∂F C takes the place
-    of ∂F/∂x, and G_d E C that of G_d.
+    As a function of the coefficients a of ``s = Σ_t a_t T_t(u)``, the cost is the mean over the
+    cell of ``‖∂F/∂x − G_d(F)‖_F²``, plus penalties. A cell may have fewer coordinates than the
+    task, so ∂F C takes the place of ∂F/∂x, and G_d E C that of G_d, with ``C = (EᵀE)^(−1/2)``.
 
     Parameters
     ----------

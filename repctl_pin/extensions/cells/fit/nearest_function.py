@@ -131,17 +131,19 @@ def nearest_inverse_function(
     limit_margin
         Joint-limit margin to keep where possible, rad or m.
     body_distance
-        Body distance to keep where possible, m; with 0, bodies are not in the cost. Close to
-        obstacles, a body distance can require much extra joint speed. The summary states which of
-        ``body_distance``, ``limit_margin`` and ``sigma_min`` are not met.
+        Minimum distance, m, to keep where possible between two links, and between a link and the
+        surroundings; with 0, bodies are not in the cost. Close to obstacles, a body distance can
+        require much extra joint speed. The summary states which of ``body_distance``,
+        ``limit_margin`` and ``sigma_min`` are not met.
     sigma_min
         σ_min of J to keep where possible, in m and rad; with 0, σ_min is not in the cost.
     incomplete
         Action if no single function covers the cell. Coverage is tested at held-out poses, corners,
-        and the worst poses found by a search. ``"refuse"`` raises an error that names a cell that
-        works; ``"shrink"`` moves sides inward until one function covers the rest; if less than 5 %
-        of the cell would be left, the cell is scaled about its middle instead. ``"keep"`` returns a
-        function that covers only some of the poses.
+        and the worst poses found by a search. ``"refuse"`` raises an error, which gives the size of
+        a smaller cell that one function covers, if one is found. ``"shrink"`` moves sides of the
+        cell inward until one function covers the part that is left. If this part would be less than
+        5 % of the cell, the cell is scaled about its middle instead. ``"keep"`` returns a function
+        that covers only some of the poses.
     options
         Numbers of nodes, and random seed: ``samples``, ``held_out`` and ``seed`` of
         :class:`FitOptions`.
@@ -291,7 +293,7 @@ def _reduced(cell: Cell, desired: Inverse, body_distance: float) -> Cell:
 def _margin(value: float, name: str, unit: str = "") -> float:
     """Check a requested margin, from 0 to 1e6, and return it as float; else raise an InputError.
 
-    ``name`` of the argument and ``unit`` are for the message.
+    The message names the argument by ``name``, and the unit by ``unit``.
     """
     number = positive(value, name, unit, zero=True)
     if number > _LARGE:

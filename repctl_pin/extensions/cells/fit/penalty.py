@@ -11,11 +11,11 @@ null space. The label is s, with r components. K and L are numbers of poses.
 
 ``Monomials`` are all monomials ``u^α`` up to a degree in the coordinates u, the constant 1 first.
 ``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the label ``s(u) =
-Σ_t a_t T_t(u)``. ``Chart`` is coordinates (u, s) of configurations: u gives the pose, the label s
-(r,) the position along its self-motion. ``ActiveConstraint`` is one kind of margin, with the poses
-at which it is checked and those at which it is penalised. ``Descent`` is the result of a
-minimisation: coefficients a, the cost with its configurations, and the number of steps. ``Inverse``
-is a matrix function G(q) (n, m) with J G = I, evaluated at q (n,) or Q (K, n).
+Σ_t a_t T_t(u)``, with monomials T_t. ``Chart`` is coordinates (u, s) of configurations: u gives the
+pose, the label s (r,) the position along its self-motion. ``ActiveConstraint`` is one kind of
+margin, with the poses at which it is checked and those at which it is penalised. ``Descent`` is the
+result of a minimisation: coefficients a, the cost with its configurations, and the number of steps.
+``Inverse`` is a matrix function G(q) (n, m) with J G = I, evaluated at q (n,) or Q (K, n).
 """
 
 from __future__ import annotations
@@ -113,10 +113,11 @@ class ActiveConstraint:
         """Evaluate the margins asked for, and the shortages, at the first L of K points ``at``.
 
         A shortage is the margin asked for minus the actual margin. ``near`` (K,) are the actual
-        margins; the points are sorted by them, the smallest first. Return two arrays (L,). The
-        margin asked for is found by a slow search, so the points after the first L are left out. L
-        is large enough for the caller: if a shortage is too large at any of the K points, one is at
-        the first L. The ``margin.violators`` largest shortages are then among the first L, too.
+        margins, sorted, the smallest first. Return two arrays (L,). The margin asked for is found
+        by a slow search, so only the first L points are evaluated. The later points cannot change
+        the result of :meth:`short`: if no shortage among the first L is too large, none of the K
+        is. Otherwise, the ``margin.violators`` largest shortages of all K points are among the
+        first L.
         """
         margin, count = self.margin, self.margin.violators
         most = margin.required - near  # no more than the required margin is asked for
@@ -201,7 +202,8 @@ class PenaltyMethod:
 
         If no margin is too small in the last result, this result is returned. Otherwise the cost is
         minimised with the monomials ``terms``; a degree above 2 is preceded by a fit of degree 2.
-        The poses at which functions without penalties fall short most stay penalised in every fit.
+        The poses with the smallest margins of functions without penalties stay penalised in every
+        fit, if these margins are too small.
 
         Parameters
         ----------

@@ -25,7 +25,7 @@ of the frame: the indices of both, and the sign, 1 or −1, of the change. ``Win
 the angle around the arm: the direction of its middle, and its half-width, rad. ``Chart`` is
 coordinates (u, s) of configurations: u gives the pose, the label s (r,) the position along its
 self-motion. ``CandidateFunction`` is a candidate for F: a chart, and the coefficients a of the
-label ``s(u) = Σ_t a_t T_t(u)``.
+label ``s(u) = Σ_t a_t T_t(u)``, with monomials T_t.
 """
 
 from __future__ import annotations
@@ -104,7 +104,8 @@ class Required(NamedTuple):
     distance : float
         Minimum body distance, m; −inf without a test.
     window : Window, optional
-        Angles of a sector outside which bodies may be nearer; the sector is cut to them.
+        Range of the angle of a sector in which body distances are tested. Parts of the sector
+        outside this range are cut off. By default, the whole range of the sector is tested.
     """
 
     mean: float = np.inf
@@ -125,11 +126,11 @@ def trimmed(
     """Move sides of a cell inward until one function meets the limits on the rest; design it.
 
     ``fit`` has the arguments of the design. ``q`` (n,) is the configuration in the middle,
-    ``guess`` a quick design from there, if there is one. First, sides are moved by quick designs,
-    until these leave nearly the whole cell. Then one function of full accuracy is designed. If this
-    function fails somewhere, sides are moved further, until the same function covers the rest.
-    Return None if the rest would be less than 5 % of the cell or not ``useful``, or if no function
-    is found.
+    ``guess`` a quick design from there, if there is one. A quick design shows where sides must be
+    moved; then the part that is left is designed again, until a quick design loses less than 30 %
+    of its part. Then one function of full accuracy is designed. If this function fails somewhere,
+    sides are moved further, until the same function covers the part that is left. Return None if
+    this part would be less than 5 % of the cell or not ``useful``, or if no function is found.
     """
     volume = 1.0
     for _ in range(_ROUNDS):
@@ -235,9 +236,10 @@ def near_all_round(
     """Test at which configurations Q (K, n) bodies are too near, however the arm is turned: (K,).
 
     Bodies are too near below ``distance``, m. The joint ``around`` turns the whole arm. Each
-    configuration is tested at six angles between the two ``angles``, rad, as far as the limits of
-    this joint allow; the result is True if bodies are too near at all tested angles. If ``around``
-    is None, each configuration is tested as it is.
+    configuration is turned by six angles between the two ``angles``, rad, measured from the given
+    configuration. Angles beyond the limits of this joint are left out. The result is True if bodies
+    are too near at all other angles, or if no angle is inside the limits. If ``around`` is None,
+    each configuration is tested as it is.
     """
     bodies = bodies_of(task)
     if around is None:
@@ -283,8 +285,9 @@ def _configuration(fit: CellFit, cell: Cell, q: Array, found: object, u: Array) 
     """Return a configuration (n,) at the pose u (k,) of a cell.
 
     If ``found`` is a design, the configuration is that of its function; otherwise it is the end of
-    a ray from q (n,). A design may have moved its sector along symmetric coordinates. The result is
-    in the middle of these coordinates of ``cell``, the sector before it was moved.
+    a ray from q (n,). A design may have moved the middle of its sector along symmetric coordinates.
+    The joints of these coordinates are therefore turned back, so that the frame is at 0 along the
+    symmetric coordinates of ``cell``, the sector before the design.
     """
     if not isinstance(found, CellDesign):
         return rays(fit.desired, cell, q, u[None]).Q[0]
@@ -376,8 +379,8 @@ def _weights(cell: Cell, coordinates: Sequence[int]) -> Array:
     """Return one weight per coordinate: how much a loss of its range counts in the choice of a cut.
 
     Radius, height and tilts have the weight 1. A symmetric angle or spin whose range is the
-    fraction s of a full turn has the weight s / (1 + s). This is the relative loss of (1 + s) / 2
-    per relative loss of s; (1 + s) / 2 is the factor with which a sector of that range is rated.
+    fraction s of a full turn has the weight s / (1 + s), because a sector with this range is rated
+    with the factor (1 + s) / 2: if s falls by 1 %, the factor falls by s / (1 + s) %.
     """
     s = cell.widths[list(coordinates)] / np.pi
     turns = np.isin(coordinates, [one.coordinate for one in cell.removed])
@@ -405,9 +408,9 @@ def _uncovered(
 ) -> NDArray[np.bool_]:
     """Test at which poses U (K, k), in all coordinates, a function fails or is too fast: (K,).
 
-    The function is too fast at a pose if the extra joint speed exceeds its maximum there. ``dear``
-    is True for a function that exceeds the limit of the mean; the 3 % of the poses with the highest
-    joint speed then also count as too fast.
+    The function is too fast at a pose if the extra joint speed exceeds ``limits.worst``. ``dear``
+    is True for a function whose mean extra joint speed exceeds ``limits.mean``; the 3 % of the
+    poses with the highest joint speed then also count as too fast.
     """
     candidate, U = CandidateFunction.zero(chart), chart.cell._split(U)[0]
     at = sampled(fit.desired, candidate, U, directions=False)

@@ -76,12 +76,15 @@ def approach_axis(task: Task, given: Any = None) -> Approach:
 def tool_axis(task: Task) -> Approach | None:
     """Find the axis of a task's frame along which the tool points; None if there is none.
 
-    The tip is the mean position of the fingers or, without fingers, the origin of the frame. If the
-    tip lies roughly on the axis of the last joint, the tool points along this axis, from the joint
-    toward the tip. If the tip is at the joint's origin, the tool points along this axis, away from
-    the joint before. Otherwise, and if this axis is along no axis of the frame, the tool points
-    straight from the joint to the tip. The result is the axis of the frame nearest to the direction
-    of the tool; None if it is not near enough.
+    The tip is the mean position of the fingers or, without fingers, the origin of the frame. The
+    tool points along the axis of the last joint if this axis is within 5° of an axis of the frame,
+    and the direction from the joint to the tip is within 60° of it. The sense is from the joint
+    toward the tip. If the tip is within 1 cm of the joint, that direction is not tested, and the
+    tool points away from the joint before.
+
+    Otherwise, the tool points straight from the joint to the tip, if the tip is farther than 1 cm
+    and the direction within 25° of an axis of the frame. The result is the axis of the frame
+    nearest to the direction of the tool.
     """
     name, (origin, axis) = last_axis(task)
     fingers = _fingers(task)
@@ -107,9 +110,9 @@ def with_approach(task: Task, approach: Approach) -> Task:
 def _outward(task: Task, origin: Array, axis: Array) -> float:
     """Tell whether the axis (3,) of the last joint points away from the joint before it: 1 or −1.
 
-    ``origin`` (3,), m, is the origin of the last joint; it and the axis are in frame axes.
-    The distance of that joint along the axis does not depend on the configuration. If the distance
-    is 0, the result is 1.
+    ``origin`` (3,), m, is the origin of the last joint; it and the axis are in frame axes. The
+    result is −1 if the joint before lies by more than 1 cm on the positive side of this origin
+    along the axis, else 1. Its distance along the axis does not depend on the configuration.
     """
     q = np.array(task.reference)
     x = task.placement(q)
@@ -124,10 +127,10 @@ def _named(direction: Array) -> str:
 
 
 def _fingers(task: Task) -> Array | None:
-    """Compute the mean position (3,) of the fingers' joints, m, in frame axes.
+    """Compute the mean position (3,) of the fingers' joints, m, from the frame's origin.
 
-    Joints that the body of the frame carries count as joints of fingers. Return None if there are
-    no such joints.
+    The position is in frame axes. The joints that follow the body of the frame in the kinematic
+    tree count as joints of fingers. Return None if there are no such joints.
     """
     model: pin.Model = task.robot.model
     frame = model.frames[frame_id(model, task.frame)]

@@ -83,8 +83,8 @@ class Cell:
     task
         The task.
     placement
-        Middle of the cell: a rigid transform, a homogeneous matrix (4, 4), or a position (3,) with
-        the orientation of the task's reference.
+        Middle of the cell, in the base frame: a rigid transform, a homogeneous matrix (4, 4), or a
+        position (3,), m, with the orientation of the task's reference.
     half_width : float or (P,) array
         w, m: one number, or one for each of the P positions that the task commands, in base axes.
     half_angle : float or (3,) or (2,) array
@@ -570,7 +570,8 @@ class Cell:
         """Evaluate the task errors (K, m), m and rad, from placements to goals.
 
         The goals are p_goal (K, 3), m, and R_goal (K, 3, 3); the placements are p and R, of the
-        same shapes.
+        same shapes. Both are in the base frame. The error is goal minus placement, in base axes;
+        for an axis task, the rotation is about the frame's own x and y axes.
         """
         p_goal, R_goal, p, R = as_matrices(
             ("p_goal", p_goal, "K 3"),

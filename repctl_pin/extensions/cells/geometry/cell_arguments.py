@@ -134,7 +134,7 @@ def as_axis(task: Task, axis: ArrayLike | None) -> Array:
 def as_half_width(value: Any, name: str, unit: str) -> float:
     """Check one half-width, 0 or from 1e-6 to 1000, and return it as float.
 
-    ``name`` of the argument and ``unit``, "m" or "rad", are for error messages.
+    Error messages name the argument by ``name``, and its unit by ``unit``, "m" or "rad".
     """
     return float(sizes(value, 1, name, unit, "half of the whole width")[0])
 
@@ -158,7 +158,7 @@ def as_height(task: Task, height: float) -> float:
 def as_turn(angle: Angle, name: str) -> float:
     """Check the half-width of a sector's angle or spin, and return it, rad; ``"all"`` gives π.
 
-    ``name`` of the argument, ``angle`` or ``spin``, is for error messages.
+    Error messages name the argument by ``name``, ``angle`` or ``spin``.
     """
     if isinstance(angle, str):
         require_choice(angle, ("all",), name)

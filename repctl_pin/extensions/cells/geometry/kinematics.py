@@ -128,8 +128,10 @@ def bases(J: Array, near: Array | None = None) -> tuple[Array, Array, Array]:
     Parameters
     ----------
     J : (K, m, n) array
+        Task Jacobians.
     near : (K, n, r) array, optional
-        Reference bases to which N is aligned; see :func:`redundancy.align`.
+        Reference bases: of all orthonormal bases of the null space, N is the nearest to ``near``.
+        Without it, any basis.
 
     Returns
     -------

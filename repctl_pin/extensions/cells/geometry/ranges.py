@@ -118,9 +118,10 @@ def gap_phrase(sector: Sector, reaches: Mapping[str, float] | None = None) -> st
 def tool_direction(sector: Sector) -> str | None:
     """Return ``down`` or ``up`` if the tool has this direction in the whole sector, else None.
 
-    The tool points along the axis of its frame that :func:`.tool_axis` finds; the result is None if
-    it finds none. The result is also None if the task has a frame of its own (a ``ToolTask``) and
-    this axis is not its z axis, because z may be the intended direction.
+    The tool points along the axis of the frame that :func:`.tool_axis` finds. The result is None if
+    no such axis is found, if the tool tilts in the sector, or if the sector's axis is not vertical.
+    In a ``ToolTask``, whose frame is no link frame of the URDF, the result is also None if the axis
+    found is not z, because z may be the intended direction.
     """
     task, (tilt, _) = sector.task, difference(sector.axis, VERTICAL)
     if not task.kind.turns or sector.widths[3:5].any() or tilt > NEAR:
@@ -208,7 +209,7 @@ def _rounded_inward(low: float, high: float) -> tuple[str, str]:
 
 
 def _pointing(direction: Array) -> str:
-    """Write a direction (3,) in axes of the base: ``down``, or such as ``along (0.6, 0, -0.8)``."""
+    """Write a direction (3,) in base axes: a word, ``down``, or ``along (0.6, 0, -0.8)``."""
     named = (name for name, axis in _POINTS if direction @ np.array(axis) > 1 - 1e-6)
     numbers = ", ".join(f"{v:.2g}" for v in np.round(direction, 3) + 0.0)
     return next(named, f"along ({numbers})")

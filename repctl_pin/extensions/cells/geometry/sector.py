@@ -90,8 +90,8 @@ class Sector(Cell):
     task
         The task. A task in two coordinates requires an axis normal to its plane.
     placement
-        Middle of the sector, away from the axis: a rigid transform, a homogeneous matrix (4, 4), or
-        a position (3,), m, with the orientation of the task's reference.
+        Middle of the sector in the base frame, away from the axis: a rigid transform, a homogeneous
+        matrix (4, 4), or a position (3,), m, with the orientation of the task's reference.
     radius : float or (list, list)
         Half-width, m; or two lists: coefficients, the constant first, of the smallest and of the
         largest radius, m, as polynomials of η / ``height``, with η the height above the placement.
@@ -374,9 +374,11 @@ class Sector(Cell):
         return np.asarray(rho + bend[..., None] + stretch[..., None] * ends)
 
     def _values(self, Y: Array) -> Array:
-        """Return the task coordinates (K, m), m and rad, at offsets Y (K, m) from the middle.
+        """Return the values (K, m) of the task coordinates at offsets Y (K, m), m and rad.
 
-        With a profile, the middle of the radius and the scale of its offset depend on the height.
+        A value is the offset plus the value in the middle, :attr:`centre`. With a profile, the
+        radius is ρ_0 + b(η) + s(η) y: ρ_0 is the radius of the middle, b is the bend and s the
+        stretch at the height η, and y is the offset of the radius.
         """
         values = super()._values(Y)
         bend, stretch = self._profiled(_all_six(Y)[:, HEIGHT])

@@ -81,9 +81,10 @@ def _cover_of(design: CellDesign, reach: Sequence[Array]) -> dict[str, Any]:
     empty for a box.
 
     The argument ``reach`` has closed lines (P, 2) of radius and height, m, which the page draws
-    around all that the arm reaches. The key ``reach`` has each line as a list of numbers in mm,
-    radius and height alternately. The key ``around`` is the angle, rad, through which the lines are
-    drawn.
+    around all that the arm reaches; for a box, they are not used. The key ``reach`` has each line
+    as a list of numbers in mm, radius and height alternately. The key ``around`` is the range, rad,
+    of the joint that turns the arm, at most a full turn. The page draws the reach over this range,
+    one half to either side of the middle of the sector.
     """
     cell = design.cell
     if isinstance(cell, Sector):

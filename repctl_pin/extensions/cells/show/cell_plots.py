@@ -165,8 +165,8 @@ def _beside(whole: Image.Image, *axes: Axes) -> tuple[Image.Image, str]:
 def _on_any_paper(drawn: Image.Image) -> Image.Image:
     """Replace white, and the grey of poses that are not covered, by a translucent mid-grey.
 
-    White becomes fully transparent. So the picture looks as before on white paper; on dark paper,
-    white areas show the paper, and poses that are not covered are dark, too.
+    White becomes fully transparent. So the picture looks as before on a white background. On a dark
+    background, white areas show the background, and poses that are not covered are dark, too.
     """
     pixels = np.array(drawn.convert("RGBA"))
     level = pixels[..., 0]

@@ -164,25 +164,26 @@ def best_cell(
     """Find the best place for a box of poses; without a size, the largest sector around the arm.
 
     Without a size, the result is the largest range of radius and height, around the arm and at
-    every spin of the tool, that one function covers. Floods over a grid of radius and height, from
-    random configurations and from arms with locked joints, show what the arm reaches without a
-    change of branch. A function is designed for the best sector in these floods, whose range of
-    radius may depend on the height. If the largest rectangle in the floods may be as good, a
-    function is designed for this rectangle, too. A sector is reduced where its function fails,
-    exceeds the joint speed, or brings bodies nearer than 5 mm. The best function is returned.
+    every spin of the tool, that one function covers. Floods over a grid of radius and height show
+    what the arm reaches without a change of branch. They begin at random configurations, and at
+    configurations that the arm reaches with r joints locked. A function is designed for the best
+    sector in these floods, whose range of radius may depend on the height. If the largest rectangle
+    in the floods may be as good, a function is designed for this rectangle, too. A sector is
+    reduced where its function fails, exceeds the joint speed, or brings bodies nearer than 5 mm.
+    The best function is returned.
 
     A box fits if one function covers it, inside the joint limits and without collisions. First, J⁺,
     the pseudoinverse of the task Jacobian, must lead from a configuration in the middle along
     straight lines to all corners and edges. Then the design of a function confirms the box. The
-    middles that are tried are first the positions of the frame in random configurations, from which
-    inverse kinematics turns the frame to the orientation; then further positions beside the best of
-    these. If no box of the requested size fits, a second search follows, over positions, branches
-    and self-motions, for boxes at whose rims the bodies are apart. If none fits either, smaller
-    boxes are tried, in steps of a tenth of the size, and the largest box that fits is used. Among
-    boxes of equal size, the order is: nearest to ``at``, if given; above z = 0 of the base; limit
-    margin, up to 0.3 rad or m; smallest joint motion. Among the first boxes in this order, the
-    result is the box whose function has the best margins, body distance and joint speed. Design the
-    function over the result by :func:`nearest_inverse_function`.
+    middles that are tried are first the positions of the frame in random configurations: from each
+    configuration, inverse kinematics turns the frame to the orientation. Then positions beside the
+    best of these are tried. If no box of the requested size fits, a second search follows, over
+    positions, branches and self-motions, for boxes at whose rims the bodies are apart. If none fits
+    either, smaller boxes are tried, in steps of a tenth of the size, and the largest box that fits
+    is used. Among boxes of equal size, the order is: nearest to ``at``, if given; above z = 0 of
+    the base; limit margin, up to 0.3 rad or m; smallest joint motion. Among the first boxes in this
+    order, the result is the box whose function has the best margins, body distance and joint speed.
+    Design the function over the result by :func:`nearest_inverse_function`.
 
     Parameters
     ----------
@@ -202,7 +203,7 @@ def best_cell(
     yaw
         Angle, rad, by which the tool is further turned about the base's z axis.
     at : (3,) array, optional
-        Position, m, that the middle of the box should be near; by default any.
+        Position in the base frame, m, that the middle of the box should be near; by default any.
     heights, most_extra : (float, float)
         Limits without a size. ``heights``: lowest and highest position of the frame, m, above the
         point of the arm's axis nearest to the base's origin. ``most_extra``: maximum extra joint
@@ -387,8 +388,9 @@ def _candidates(box: Cell, at: Array | None, rng: np.random.Generator, report: R
     ``box`` has the requested size and orientation; ``report`` is the progress callback. Random
     configurations are drawn; the positions of the frame in them are the first middles. From each
     configuration, inverse kinematics turns the frame to the orientation of the box. If ``at`` (3,),
-    m, is given, the positions are first moved toward ``at``, from all the way to not at all.
-    Without ``at``, middles from floods around the arm are also tried, for tasks of more than four
+    m, is given, each position is first moved toward ``at``: the first one lies at ``at``, the last
+    one stays, and those between are moved by ever smaller fractions of their distance. Without
+    ``at``, middles from floods around the arm are also tried, for tasks of more than four
     coordinates. Further middles are then tried beside the best middles. An InputError is raised if
     no middle is reached.
     """

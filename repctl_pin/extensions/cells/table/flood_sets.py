@@ -58,7 +58,7 @@ class Floods(NamedTuple):
     nodes : (S, 2) array of int
         Node at which each flood begins.
     held : (S, n) array of bool
-        Joints that are locked.
+        True for the joints that are locked in each flood.
     """
 
     Q: Array
@@ -73,7 +73,8 @@ class Floods(NamedTuple):
     def middles(self, found: Rectangles) -> tuple[NDArray[np.intp], Array]:
         """Return nodes (S, 2) and configurations (S, n) in the middles of S rectangles.
 
-        ``found`` has one rectangle per flood. If its area is 0, the node is where the flood begins.
+        ``found`` has the largest rectangle of nodes in each flood. If its area is 0, the node is
+        where the flood begins.
         """
         nodes = (found.first + found.last) // 2
         empty = found.area == 0
@@ -92,9 +93,9 @@ def drawn_nodes(
     """Draw 2048 random configurations, and move each to the nearest node of a new table.
 
     ``heights`` are the lowest and the highest height of the table, m above the point of ``line``.
-    ``symmetries`` are the joints that alone turn the arm and, if there is one, the tool. Return the
-    table, and the K configurations that reach a node: the nodes (K, 2) and the configurations (K,
-    n) there.
+    The first of ``symmetries`` is that of the joint that turns the whole arm. A second one is that
+    of the joint that turns the tool about its own axis, if there is such a joint. Return the table,
+    and the nodes (K, 2) and configurations (K, n) of the K draws that reach their node.
     """
     Q = random_configurations(task, _DRAWN, rng)
     p = placed(task, Q)[0] - line[0]
@@ -128,9 +129,9 @@ def grid_around(
 ) -> Table:
     """Create a table that spans the radii ``rho`` and heights ``z`` of K configurations, m.
 
-    ``rho`` and ``z`` are (K,) each. Radii begin at 0.06 m. Heights, above the point of ``line``,
-    outside ``heights`` (lowest, highest) are left out. The first of the ``symmetries`` is that of
-    the joint that turns the arm about ``line``. The joints of symmetries are not
+    ``rho`` and ``z`` are (K,) each. Radii begin at 0.06 m. Heights are above the point of ``line``,
+    and limited to the range ``heights`` (lowest, highest). The first of the ``symmetries`` is that
+    of the joint that turns the arm about ``line``. The joints of symmetries are not
     :attr:`~.Table.counted`: floods do not check their limits.
     """
     low, high = max(heights[0], z.min()), min(heights[1], z.max())

@@ -132,8 +132,8 @@ def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp
 def _overlapping(edges: NDArray[np.intp], low: int, high: int) -> tuple[int, int] | None:
     """Find the run at one height that overlaps most with the indices ``low`` to ``high``.
 
-    ``edges`` has, for one run after the other, the first index of the radius and the index after
-    the last. Return the first and the last index of the run found; None without overlap.
+    ``edges`` (2 R,) has two indices of the radius for each of R runs: its first one, and the one
+    after its last. Return the first and the last index of the run found; None without overlap.
     """
     starts, ends = edges[::2], edges[1::2] - 1
     overlap = np.minimum(ends, high) - np.maximum(starts, low)
@@ -221,10 +221,11 @@ def affordable_between(
 
     The two polynomials of the height are the smallest and the largest radius. ``mask`` (I, J) has
     the nodes of the opening; ``own`` and ``usual`` (I, J) are the squared joint speeds of a
-    function and of J⁺ at the nodes. Nodes with the largest extra joint speed are left out until the
-    mean over the part meets its limit. A part of at most the area ``least``, in units of the
-    spacing squared, may be missed. ``degree`` is the maximum degree of the polynomials. The area of
-    the result is 0 if nothing is found.
+    function and of J⁺ at the nodes. At each node of the part, the extra joint speed is below 92 %
+    of ``limits.worst``. Nodes with the largest extra joint speed are left out until the mean over
+    the part is below ``limits.mean``. A part of at most the area ``least``, in units of the spacing
+    squared, may be missed. ``degree`` is the maximum degree of the polynomials. The area of the
+    result is 0 if nothing is found.
     """
     best = Between.none()
     with np.errstate(invalid="ignore"):

@@ -59,7 +59,8 @@ class LockedJoints(NamedTuple):
         Share of the sector's radii and heights that the arm covers, on a grid of 3 cm; 1 for the
         arm of a :class:`LargerArm`.
     extra, worst : float
-        Extra joint speed relative to J⁺, as a fraction, on average and at the worst node.
+        Extra joint speed relative to J⁺, as a fraction: of the rms over the nodes that the arm
+        covers, and at the worst of these nodes.
     area : float
         Area of radius and height, m², that the arm covers without collision: its largest rectangle
         in the design's sector. For the arm of a :class:`LargerArm`, it is the area of the larger
@@ -100,10 +101,11 @@ class LargerArm(NamedTuple):
 def best_locked(
     table: Table, locked: Floods, design: CellDesign, limits: Required
 ) -> LockedJoints | None:
-    """Find the arm with locked joints that covers most of a design's sector; None without one.
+    """Find the arm with locked joints that covers the largest share of a design's sector.
 
-    ``locked`` are floods with locked joints. Arms that keep the limits of joint speed are preferred
-    to others; among arms that cover the same share, the arm with the lowest joint speed is chosen.
+    ``locked`` are floods with locked joints. At most six arms are tried, those that keep the limits
+    of joint speed first. Among arms that cover the same share, the arm with the lowest joint speed
+    is tried first. Return None if none of them covers a part of the sector without collision.
     """
     cell = design.function.chart.cell
     assert isinstance(cell, Sector), "a table is a sector"
@@ -136,10 +138,11 @@ def larger_arm(
 ) -> LargerArm | None:
     """Search for an arm with locked joints that covers a sector larger than ``area``, m².
 
-    Floods with different configurations in their middles are compared. Return None if no sector is
-    larger by more than 2 %. The range of radius of the sector may depend on the height. At its
-    nodes, joint speed is within the limits, and bodies are apart at all angles of ``cell``. Joint
-    speeds are those along the coordinates of ``cell``.
+    The search is among the floods ``locked``; of floods with similar configurations in their
+    middles, only the largest is searched. Return None if no sector is larger by more than 2 %. The
+    range of radius of the sector may depend on the height. At its nodes, joint speed is within the
+    limits, and bodies keep the distance of ``limits`` at all angles of ``cell``. Joint speeds are
+    those along the coordinates of ``cell``.
     """
     least = area * (1 + _ALMOST) / SPACING**2
     # the joint speed of a locked arm is known, so that no share of its limit is spared
@@ -221,9 +224,10 @@ def _locked_arm(
 def with_middles(table: Table, locked: Floods, design: CellDesign) -> Floods:
     """Add floods with locked joints that begin in the middle of a design's sector.
 
-    Each set of r joints is locked twice: once at the design's configuration in the middle and once
-    at 0, as far as the joints' limits allow it. Floods whose first node is not reached are left
-    out. Return the new floods, followed by ``locked``.
+    Up to 16 sets of r joints are locked, each twice: once at the design's configuration in the
+    middle, and once at 0. A joint whose limits exclude 0 keeps its value of that configuration.
+    Floods whose first node is not reached are left out. Return the new floods, followed by
+    ``locked``.
     """
     cell, task = design.cell, table.task
     assert isinstance(cell, Sector), "a table is a sector"
@@ -252,8 +256,8 @@ def _angles(table: Table, cell: Sector) -> tuple[float, float]:
 def _at_zero(table: Table, design: CellDesign) -> Array:
     """Turn the configuration (n,) in a design's middle to the angle and the orientation of a table.
 
-    Only the joints that turn the arm about the axis of the sector, and the tool about its own
-    axis, are changed.
+    At most two joints are changed: that which turns the arm about the sector's axis, and that which
+    turns the tool about its own axis.
     """
     q = design.posture.copy()
     for one in design.function.chart.cell.removed:

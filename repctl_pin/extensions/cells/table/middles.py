@@ -46,8 +46,9 @@ def ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
 
     The criteria are, in this order: size of the box that fits around the middle; no collision at
     the rim, or the smallest overlap, if this was tested; small distance from ``at`` (3,), m, if
-    ``at`` is given; whole box above z = 0 of the base; body distance up to 2 cm, if tested; limit
-    margin up to 0.3 rad or m; the maximum joint motion to a corner, the smallest first.
+    ``at`` is given; whole box above z = 0 of the base; body distance, if tested; limit margin; the
+    maximum joint motion to a point of the rim, the smallest first. A body distance above 2 cm
+    counts as 2 cm, a limit margin above 0.3 rad or m as 0.3.
     """
     z = box.placements(box.corners())[0][:, 2] - box.placement.translation[2]
     below = found.p[:, 2] + z.min() * found.steps / STEPS < 0
@@ -79,14 +80,15 @@ def beside(
 def collision_free(
     box: Cell, found: Grown, at: Array | None, rng: np.random.Generator, *, drawn: int, parents: int
 ) -> Grown:
-    """Search for middles at which the bodies are apart at the rim of the largest box, best first.
+    """Search for middles whose box grows largest and has no collision at its rim, the best first.
 
     The middles ``found`` were ordered by reach and limits alone, so bodies may collide at the rims
     of the best boxes. First, ``drawn`` random configurations are tried at the positions of these
     middles, which adds branches of inverse kinematics. Then, in several rounds, boxes are grown
     beside at most ``parents`` of the best middles, also after self-motions. In each round, the
-    middles are sorted by :func:`ordered`, to which ``at`` is passed. The result is empty if bodies
-    collide at the rims of all boxes of the largest size.
+    middles are sorted by :func:`ordered`, to which ``at`` is passed. Return the middles without
+    collision among those with the largest box of all. If bodies collide at the rim of each such
+    box, the result is empty, even if smaller boxes are free of collisions.
     """
     places = unlike_rows(found.p, _APART_AT * box.half_width.max(), _PLACES)
     p = found.p[np.resize(places, drawn)]

@@ -34,12 +34,12 @@ node, so that q changes continuously. ``LockedJoints`` is an arm with r joints l
 their values, and the part of a sector that it covers. ``Symmetry`` is a joint that changes only one
 coordinate of the frame: the indices of both, and the sign, 1 or −1, of the change. ``Table`` is a
 grid of poses (nodes) over radius and height around an axis, at the angle 0 and one orientation.
-``_Openings`` are K ranges of the angle of floods, with the nodes free of collisions at all their
-angles. ``Between`` is a set of nodes between two polynomials of the height: its area, first and
-last height, and both polynomials. ``Straight`` are the sectors with one range of radius, and the
-function over the largest that one covers. ``Shut`` is masks of the nodes that cannot be used at M
-angles: ``near``, a body is too near, and ``out``, a limit is exceeded. ``LargerArm`` is an arm with
-locked joints that covers a larger sector than a design.
+``_Openings`` are K openings: each is a window of one flood, with the nodes at which bodies keep a
+distance at all its angles. ``Between`` is a set of nodes between two polynomials of the height: its
+area, first and last height, and both polynomials. ``Straight`` are the sectors with one range of
+radius, and the function over the largest that one covers. ``Shut`` is masks of the nodes that
+cannot be used at M angles: ``near``, a body is too near, and ``out``, a limit is exceeded.
+``LargerArm`` is an arm with locked joints that covers a larger sector than a design.
 """
 
 from __future__ import annotations
@@ -489,14 +489,14 @@ class _LockedSearch:
     def before_others(
         self, shaped: list[_Place], limits: Required, straight: Straight
     ) -> CellDesign | None:
-        """Design a function from a locked arm if other functions would have a collision, or None.
+        """Design a function from a locked arm if functions of minimum joint speed would collide.
 
-        ``shaped`` are places, the best first. Other functions would have a collision if the quick
-        design of the first place has one, although the configurations of its flood have none. The
-        result is None without this quick design or without this collision. It is also None if no
-        function from a locked arm is found, or if the function found is not good enough: it must
-        cover 85 % of the largest rectangle, and as much area as a sector with one range may cover,
-        and have more than 95 % of the worth that such a sector may have.
+        ``shaped`` are places, the best first. Such functions would collide if the first place has a
+        quick design, and this design has a collision; otherwise, the result is None. It is also
+        None if no function from a locked arm is found, or if the function found is not good enough.
+        It must cover 85 % of the largest rectangle in a flood, and as much area as the largest
+        sector with one range of radius. It must have more than 95 % of the worth that a sector with
+        one range may have.
         """
         quick = shaped[0].design if shaped else None
         if quick is None or quick.body_distance >= 0:
@@ -522,10 +522,10 @@ class _LockedSearch:
 
 
 def _begun(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]:
-    """Add a quick design to the first of the places, if ``limits`` have the smaller body distance.
+    """Add a quick design to the first place, if ``limits`` have the smaller body distance.
 
-    The design shows whether functions of minimum joint speed have a collision. Otherwise, or if no
-    design succeeds, the places are returned unchanged.
+    The design shows whether functions of minimum joint speed have a collision. With the larger body
+    distance, or if the design fails, the places are returned unchanged.
     """
     if not places or limits.distance != _TIGHT:
         return places
@@ -540,8 +540,8 @@ def _begun(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]
 def _inner_half(place: _Place, design: CellDesign) -> Sector:
     """Return the sector of a place's design, reduced to the middle half of its range of angle.
 
-    A locked arm is compared with the design at these angles. The whole range would be too wide,
-    because the final sector ends where bodies are near.
+    The quick design covers its whole range, even where bodies collide. A final sector ends there.
+    So a locked arm that replaces the design must keep clear of bodies at the reduced range alone.
     """
     chart = design.function.chart
     assert isinstance(chart.cell, Sector), "a table is a sector"
@@ -623,9 +623,10 @@ class _Place(NamedTuple):
     """Sector, and configuration (n,) in its middle, for which a function can be designed.
 
     ``most`` is an upper bound of the worth of the sector, and so of its rating, m². ``window`` is
-    the range of the sector's angle in which bodies keep their distance; None for a whole turn.
-    ``design`` is a quick design, and ``rating`` is the rating of this design, m². Without a quick
-    design, ``design`` is None and ``rating`` is 0.
+    the range of the sector's angle in which bodies keep their distance: the horizontal direction of
+    its middle, and its half-width, rad. It is None for a whole turn. ``design`` is a quick design,
+    and ``rating`` is the rating of this design, m². Without a quick design, ``design`` is None and
+    ``rating`` is 0.
     """
 
     cell: Cell
@@ -788,7 +789,8 @@ def _refined(
     in its middle, where the new flood begins. ``window`` has the middle and the half-width, rad, of
     the angles at which bodies keep the distance of ``limits``. Joint speeds are those along the
     coordinates of ``cell``. Return the table with half the spacing, the sector, and the
-    configuration (n,) in its middle. If no sector is larger, the area of the result may be 0.
+    configuration (n,) in its middle. If no larger sector is found, the result has a smaller area,
+    or 0.
     """
     fine = table.finer()
     flood = flooded(fine, 2 * np.array([found.middle]), q[None], np.zeros((1, len(q)), bool))[0]
@@ -1166,10 +1168,10 @@ class _Openings(NamedTuple):
     middle, half : (K,) arrays
         Middle and half-width of the angle, rad; the half-width of a whole turn is π.
     mask : (K, I, J) array of bool
-        Nodes of the flood at which bodies are apart at all these angles.
+        Nodes of the flood at which bodies keep the distance at all these angles.
     clear : (L, I, J) array of bool
-        For each of the L floods that were tested, the nodes at which bodies are apart at one or
-        more angles.
+        For each of the L floods that were tested, the nodes at which bodies keep the distance at
+        one or more angles.
     """
 
     flood: NDArray[np.intp]

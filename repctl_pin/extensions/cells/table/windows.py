@@ -165,7 +165,8 @@ class _Nodes:
     distance
         Distance that bodies must keep, m.
     doubtful : (K,) array of bool
-        Nodes at which it is not yet known whether bodies are near at every angle.
+        True for nodes at which bodies may be near at every angle; False where bodies are known to
+        keep the distance at one or more angles.
 
     Attributes
     ----------

@@ -4,8 +4,8 @@ Its demonstrations are read as one table with a row per frame; K is the number o
 are the recorded commands: joint positions, or commands of the hand. A data set is written whole or
 not at all, and a new data set never replaces one that exists.
 
-``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
-replace.
+``NewCells`` are new numbers for one column of a table, with the rows, and the indices in a row, at
+which they replace the old ones.
 """
 
 from __future__ import annotations
@@ -70,10 +70,10 @@ class DataSet(Table):
 
     @abstractmethod
     def write(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> None:
-        """Write the data set to a new path.
+        """Write the data set with changed columns to ``path``, where nothing exists yet.
 
-        ``new`` has the changed numbers by name of their column. ``removed`` are the names of the
-        columns that are left out.
+        :meth:`save` calls this with a path in a temporary folder. ``new`` has the changed numbers
+        by name of their column. ``removed`` are the names of the columns that are left out.
         """
 
     def actions(self) -> tuple[str, ...]:

@@ -1,8 +1,9 @@
 """Further columns of joint positions in a data set: those of actions and of next observations.
 
-Next observations are those of the following frame. Relabelling evaluates the same function at the
-same level, the position c along the self-motion, for these columns as for the joints, so that all
-columns agree. K is the number of frames, n that of joints; the indices of joints, ``places``, count
+Next observations are those of the following frame. Relabelling replaces recorded joints by the
+configurations q = F(x; c) of one function F of the pose x, at one level c, the position along the
+self-motion. It does so in the further columns, too, with the same F and c, so that all columns
+agree. K is the number of frames, n that of joints. ``places`` are the indices of the n joints among
 the numbers in a row of a column, from 0.
 
 ``DataSet`` is the demonstrations of a data set as one table, with the names of its special columns.
@@ -96,10 +97,11 @@ def _places(
 ) -> tuple[int, ...] | None:
     """Find the indices of the task's joints in a row of the column ``name``.
 
-    The joints are found by the names of the numbers. If the names are those of the column
-    ``table.joints``, or ``commands`` is "joints", the indices are those in that column, ``places``.
-    An InputError is raised if the column has too few numbers for them. If the joints cannot be
-    found, the result is None; but for the columns ``action`` and ``actions``, it is an InputError.
+    The joints are found by the names of the numbers. Otherwise, the result is ``places``, the
+    indices in the column ``table.joints``, in two cases: if both columns have the same names, or if
+    ``commands``, the meaning of the actions, is "joints". An InputError is raised if the column has
+    too few numbers for ``places``. If the joints cannot be found, the result is None, except for
+    the columns ``action`` and ``actions``, for which an InputError is raised.
     """
     own, labels = task.joint_names, table.labels(name)
     stems = [stem(label, own) for label in labels or ()]

@@ -65,10 +65,11 @@ def joints_of(
 
 
 def require_known(name: str, lerobot: Sequence[str], task: Task) -> None:
-    """Raise InputError if none of LeRobot's names of numbers in a column is a joint of the task.
+    """Raise InputError if no number of a LeRobot column is named after a joint of the task.
 
-    Even if their count fits, the numbers could then belong to another arm. ``name`` is the column,
-    for the message.
+    ``lerobot`` are the names of the numbers in a row of the column, from ``meta/info.json``. Even
+    if there are n numbers, they could otherwise belong to another arm of n joints. ``name`` is the
+    name of the column, for the message.
     """
     own = task.joint_names
     if not set(own) & {stem(text, own) for text in lerobot}:

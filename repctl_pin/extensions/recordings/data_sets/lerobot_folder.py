@@ -5,8 +5,8 @@ file. Both contain statistics of each column, per demonstration or over all demo
 statistics of a changed column are computed again. Letters: K frames (rows), w numbers per row of a
 column.
 
-``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
-replace.
+``NewCells`` are new numbers for one column of a table, with the rows, and the indices in a row, at
+which they replace the old ones.
 """
 
 from __future__ import annotations

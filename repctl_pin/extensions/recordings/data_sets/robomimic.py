@@ -4,8 +4,8 @@ An array's name is its path below the demonstration, such as ``obs/robot0_joint_
 copied, and only the arrays that change are written. Actions are the recorded commands, such as
 those of the hand, the end effector. K is the number of frames (rows).
 
-``NewCells`` are numbers that replace cells of one column of a table, with the rows that they
-replace.
+``NewCells`` are new numbers for one column of a table, with the rows, and the indices in a row, at
+which they replace the old ones.
 """
 
 from __future__ import annotations

@@ -123,7 +123,8 @@ def pasted(*names: str) -> str:
     """Join C files of the native library, given by name, into text for one exported source file.
 
     An ``#include`` of a header with an include guard, or of the C library, is dropped. An
-    ``#include`` of any other file is replaced by that file. Build directives are dropped too.
+    ``#include`` of any other file is replaced by that file. Blocks ``#ifdef LEVEL``, which serve
+    only to build the library for several instruction sets, are dropped too.
     """
     return "\n".join(_pasted(name) for name in names)
 
