@@ -102,7 +102,8 @@ class Surfaces:
         if len(self.stable):
             return (
                 f"stable surfaces: {len(self.stable)} of {len(self.points)} points on s = 0, "
-                f"{len(self.candidate)} on candidate surfaces only"
+                f"{len(self.candidate)} on candidate surfaces only, {len(self.singular)} near "
+                "singularities"
             )
         return (
             f"no stable surface: all {len(self.candidate)} points found on s = 0 "

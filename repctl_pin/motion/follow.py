@@ -331,8 +331,8 @@ def _run(
             square = sum(x * x for x in moved.tolist())  # an overflow gives inf, without a warning
             if not (square < surely or (np.abs(moved) < most_step).all()):
                 raise SingularityError(
-                    f"a joint moves by more than {_JUMP:g} rad (prismatic: one arm length) "
-                    f"in one step in cycle {1 + step // n_steps} of {path.name}: the arm is near "
+                    f"a joint moves by more than {_JUMP:g} rad (prismatic: the larger of the arm's "
+                    f"length and the path's size) in one step in cycle {1 + step // n_steps} of {path.name}: the arm is near "
                     "a singularity, the path is out of reach, or there are too few steps; use more "
                     "steps, another start or a smaller path"
                 )
@@ -441,7 +441,7 @@ def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
         for a, b in pairwise(path_grid(path, steps).tolist())
     ]
     for twist in (twist for row in found if not path.spec for twist in row):
-        vector(twist, None, "the twist (v, ω)", "m/s and rad/s")
+        vector(twist, None, "the twist (v, ω)", "m and rad per cycle")
     return np.array(found)
 
 

@@ -195,7 +195,7 @@ class LeafImpedance:
             If J_V is singular.
         """
         n, r = self.task.n, self.task.r
-        q, qdot = _checked(q, n, "q"), _checked(qdot, n, "q̇")
+        q, qdot = _checked(q, n, "q"), _checked(qdot, n, "qdot")
         leaf = _checked(leaf, r, "leaf", "from inverse.leaf(q)")
         if twist is not None:
             size = self.task.twist_size
