@@ -332,9 +332,9 @@ def _run(
             if not (square < surely or (np.abs(moved) < most_step).all()):
                 raise SingularityError(
                     f"a joint moves by more than {_JUMP:g} rad (prismatic: the larger of the arm's "
-                    f"length and the path's size) in one step in cycle {1 + step // n_steps} of {path.name}: the arm is near "
-                    "a singularity, the path is out of reach, or there are too few steps; use more "
-                    "steps, another start or a smaller path"
+                    f"length and the path's size) in one step in cycle {1 + step // n_steps} of "
+                    f"{path.name}: the arm is near a singularity, the path is out of reach, or "
+                    "there are too few steps; use more steps, another start or a smaller path"
                 )
             Q[step + 1] = q = following
             used = max(used, damping)
