@@ -88,6 +88,9 @@ TELLING = 1e-6
 APART = 1e-6
 """Error allowed to a measured distance, m."""
 
+_LANES = 8
+"""Number of corners per block in C, LANES of body_bounds.h."""
+
 _FAST = 1e9
 """Rate of a joint with unbounded rates, m per rad or m."""
 
@@ -123,6 +126,8 @@ class BodyBounds:
         Shape of each body, whose bounding box and sphere are computed.
     pairs
         Indices (P, 2) of the two bodies of each pair.
+    only_contact
+        Mask (P,) of the pairs that are checked for collisions only.
     """
 
     def __init__(
@@ -132,8 +137,9 @@ class BodyBounds:
         place: Sequence[pin.SE3],
         bodies: Sequence[coal.CollisionGeometry],
         pairs: _Index,
+        only_contact: NDArray[np.bool_],
     ) -> None:
-        self._model, self._pairs = model, pairs
+        self._model, self._pairs, self._only_contact = model, pairs, only_contact
         self._placements = _JointPlacements(model)
         self._joint = np.array(joint, np.intp)
         centers = [at.act(body.aabb_center) for at, body in zip(place, bodies, strict=True)]
@@ -151,7 +157,7 @@ class BodyBounds:
         self._columns, column = np.unique(self._second, return_inverse=True)
         self._flat = row * len(self._columns) + column
         self._reach = self._radii[self._first] + self._radii[self._second]
-        self.tables = self._native_tables()
+        self.tables = self._native_tables(place, bodies)
 
     @property
     def size(self) -> int:
@@ -171,11 +177,8 @@ class BodyBounds:
         """
         native = library()
         if native is not None:
-            Q = np.ascontiguousarray(Q, float)
             bounds = np.empty((len(Q), len(self._pairs)))
-            rows = (ctypes.c_void_p(array.ctypes.data) for array in (Q, bounds))
-            count, telling = ctypes.c_long(len(Q)), ctypes.c_double(TELLING)
-            native.body_bounds(ctypes.byref(self.tables), count, telling, *rows)
+            self._call(native.body_bounds, Q, bounds)
             return bounds
         R, p = self._placements(Q)
         centers = np.einsum("kbij,bj->kbi", R[:, self._joint], self._centers) + p[:, self._joint]
@@ -193,8 +196,35 @@ class BodyBounds:
         bounds[k, pair] = gap - self._extent(R, k, a, u) - self._extent(R, k, b, u)
         return bounds
 
-    def _native_tables(self) -> Any:
-        """Create the struct :data:`BODY_TABLES` of these joints, bodies and pairs, for C."""
+    def tighten(self, Q: Array, bounds: Array) -> Array:
+        """Tighten lower bounds (K, P) at Q (K, N), m, as far as they decide which pair is nearest.
+
+        Planes between two bodies, not their boxes, tighten the bounds of the few pairs that can be
+        the nearest, so that seldom more than one distance is left to measure. A collision-only pair
+        gets the bound inf if its bound excludes a collision. ``bounds`` is changed and returned. If
+        the native library was not built, no bound is tightened.
+        """
+        native = library()
+        if native is None:
+            bounds[self._only_contact & (bounds >= 0)] = np.inf
+        else:
+            self._call(native.tighten_bounds, Q, bounds)
+        return bounds
+
+    def _call(self, function: Any, Q: Array, bounds: Array) -> None:
+        """Call a function of the library that sets or changes ``bounds`` (K, P) at Q (K, N), m."""
+        Q = np.ascontiguousarray(Q, float)
+        rows = (ctypes.c_void_p(array.ctypes.data) for array in (Q, bounds))
+        count, telling = ctypes.c_long(len(Q)), ctypes.c_double(TELLING)
+        function(ctypes.byref(self.tables), count, telling, *rows)
+
+    def _native_tables(
+        self, place: Sequence[pin.SE3], bodies: Sequence[coal.CollisionGeometry]
+    ) -> Any:
+        """Create the struct :data:`BODY_TABLES` of these joints, bodies and pairs, for C.
+
+        ``place`` and ``bodies`` are those of :class:`BodyBounds`.
+        """
         joints = self._placements
         ints: dict[str, ArrayLike] = {"parent": joints.parents, "joint": self._joint}
         ints |= {"first": self._first, "second": self._second}
@@ -204,6 +234,15 @@ class BodyBounds:
         reals |= {"slide": (P @ joints.slides[:, :, None])[:, :, 0]}
         reals |= {"centers": self._centers, "radii": self._radii}
         reals |= {"turns": self._turns, "halves": self._half}
+        sums = [_as_sum(body) for body in bodies]
+        blocks = [
+            _blocks(corners @ at.rotation.T + at.translation)
+            for at, (corners, _, _) in zip(place, sums, strict=True)
+        ]
+        ints |= {"block": np.cumsum([0, *map(len, blocks)]), "only_contact": self._only_contact}
+        reals |= {"corners": np.concatenate([np.empty((0, 3, _LANES)), *blocks])}
+        reals |= {"ball": [ball for _, ball, _ in sums], "disc": [disc for *_, disc in sums]}
+        reals |= {"axis": self._turns[:, :, 2]}
         sizes = {"joints": len(joints.parents) - 1, "bodies": len(self._joint)}
         return filled_struct(BODY_TABLES, ints, reals, sizes | {"pairs": len(self._pairs)})[0]
 
@@ -271,6 +310,36 @@ class BodyBounds:
         axes = self._placements.axes[joint]
         along = np.einsum("mi,mi->m", points, axes)
         return np.asarray(np.linalg.norm(points - along[:, None] * axes, axis=1))
+
+
+def _as_sum(body: coal.CollisionGeometry) -> tuple[Array, float, float]:
+    """Describe a body as the Minkowski sum of a convex hull, a ball, and a disc normal to z.
+
+    Return the corners (M, 3) of the hull, in the frame of the body, and the radii of the ball and
+    of the disc; all in m. A surface that is not convex is described by its bounding box.
+    """
+    if isinstance(body, coal.Sphere):
+        return np.zeros((1, 3)), body.radius, 0.0
+    if isinstance(body, coal.Capsule):
+        return _ends(body), body.radius, 0.0
+    if isinstance(body, coal.Cylinder):
+        return _ends(body), 0.0, body.radius
+    return _corners(body), 0.0, 0.0
+
+
+def _ends(body: coal.Capsule | coal.Cylinder) -> Array:
+    """List the ends of the axis of a capsule or cylinder: (2, 3), m."""
+    return np.array([[0.0, 0.0, -body.halfLength], [0.0, 0.0, body.halfLength]])
+
+
+def _blocks(corners: Array) -> Array:
+    """Arrange corners (M, 3) in blocks, as C reads them: (⌈M / 8⌉, 3, 8), m.
+
+    The last corner is repeated until the last block is full.
+    """
+    count = -(-len(corners) // _LANES)
+    full = corners[np.minimum(np.arange(count * _LANES), len(corners) - 1)]
+    return full.reshape(count, _LANES, 3).swapaxes(1, 2)
 
 
 def _corners(body: coal.CollisionGeometry) -> Array:

@@ -52,6 +52,12 @@ _FUSED = 0.25
 _TOUCHING = 1e-12
 """Minimum penetration reported for colliding bodies, m, so that the distance is below 0."""
 
+_TOLERANCE = 1e-7
+"""Tolerance of coal's distances: a distance d, m, is at most 1e-7 (1 + d) m above the true one.
+
+With coal's default, 1e-6, distances would exceed the error that ``APART`` allows.
+"""
+
 _NEAR = 0.01
 """Distance of surfaces beyond which their exact distance is not computed, m."""
 
@@ -119,6 +125,7 @@ class _CollisionModel:
             body = pin.GeometryObject(f"{k}", self._joint[k], self._place[k], self._bodies[k].hull)
             self._shapes.addGeometryObject(body)
         self._request = coal.DistanceRequest()
+        _prepare([self._request])
         self._result = coal.DistanceResult()
         self._asked = 0.0
         self._transforms: dict[int, coal.Transform3s] = {}
@@ -142,14 +149,12 @@ class _CollisionModel:
         """
         found = np.full(len(Q), np.inf)
         which = np.full(len(Q), -1)
-        last = 0
         measure = self._of_hulls if hulls else self._exact
         if not len(self.pairs):
             return found, which
         for k, (q, bounds) in enumerate(self._with_bounds(Q)):
             with self._lock:
-                found[k], last = self._least(q, bounds, last, measure)
-            which[k] = last if found[k] < np.inf else -1
+                found[k], which[k] = self._least(q, bounds, measure)
         return found, which
 
     def nearer(self, Q: Array, distance: float, among: _Mask | None = None) -> NDArray[np.bool_]:
@@ -270,15 +275,12 @@ class _CollisionModel:
         the minimum distances, m, over the measured pairs only: a collision of a collision-only pair
         does not count. Without a measured pair they are inf.
         """
-        measured = np.flatnonzero(~self._only_contact)
-        last = int(measured[0]) if len(measured) else -1
         for start, block, bounds in self._bounded(Q):
             found = np.full(len(block), np.inf)
-            # _least changes the bounds of pairs that it has measured
-            telling = np.where(self._only_contact, np.inf, bounds)
-            for k, q in enumerate(block if len(measured) else ()):
+            tight = self._bounds.tighten(block, np.where(self._only_contact, np.inf, bounds))
+            for k, q in enumerate(block if self.measured else ()):
                 with self._lock:
-                    found[k], last = self._least(q, telling[k], last, self._exact)
+                    found[k], _ = self._least(q, tight[k], self._exact)
             yield start, bounds, found
 
     def names(self, pair: int) -> Pair:
@@ -295,10 +297,11 @@ class _CollisionModel:
     def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
         """Yield each row (N,) of Q with lower bounds (P,) on the distances of all pairs, m.
 
-        The bound of a collision-only pair is inf if it excludes a collision.
+        They are tight for the pairs that can be the nearest. The bound of a collision-only pair is
+        inf if it excludes a collision.
         """
         for _, block, bounds in self._bounded(Q):
-            yield from zip(block, self._telling(bounds), strict=True)
+            yield from zip(block, self._bounds.tighten(block, bounds), strict=True)
 
     def _bounded(self, Q: Array) -> Iterator[tuple[int, Array, Array]]:
         """Yield (index of the first row, rows (B, N), bounds (B, P)) for blocks of Q (K, N).
@@ -321,18 +324,15 @@ class _CollisionModel:
             return bounds
         return np.where(self._only_contact & (bounds >= 0), np.inf, bounds)
 
-    def _least(
-        self, q: Array, bounds: Array, guess: int, measure: Callable[[int], float]
-    ) -> tuple[float, int]:
-        """Compute the minimum distance at q (N,), m, and the index of its pair.
+    def _least(self, q: Array, bounds: Array, measure: Callable[[int], float]) -> tuple[float, int]:
+        """Compute the minimum distance at q (N,), m, and the index of its pair; else inf and −1.
 
-        ``measure`` is a function: index of a pair → its distance. The pair ``guess`` is measured
-        first, then the others in order of their lower ``bounds`` (P,), until no bound is below the
-        minimum found. ``bounds`` is changed: it becomes inf for each pair that is measured.
+        ``measure`` is a function: index of a pair → its distance. Pairs are measured in order of
+        their lower ``bounds`` (P,), until no bound is below the minimum found. ``bounds`` is
+        changed: it becomes inf for each pair that is measured.
         """
         self._move(q)
-        best, at = measure(guess), guess
-        bounds[guess] = np.inf
+        best, at = np.inf, -1
         while bounds[k := int(bounds.argmin())] < best:
             distance = measure(k)
             bounds[k] = np.inf
@@ -654,9 +654,11 @@ class _CollisionModel:
             self._shapes.addCollisionPair(pin.CollisionPair(a, b))
         self._placed = pin.GeometryData(self._shapes)
         self._asked = 0.0
-        _without_memory([*self._placed.distanceRequests, *self._placed.collisionRequests])
+        _prepare([*self._placed.distanceRequests, *self._placed.collisionRequests])
         measured = [body.measured for body in self._bodies]
-        self._bounds = BodyBounds(self._model, self._joint, self._place, measured, pairs)
+        self._bounds = BodyBounds(
+            self._model, self._joint, self._place, measured, pairs, self._only_contact
+        )
         self._strokes = strokes(self._model, self._joints)
         self._known = KnownApart(self.reach(), self._strokes)
 
@@ -697,17 +699,18 @@ class _CollisionModel:
         return at_reference, count / len(Q), overlaps
 
 
-def _without_memory(requests: Sequence[Any]) -> None:
-    """Let requests of coal begin each test anew, so that results do not depend on earlier ones.
+def _prepare(requests: Sequence[Any]) -> None:
+    """Set the tolerance of coal's requests, and let each of them begin anew.
 
     By default, Pinocchio's requests begin where the last test of the pair ended. This saves no
-    time, and changes distances by up to 1e-6 m.
+    time, and lets results depend on earlier ones.
     """
     with warnings.catch_warnings():
         # its successor, gjk_initial_guess, has no effect while this one is True
         warnings.simplefilter("ignore", DeprecationWarning)
         for request in requests:
             request.enable_cached_gjk_guess = False
+            request.gjk_tolerance = _TOLERANCE
 
 
 def _sample_configurations(task: Task) -> Array:

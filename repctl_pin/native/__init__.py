@@ -186,7 +186,8 @@ MARGINS = _struct(pointers="leaf sigma limit Q reach V split level")
 
 BODY_TABLES = _struct(
     ints="joints bodies pairs",
-    pointers="parent joint first second fixed sine versine origin slide centers radii turns halves",
+    pointers="parent joint first second fixed sine versine origin slide centers radii turns halves "
+    "block only_contact corners ball disc axis",
 )
 """The struct BodyTables of body_bounds.c."""
 

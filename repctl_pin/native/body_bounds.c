@@ -23,10 +23,6 @@ void place_center(const BodyTables *own, const PlacedJoint *placed, int body, do
   add_turned(joint->R, own->centers + 3 * body, center);
 }
 
-static void turn_back(const double *R, const double *x, double *y) {
-  for (int i = 0; i < 3; i++) y[i] = R[i] * x[0] + R[3 + i] * x[1] + R[6 + i] * x[2];
-}
-
 /* Extent of a body from its centre along u: of its sphere or of its box, the smaller one. */
 static double extent(const BodyTables *own, const PlacedJoint *placed, int body, const double u[3]) {
   double on_joint[3], on_body[3], box = 0;

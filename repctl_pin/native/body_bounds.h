@@ -7,12 +7,16 @@
 
 #include "linear_algebra.h"
 
+enum { LANES = 8 }; /* corners per block, which are computed together */
+
 typedef struct {
   int joints, bodies, pairs;
   const int *parent, *joint, *first, *second;      /* joints + 1; bodies; pairs, pairs */
   const double *fixed, *sine, *versine;            /* joints + 1 9: R_j = fixed + sin q sine + (1 - cos q) versine */
   const double *origin, *slide;                    /* joints + 1 3: p_j = origin + q slide, in the parent */
   const double *centers, *radii, *turns, *halves;  /* bodies 3, bodies, bodies 9, bodies 3: on their joints */
+  const int *block, *only_contact;                 /* bodies + 1: the first block of corners; pairs: flags */
+  const double *corners, *ball, *disc, *axis;      /* blocks 3 LANES, bodies, bodies, bodies 3: on their joints */
 } BodyTables;
 
 /* Placement of a joint. */

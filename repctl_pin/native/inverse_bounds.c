@@ -11,8 +11,6 @@
 #include "linear_algebra.h"
 #include "leaf_margin_bounds.h"
 
-static double dot(const double *x, const double *y) { return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]; }
-
 /* The slopes of the tool in the middle link's frame, and a bound of what they leave out. */
 static double tool_slopes(const Chain *g, const double *theta, const double *eta, double (*xi)[6], const double *tip,
                           double (*dd)[3]) {

@@ -9,12 +9,18 @@
 
 enum { MOST_JOINTS = 64 }; /* of a chain */
 
+static inline double dot(const double *x, const double *y) { return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]; }
+
 static inline void apply(const double *R, const double *x, double *y) {
   for (int i = 0; i < 3; i++) y[i] = R[3 * i] * x[0] + R[3 * i + 1] * x[1] + R[3 * i + 2] * x[2];
 }
 
 static inline void add_turned(const double *R, const double *x, double *y) {
   for (int i = 0; i < 3; i++) y[i] += R[3 * i] * x[0] + R[3 * i + 1] * x[1] + R[3 * i + 2] * x[2];
+}
+
+static inline void turn_back(const double *R, const double *x, double *y) {
+  for (int i = 0; i < 3; i++) y[i] = R[i] * x[0] + R[3 + i] * x[1] + R[6 + i] * x[2];
 }
 
 static inline void cross(const double *a, const double *b, double *c) {
