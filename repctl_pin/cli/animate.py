@@ -160,8 +160,8 @@ def _only(names: str, tracks: list[Playback], file: str) -> list[Playback]:
 def _names(design: rp.Design) -> tuple[str, str]:
     """Return the labels of a design's two controllers, as the page shows them.
 
-    The first controller is the desired inverse, which the design approximates; its label is J⁺, or
-    ``desired`` for another inverse. The second is the repeatable inverse.
+    The first label is that of the desired inverse, which the design approximates: ``J⁺``, or
+    ``desired`` for another inverse. The second is that of the repeatable inverse.
     """
     from ..studies.quantities import LABELS
 

@@ -260,8 +260,9 @@ class _Search:
         return low, high, self.place[order], self.within[order]
 
     def _raise(self, place: NDArray[np.intp], within: NDArray[np.intp], value: Array) -> None:
-        """Raise the rates to prove where the rate at the centre of a box exceeds them.
+        """Raise those rates to prove that a rate at the centre of a box exceeds.
 
+        They become slightly larger than that rate, because a bound over the box is above it.
         ``value`` (L, n) are the rates at the centres of L boxes. ``place`` (L,) are the indices of
         their places, and ``within`` (L,) the numbers k − 1 of the smallest S_k that contain them.
         Rates of larger S_k are raised as well.

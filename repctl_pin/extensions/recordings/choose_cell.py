@@ -66,7 +66,10 @@ def design_for(
     thin = thinned(recording, _FRAMES)
     few = thinned(recording, _TRIED)
     best: tuple[float, CellDesign | None] = (0.0, None)
-    failure = InputError("no box or sector contains them")
+    failure = InputError(
+        "no box or sector contains the recorded poses",
+        remedy="give a cell, or a shorter part of the recording",
+    )
     for share in _SHARES:
         for cell in _cells(thin, share):
             report(f"a function over {cell.size()}", 0.1)

@@ -384,8 +384,8 @@ def relabel(
         Q, *others = np.split(_labels(F, every, c), 1 + len(recording.further))
         if np.isnan(Q[:, 0]).all():
             raise InputError(
-                f"no frame has a configuration in the cell, {design.cell.size()} around "
-                f"{design.cell.where(np.zeros(design.cell.k))}",
+                "the function has no configuration at any recorded pose; its cell is "
+                f"{design.cell.size()} around {design.cell.where(np.zeros(design.cell.k))}",
                 remedy="use a cell around the recorded poses, or another level (leaf=)",
             )
         report("the ambiguity", 0.9)

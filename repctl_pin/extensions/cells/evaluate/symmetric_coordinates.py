@@ -70,13 +70,14 @@ class Turn:
         ``reach`` of the function designed for the range ``"all"``, rad; NaN if no such function was
         designed.
     covered : float
-        Fraction of 4096 sampled poses that the function covers, without regard to the limits of the
-        joints of symmetric coordinates; NaN in older files.
+        Fraction of 4096 sampled poses at which the function has a configuration inside the limits
+        of all joints but those of symmetric coordinates; NaN in older files.
     as_covered : float
-        Like ``nearly``, but for the fraction ``covered`` of the covered poses in place of 99.9 %:
-        range of the coordinate, rad. NaN in older files.
+        Like ``nearly``, with the number ``covered`` as the share of the covered poses, in place of
+        99.9 %; rad. NaN in older files.
     bodies : str
-        Links that collide beyond the range; empty if the range ends at the joint's limits.
+        Links that collide just beyond the range of the function; empty if this range ends at the
+        joint's limits.
     """
 
     coordinate: str

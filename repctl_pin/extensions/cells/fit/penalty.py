@@ -150,7 +150,10 @@ class ActiveConstraint:
         return short > np.maximum(margin.slack * asked, _NEARLY * margin.required)
 
     def penalty(self, candidate: CandidateFunction) -> Penalty:
-        """Make the penalty of the cost, at the poses ``edge`` where the candidate exists."""
+        """Make the penalty to add to the cost, on margins of a candidate function below ``asked``.
+
+        It covers those of the poses ``edge`` at which the candidate has a configuration.
+        """
         there = candidate.at(self.edge).found
         return Penalty(self.margin, self.edge[there], self.asked[there])
 

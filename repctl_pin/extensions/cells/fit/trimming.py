@@ -437,9 +437,10 @@ def _near(chart: Chart, distance: float, seed: int) -> tuple[Array, NDArray[np.b
 
 
 def _nearer(candidate: CandidateFunction, U: Array, distance: float) -> NDArray[np.bool_]:
-    """Test at which poses U (K, k) of a function bodies are nearer than a distance, m: (K,).
+    """Test at which poses U (K, k) two bodies are nearer than ``distance``, m: (K,).
 
-    Bodies are tested only at poses inside the joint limits.
+    The arm is in the configuration that the candidate function has at the pose. The result is False
+    at poses beyond the joint limits, where bodies are not tested.
     """
     points, task = candidate.at(U), candidate.chart.cell.task
     there = points.found & (task.limit_margin(points.Q).min(axis=1) > -1e-6)

@@ -59,8 +59,8 @@ class LockedJoints(NamedTuple):
         Share of the sector's radii and heights that the arm covers, on a grid of 3 cm; 1 for the
         arm of a :class:`LargerArm`.
     extra, worst : float
-        Extra joint speed relative to J⁺, as a fraction: of the rms over the nodes that the arm
-        covers, and at the worst of these nodes.
+        Joint speed divided by that of J⁺, minus 1: for the rms speeds over the nodes that the arm
+        covers, and at the node where it is largest.
     area : float
         Area of radius and height, m², that the arm covers without collision: its largest rectangle
         in the design's sector. For the arm of a :class:`LargerArm`, it is the area of the larger
@@ -185,11 +185,11 @@ def _locked_speeds(table: Table, locked: Floods, k: int, cell: Sector) -> Array:
 def _locked_joints(
     table: Table, locked: Floods, k: int, cell: Sector, inside: NDArray[np.bool_], distance: float
 ) -> LockedJoints | None:
-    """Evaluate an arm with locked joints on the nodes of a mask ``inside`` (I, J).
+    """Find which nodes of the mask ``inside`` (I, J) an arm covers, and its joint speeds there.
 
-    The arm is that of flood number ``k`` of ``locked``. Nodes at which bodies are nearer than
-    ``distance``, m, at every angle of ``cell`` are left out. Joint speeds are those along the
-    coordinates of ``cell``. Return None if no node is left.
+    The arm has locked joints; it is that of flood number ``k`` of ``locked``. A node is left out
+    only if bodies are nearer than ``distance``, m, at all angles of ``cell``. Joint speeds are
+    those of motions along the coordinates of ``cell``. Return None if no node is left.
     """
     clear = locked.reached[k] & inside
     on = np.argwhere(clear)
