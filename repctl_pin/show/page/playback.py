@@ -409,8 +409,8 @@ def _broken(played: Sequence[JointMotion], track: Playback, rows: Array) -> Firs
     ``played`` has the motion of each chain, ``rows`` (T, nq) the configurations of the robot at T
     shown samples. Speed limits are checked if ``track`` has times. Collisions are checked if
     ``track.motion``, the motion of all joints, is not None, or if there is only one chain; the
-    motion of one of several chains lacks the joints of the others. The mark is at the origin of the violating joint's child link, or of
-    one of the colliding links.
+    motion of one of several chains lacks the joints of the others. The mark is at the origin of the
+    violating joint's child link, or of one of the colliding links.
     """
     description = played[0].task.robot.description
     child = {joint.name: joint.child for joint in description.joints}
