@@ -127,8 +127,8 @@ def test_a_plane_has_a_name(driver: Any, page: Path) -> None:
         ([0, -1, 0], "in xz (upright)"),
         ([1, 0, 0], "in yz (upright)"),
         ([3, 4, 0], "upright"),
-        ([0, 1, 1], "tilted 45°"),
-        ([3, 0, -4], "tilted 37°"),
+        ([0, 1, 1], "45° from horizontal"),
+        ([3, 0, -4], "37° from horizontal"),
     ):
         axes = np.linalg.svd(np.array([normal], float))[2][1:]
         eight = np.array([np.sin(turn), np.sin(2 * turn) / 2]).T @ axes + rng.normal(size=3)
