@@ -184,9 +184,7 @@ def headline_of(
         return Headline(tuple(said), ())
     notes = tuple(_notes(summaries, cycles))
     if cycles == 1 and all(_is_open(one) for one in summaries):
-        way = _whole(metres(max(one.hand_off for one in summaries)))
-        words = f"The path is not closed: the hand ends {way} from where it began."
-        return Headline((*said, Span(words)), notes)
+        return Headline((*said, _not_closed(summaries)), notes)
     said += lost
     if broken:
         after = f"In a simulation that goes on, after {times} "
@@ -202,6 +200,12 @@ def headline_of(
     else:
         said += _drifted(summaries, times, after)
     return Headline((*said, *_ends(summaries)), notes, _ABOUT_DRIFT)
+
+
+def _not_closed(summaries: Sequence[MotionSummary]) -> Span:
+    """State that the path of one cycle is not closed, and how far the hand is from its start."""
+    way = _whole(metres(max(one.hand_off for one in summaries)))
+    return Span(f"The path is not closed: the hand ends {way} from where it began.")
 
 
 def _violated(summaries: Sequence[MotionSummary], by_all: str) -> list[Span]:

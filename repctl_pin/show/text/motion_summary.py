@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -144,7 +145,6 @@ def motion_summary(
     task, closes = motion.task, motion.closes
     (link, off), first, last = moved, motion.q[0], motion.q[-1]
     hand = task.error(last, task.placements(first))[task.kind.linear]
-    violation, over = motion.first_violation, motion.worst_overspeed
     loss = motion.path_loss if isinstance(motion, Motion) else None
     turned = np.abs(motion.q[-1] - motion.q[0]) * task.revolute * (not closes)  # (n,)
     body_distance, collision = (
@@ -155,12 +155,12 @@ def motion_summary(
         off,
         motion.first_rms_speed,
         motion.rms_speed,
-        None if violation is None else (motion.broken_cycle, violation[1]),
+        _in_cycle(motion.first_violation, motion),
         body_distance if np.isfinite(body_distance) else None,
-        None if collision is None else (cycle_of(collision[0], motion.cycles), collision[1]),
-        None if over is None else (cycle_of(over[0], motion.cycles), *over[1:]),
+        _in_cycle(collision, motion),
+        _in_cycle(motion.worst_overspeed, motion),
         (float(turned.max()), task.joint_names[int(turned.argmax())]),
-        None if loss is None else (cycle_of(loss[0], motion.cycles), *loss[1:]),
+        _in_cycle(loss, motion),
         arm_length(task, first) or 1.0,
         part_name(task, first, link),
         link,
@@ -170,6 +170,11 @@ def motion_summary(
         unchecked=bodies_of(task).not_checked if bodies else "",
         winding=winding(task, motion.path) if isinstance(motion, Motion) else (0, ""),
     )
+
+
+def _in_cycle(event: tuple[Any, ...] | None, motion: JointMotion) -> Any:
+    """Replace the time of an event, in cycles, its first entry, by the cycle's number; None stays."""
+    return None if event is None else (cycle_of(event[0], motion.cycles), *event[1:])
 
 
 def with_outlook(summary: MotionSummary, played: Sequence[JointMotion]) -> MotionSummary:
