@@ -173,7 +173,7 @@ def motion_summary(
 
 
 def _in_cycle(event: tuple[Any, ...] | None, motion: JointMotion) -> Any:
-    """Replace the time of an event, in cycles, its first entry, by the cycle's number; None stays."""
+    """Replace the first entry of an event, its time in cycles, by its cycle's number."""
     return None if event is None else (cycle_of(event[0], motion.cycles), *event[1:])
 
 
