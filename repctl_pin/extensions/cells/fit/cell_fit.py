@@ -211,24 +211,26 @@ class CellFit:
         chart, turns = centred(_recharted(cell, chart, descent, terms, quick), quick=quick)
         if any(turn.reach <= 0 for turn in turns):
             return tuple(_no_turn(cell, turn) for turn in turns if turn.reach <= 0)
-        return self._evaluated(chart, turns, descent, degrees, samples=len(U), quick=quick or rough)
+        return self.evaluated(
+            chart, turns, degrees=degrees, samples=len(U), steps=descent.steps, quick=quick or rough
+        )
 
-    def _evaluated(
+    def evaluated(
         self,
         chart: Chart,
         turns: tuple[Turn, ...],
-        descent: Descent,
-        degrees: tuple[tuple[int, float], ...],
         *,
+        degrees: tuple[tuple[int, float], ...],
         samples: int,
+        steps: int,
         quick: bool,
     ) -> CellDesign:
         """Evaluate the function with the label s = 0 of the final ``chart``, and make its design.
 
         The final chart was fitted such that the optimised function has s = 0 in it. ``turns`` are
-        the ranges of the function along symmetric coordinates, ``descent`` is the result of the
-        minimisation, ``degrees`` are pairs (degree, cost), and ``samples`` is the number of poses
-        at which the fit evaluated the cost. With ``quick``, the evaluation is quick.
+        the ranges of the function along symmetric coordinates, ``degrees`` are pairs (degree,
+        cost), ``samples`` is the number of poses at which the fit evaluated the cost, and ``steps``
+        the number of steps of the minimisation. With ``quick``, the evaluation is quick.
         """
         self.report("the evaluation", 0.8)
         held_out = min(512, self.held_out) if quick else self.held_out
@@ -244,7 +246,7 @@ class CellFit:
             requested_limit_margin=self.limit_margin,
             requested_body_distance=self.body_distance,
             requested_sigma_min=self.sigma_min,
-            steps=descent.steps,
+            steps=steps,
         )
 
     def _first_chart(self, cell: Cell, q: Array, ends: Rays, quick: bool) -> Chart:

@@ -56,7 +56,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ....base.arguments import Array
-from ....base.errors import InputError
+from ....base.errors import InputError, RepctlError
 from ....base.progress import Report
 from ....model.bodies import bodies_of
 from ....model.task import Task
@@ -65,7 +65,8 @@ from ..cell_design_result import CellDesign
 from ..evaluate.reach import unlike_rows
 from ..evaluate.symmetric_coordinates import narrowed, reduced
 from ..fit.cell_fit import CellFit
-from ..fit.trimming import Required, Window, covered_share, trimmed, turned
+from ..fit.locked_function import locked_function
+from ..fit.trimming import Required, Window, covered_share, kept_where_good, trimmed, turned
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
 from ..geometry.sector import ANGLE, Sector
@@ -203,6 +204,10 @@ class WholeTable(NamedTuple):
             f"+{100 * max(design.extra_speed, 0.0):.1f} % joint speed on average, "
             f"+{100 * max(design.extra_speed_worst, 0.0):.0f} % at the worst pose"
         )
+        locked = design.function.chart.locked
+        if locked:
+            names = " and ".join(design.task.joint_names[j] for j in locked)
+            text += f"; it is the function of the arm with {names} locked"
         if self.by_height:
             text += f"; its range of radius depends on the height, and {self._one_range()}"
         if share < _MUCH:
@@ -434,10 +439,9 @@ def whole_table(
 
 
 class _LockedSearch:
-    """Functions of free joints from the configurations of arms with locked joints.
+    """Functions of arms with locked joints, where they cover more than other functions.
 
-    Such a function keeps away from bodies, as the locked arm does. A function with minimum joint
-    speed would come nearer to bodies.
+    Such an arm can keep away from bodies where a function with minimum joint speed comes too near.
 
     Parameters
     ----------
@@ -473,26 +477,28 @@ class _LockedSearch:
     ) -> tuple[CellDesign, LargerArm | None]:
         """Return a design that covers as much as arms with locked joints, if one is found.
 
-        If an arm with locked joints covers a larger sector than the given design, a function is
-        designed from the configurations of this arm. Return the larger of the two designs. Return
-        also an arm with locked joints that covers a still larger sector, or None.
+        If an arm with locked joints covers a larger sector than the given design, its function is
+        evaluated, and cut where it fails. Return the larger of the two designs. Return also an arm
+        with locked joints that covers a still larger sector, or None.
         """
         self.locked = with_middles(self._table, self.locked, design)
         larger = self.larger(design, limits)
         if larger is None:
             return design, None
-        found = _larger_design(_away(self._fit, limits), [self._place(larger)], limits, design)
-        return found, larger if found is design else self.larger(found, limits)
+        found = self._function(larger, limits)
+        if found is None or _larger_of(found, design) is design:
+            return design, larger
+        return found, self.larger(found, limits)
 
     def before_others(
         self, shaped: list[_Place], limits: Required, straight: Straight
     ) -> CellDesign | None:
-        """Design from a locked arm before other functions where these would have a collision.
+        """Take the function of a locked arm where other functions would have a collision.
 
         ``shaped`` are places, the best first. Other functions would have a collision if the quick
         design of the first place has one, although the configurations of its flood have none.
-        Return None in three cases: this quick design has no collision; no function is designed; or
-        the function covers less than 85 % of the largest rectangle, or less than a sector with one
+        Return None in three cases: this quick design has no collision; no locked arm is found; or
+        its function covers less than 85 % of the largest rectangle, or less than a sector with one
         range may cover.
         """
         quick = shaped[0].design if shaped else None
@@ -503,19 +509,24 @@ class _LockedSearch:
         larger = larger_arm(self._table, self.locked, inner, least, limits)
         if larger is None:
             return None
-        found = _first_design(_away(self._fit, limits), [self._place(larger)], limits)
+        found = self._function(larger, limits)
         if found is None or area_of(found.cell) < max(least, straight.largest):
             return None
         return found if _worth(found) > _AS_GOOD * straight.most else None
 
-    def _place(self, larger: LargerArm) -> _Place:
-        """Make the place for a function of free joints from the sector of a locked arm.
+    def _function(self, larger: LargerArm, limits: Required) -> CellDesign | None:
+        """Make the function of a locked arm over its sector, and cut the sector where it fails.
 
-        The bound ``most`` is the area of the sector.
+        Return None if too little is left.
         """
-        q, turns = _central(self._table.task, self._symmetries, larger.posture)
+        task = self._table.task
+        q, turns = _central(task, self._symmetries, larger.posture)
         cell = _shaped_sector(self._table, self._line, self._symmetries, larger.found, turns)
-        return _Place(cell, q, larger.arm.area)
+        joints = [task.joint_names.index(name) for name in larger.arm.joints]
+        with suppress(RepctlError):
+            found = locked_function(self._fit, cell, q, joints)
+            return found and kept_where_good(self._fit, found, limits)
+        return None
 
 
 def _begun(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]:
