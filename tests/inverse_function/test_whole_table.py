@@ -607,6 +607,36 @@ def test_a_locked_arm_is_the_first_where_other_functions_collide(
     assert search.before_others([], whole_table.Required(), straight) is None
 
 
+def test_a_fit_keeps_joint_speed_below_its_limit(tmp_path: Path) -> None:
+    """55: near the ends of a lift's rail, penalties on its limits made the function of lowest mean
+    speed exceed 30 % at a whole side, which was cut off. Also what a fit without them does."""
+    file = Path(__file__).parents[2] / "examples" / "rail_cell.urdf"
+    along = '<axis xyz="0 1 0"/>\n    <limit lower="-0.8" upper="0.8"'
+    before, rail, after = file.read_text("utf-8").partition(along)
+    upward = '<axis xyz="0 0 1"/>\n    <limit lower="0" upper="0.6"'
+    path = tmp_path / "lift.urdf"
+    path.write_text(before + upward + after, "utf-8")
+    task = rp.Robot.load(path).task("nozzle", "pose")
+    assert rail and task.r == 1
+    middle = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.69, 0.0, 0.915]))
+    cell = rp.Sector(task, middle, radius=0.48, height=0.345, angle="all")
+    desired = rp.Pseudoinverse(task)
+    cell = reduced(cell, desired)
+    q = rp.solve_ik(task, [0.265, 0.0, -0.289, 0.446, 0.0, 1.414, -3.142], middle)
+
+    def extra(most: float) -> NDArray[np.float64]:
+        fit = CellFit(desired, limit_margin=0.05, held_out=64, seed=0, keep=True, most_extra=most)
+        chart = fit.design(cell, q, quick=True).function.chart
+        U = np.random.default_rng(0).uniform(-1, 1, (500, 2))
+        U[::2] = np.clip(1.5 * U[::2], -1, 1)  # many at the edges
+        own, usual, _ = chart.joint_speeds(desired, chart.solve(U))
+        return np.sqrt((own**2).sum(axis=(1, 2)) / (usual**2).sum(axis=(1, 2))) - 1
+
+    free, kept = extra(np.inf), extra(0.3)
+    assert free.max() > 0.5 and kept.max() < 0.35
+    assert kept.mean() > free.mean()  # which the mean pays for
+
+
 def test_a_locked_arm_is_a_function(panda_pose: rp.Task) -> None:
     """Oracle: the locked joint is constant to the last digit; the others are those of inverse
     kinematics of the arm without it, at poses to which nothing was fitted."""

@@ -112,7 +112,8 @@ class CellFit:
     The attributes are arguments of :func:`nearest_inverse_function`; ``keep`` means
     ``incomplete="keep"``: the function may cover only a part of the cell. ``samples`` and
     ``held_out`` are the numbers of poses for the fit and for the evaluation, ``seed`` is their
-    random seed. ``report`` is the progress callback (step, fraction).
+    random seed. ``most_extra`` is the extra joint speed that the fit tries not to exceed at any
+    pose; 0.3 is 30 %. ``report`` is the progress callback (step, fraction).
     """
 
     desired: Inverse
@@ -125,6 +126,7 @@ class CellFit:
     held_out: int
     seed: int
     keep: bool
+    most_extra: float = np.inf
     report: reporting.Report = reporting.silent
 
     def best(self, cell: Cell, postures: list[Candidate]) -> tuple[Array, _Found]:
@@ -377,9 +379,11 @@ class CellFit:
                 if predicted_gain(richest, padded(best[-1].a, richest.terms)) < _WORTHWHILE:
                     break
         terms = cost.terms
-        penalties = PenaltyMethod(
-            self.desired, chart, _nodes(U, terms), self._constraints(cell, edge, quick), rounds
-        )
+        nodes, most = _nodes(U, terms), self.most_extra
+        if np.isfinite(most):
+            nodes = np.concatenate([nodes, edge])
+        constraints = self._constraints(cell, edge, quick)
+        penalties = PenaltyMethod(self.desired, chart, nodes, constraints, rounds, most)
         kept = penalties.kept(
             best, terms, self.report, enough=1e-2 if quick else 1e-3, guess=_labels(guess, chart, U)
         )

@@ -405,6 +405,8 @@ def whole_table(
         held_out=_HELD_OUT,
         seed=seed,
         keep=True,
+        # with r > 1, it takes seconds, and gains little
+        most_extra=most_extra[1] if task.r == 1 else np.inf,
     )
     limits = Required(*most_extra, distance)
     within = _affordable(openings, speeds, limits)
