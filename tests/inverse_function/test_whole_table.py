@@ -17,10 +17,7 @@ from numpy.typing import NDArray
 
 import repctl_pin as rp
 from repctl_pin.extensions.cells import table as tables
-from repctl_pin.extensions.cells.evaluate.symmetric_coordinates import reduced
 from repctl_pin.extensions.cells.fit import trimming
-from repctl_pin.extensions.cells.fit.cell_fit import CellFit
-from repctl_pin.extensions.cells.fit.locked_function import locked_function
 from repctl_pin.redundancy import leaf_margin
 
 best_cell = import_module(rp.best_cell.__module__)  # with all that it imports of ``tables``
@@ -621,11 +618,13 @@ def test_a_fit_keeps_joint_speed_below_its_limit(tmp_path: Path) -> None:
     middle = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.69, 0.0, 0.915]))
     cell = rp.Sector(task, middle, radius=0.48, height=0.345, angle="all")
     desired = rp.Pseudoinverse(task)
-    cell = reduced(cell, desired)
+    cell = whole_table.reduced(cell, desired)
     q = rp.solve_ik(task, [0.265, 0.0, -0.289, 0.446, 0.0, 1.414, -3.142], middle)
 
     def extra(most: float) -> NDArray[np.float64]:
-        fit = CellFit(desired, limit_margin=0.05, held_out=64, seed=0, keep=True, most_extra=most)
+        fit = whole_table.CellFit(
+            desired, limit_margin=0.05, held_out=64, seed=0, keep=True, most_extra=most
+        )
         chart = fit.design(cell, q, quick=True).function.chart
         U = np.random.default_rng(0).uniform(-1, 1, (500, 2))
         U[::2] = np.clip(1.5 * U[::2], -1, 1)  # many at the edges
@@ -645,9 +644,9 @@ def test_a_locked_arm_is_a_function(panda_pose: rp.Task) -> None:
     middle = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.505, 0.0, 0.145]))
     cell = rp.Sector(task, middle, radius=0.08, height=0.1, angle="all", spin="all")
     desired = rp.Pseudoinverse(task)
-    cell = reduced(cell, desired)
-    fit = CellFit(desired, limit_margin=0.05, held_out=64, seed=0, keep=True)
-    found = locked_function(fit, cell, q0, [joint])
+    cell = whole_table.reduced(cell, desired)
+    fit = whole_table.CellFit(desired, limit_margin=0.05, held_out=64, seed=0, keep=True)
+    found = whole_table.locked_function(fit, cell, q0, [joint])
     assert found is not None and found.coverage == 1 and found.function.chart.locked == (joint,)
     rng, chart = np.random.default_rng(1), found.function.chart
     U = rng.uniform(-1, 1, (50, chart.cell.k))

@@ -200,9 +200,9 @@ class Cost:
         self._last = points.Q
         hinges = [_hinge(part, points.Q[at]) for part, at in self.kept]
         penalty = self.weight * sum(float((hinge**2).sum() / len(hinge)) for hinge in hinges)
-        wanted = (desired**2).sum(axis=(1, 2))
+        usual = (desired**2).sum(axis=(1, 2))
         cost = float((self.shares * squares).sum() / len(own)) + penalty
-        excess, mean = squares / wanted, float(wanted.sum() / len(own))
+        excess, mean = squares / usual, float(usual.sum() / len(own))
         return _Value(cost, nearness, mean, points, ds, excess, residual, B)
 
     def model(self, at: _Value) -> tuple[Array, Array]:
