@@ -45,6 +45,9 @@ _FOURS = 4
 _ITERATIONS = 12
 _EXACT = 1e-11
 
+_ROUNDING = 1e-12
+"""Size of coefficients that rounding alone can have."""
+
 
 class _Goals(NamedTuple):
     """Terms of a chart's equations at K poses that do not depend on q, from :meth:`Chart.goals`.
@@ -132,6 +135,18 @@ class Chart:
         U = np.concatenate([self.cell.sample(4 * self.monomials.size, 7), self.cell.corners()])
         q_ref, n_ref = self.reference((low + high) / 2 + (high - low) / 2 * U)
         return Chart.fitted(self.cell._part(low, high), U, q_ref, n_ref, self.monomials.degree)
+
+    @property
+    def locked(self) -> tuple[int, ...]:
+        """Indices of the r joints that the function keeps constant; empty for other functions.
+
+        The columns of n_ref are then constant unit vectors, one per joint. Rounding does not count.
+        """
+        large = np.abs(self.coefficients) > _ROUNDING
+        q_ref, n_ref = large[:, :, 0], large[:, :, 1:]
+        joints = np.flatnonzero(n_ref[0].any(axis=1))
+        moves = n_ref[1:].any() or q_ref[1:, joints].any()
+        return () if moves or len(joints) != n_ref.shape[2] else tuple(joints.tolist())
 
     def reference(self, U: Array) -> tuple[Array, Array]:
         """Evaluate the polynomials q_ref (K, n) and n_ref (K, n, r) at the coordinates U (K, k)."""

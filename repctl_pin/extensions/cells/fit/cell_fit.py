@@ -112,7 +112,8 @@ class CellFit:
     The attributes are arguments of :func:`nearest_inverse_function`; ``keep`` means
     ``incomplete="keep"``: the function may cover only a part of the cell. ``samples`` and
     ``held_out`` are the numbers of poses for the fit and for the evaluation, ``seed`` is their
-    random seed. ``report`` is the progress callback (step, fraction).
+    random seed. ``most_extra`` is the extra joint speed that the fit tries not to exceed at any
+    pose; 0.3 is 30 %. ``report`` is the progress callback (step, fraction).
     """
 
     desired: Inverse
@@ -125,6 +126,7 @@ class CellFit:
     held_out: int
     seed: int
     keep: bool
+    most_extra: float = np.inf
     report: reporting.Report = reporting.silent
 
     def best(self, cell: Cell, postures: list[Candidate]) -> tuple[Array, _Found]:
@@ -211,24 +213,26 @@ class CellFit:
         chart, turns = centred(_recharted(cell, chart, descent, terms, quick), quick=quick)
         if any(turn.reach <= 0 for turn in turns):
             return tuple(_no_turn(cell, turn) for turn in turns if turn.reach <= 0)
-        return self._evaluated(chart, turns, descent, degrees, samples=len(U), quick=quick or rough)
+        return self.evaluated(
+            chart, turns, degrees=degrees, samples=len(U), steps=descent.steps, quick=quick or rough
+        )
 
-    def _evaluated(
+    def evaluated(
         self,
         chart: Chart,
         turns: tuple[Turn, ...],
-        descent: Descent,
-        degrees: tuple[tuple[int, float], ...],
         *,
+        degrees: tuple[tuple[int, float], ...],
         samples: int,
+        steps: int,
         quick: bool,
     ) -> CellDesign:
         """Evaluate the function with the label s = 0 of the final ``chart``, and make its design.
 
         The final chart was fitted such that the optimised function has s = 0 in it. ``turns`` are
-        the ranges of the function along symmetric coordinates, ``descent`` is the result of the
-        minimisation, ``degrees`` are pairs (degree, cost), and ``samples`` is the number of poses
-        at which the fit evaluated the cost. With ``quick``, the evaluation is quick.
+        the ranges of the function along symmetric coordinates, ``degrees`` are pairs (degree,
+        cost), ``samples`` is the number of poses at which the fit evaluated the cost, and ``steps``
+        the number of steps of the minimisation. With ``quick``, the evaluation is quick.
         """
         self.report("the evaluation", 0.8)
         held_out = min(512, self.held_out) if quick else self.held_out
@@ -244,7 +248,7 @@ class CellFit:
             requested_limit_margin=self.limit_margin,
             requested_body_distance=self.body_distance,
             requested_sigma_min=self.sigma_min,
-            steps=descent.steps,
+            steps=steps,
         )
 
     def _first_chart(self, cell: Cell, q: Array, ends: Rays, quick: bool) -> Chart:
@@ -380,9 +384,11 @@ class CellFit:
                 if predicted_gain(richest, padded(best[-1].a, richest.terms)) < _WORTHWHILE:
                     break
         terms = cost.terms
-        penalties = PenaltyMethod(
-            self.desired, chart, _nodes(U, terms), self._constraints(cell, edge, quick), rounds
-        )
+        nodes, most = _nodes(U, terms), self.most_extra
+        if np.isfinite(most):
+            nodes = np.concatenate([nodes, edge])
+        constraints = self._constraints(cell, edge, quick)
+        penalties = PenaltyMethod(self.desired, chart, nodes, constraints, rounds, most)
         kept = penalties.kept(
             best, terms, self.report, enough=1e-2 if quick else 1e-3, guess=_labels(guess, chart, U)
         )

@@ -71,7 +71,8 @@ class _Value:
     cost : float
         ``nearness + weight · Σ mean Σ_i max(0, asked − margin_i)²``. The outer sum is over the
         penalties, one for each kind of margin. The mean is over the poses of the penalty, the inner
-        sum over the P margins of that kind. Infinite if F does not exist at some pose.
+        sum over the P margins of that kind. In place of the nearness, the cost has a weighted mean
+        if the nodes have weights. Infinite if F does not exist at some pose.
     nearness : float
         ``mean ‖(∂F − G_d E) C‖_F²`` over the nodes: the squared distance from G_d.
     desired_square : float
@@ -81,6 +82,9 @@ class _Value:
         Configurations of F at the K nodes, then at the L penalised poses.
     ds : (K + L, r, k) array
         ∂s/∂u at the points.
+    excess : (K,) array
+        ``‖(∂F − G_d E) C‖_F² / ‖G_d E C‖_F²`` at the nodes; empty if the cost is infinite. If G_d
+        is J⁺, the extra joint speed at a node is ``(1 + excess)^½ − 1``.
     residual : (K, n, k + l) array
         ``(∂F − G_d E) C`` at the nodes; empty if the cost is infinite.
     B : (K, n, r) array
@@ -92,6 +96,7 @@ class _Value:
     desired_square: float
     points: Points
     ds: Array
+    excess: Array = field(default_factory=lambda: np.empty(0))
     residual: Array = field(default_factory=lambda: np.empty(0))
     B: Array = field(default_factory=lambda: np.empty(0))
 
@@ -137,6 +142,8 @@ class Cost:
         Penalties, one per kind of margin that is to be kept.
     weight
         Factor of all penalties.
+    shares : (K,) array, optional
+        Weights of the nodes in the cost; by default 1.
     """
 
     def __init__(
@@ -148,7 +155,9 @@ class Cost:
         kept: Sequence[Penalty] = (),
         *,
         weight: float = 0.0,
+        shares: Array | None = None,
     ) -> None:
+        self.shares = np.ones(len(U)) if shares is None else shares
         self.desired, self.chart, self.terms, self.weight = (desired, chart, terms, weight)
         self.U, self.inner = (np.concatenate([U, *(part.U for part in kept)]), slice(len(U)))
         ends = np.cumsum([len(U), *(len(part.U) for part in kept)])
@@ -184,14 +193,17 @@ class Cost:
             return _Value(np.inf, np.inf, np.nan, points, ds)
         own, desired, B = self._joint_speeds(rows_of(points, self.inner), ds[self.inner])
         residual = own - desired
-        nearness = float((residual**2).sum() / len(own))
+        squares = (residual**2).sum(axis=(1, 2))
+        nearness = float(squares.sum() / len(own))
         if not np.isfinite(nearness):
             return _Value(np.inf, np.inf, np.nan, points, ds)
         self._last = points.Q
         hinges = [_hinge(part, points.Q[at]) for part, at in self.kept]
         penalty = self.weight * sum(float((hinge**2).sum() / len(hinge)) for hinge in hinges)
-        desired_square = float((desired**2).sum() / len(desired))
-        return _Value(nearness + penalty, nearness, desired_square, points, ds, residual, B)
+        usual = (desired**2).sum(axis=(1, 2))
+        cost = float((self.shares * squares).sum() / len(own)) + penalty
+        excess, mean = squares / usual, float(usual.sum() / len(own))
+        return _Value(cost, nearness, mean, points, ds, excess, residual, B)
 
     def model(self, at: _Value) -> tuple[Array, Array]:
         """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
@@ -239,7 +251,7 @@ class Cost:
         return features
 
     def _nearness_terms(self, at: _Value) -> tuple[Array, Array]:
-        """Evaluate MᵀM (K, p, p) and Mᵀ residual (K, p) at the K nodes, each divided by K.
+        """Evaluate MᵀM (K, p, p) and Mᵀ residual (K, p) at the K nodes, each times weight / K.
 
         M is the derivative of a node's residual with respect to p = r (1 + k + l) numbers. These
         are, for each component s_j of the label at the node, s_j itself and the k + l entries of
@@ -253,8 +265,10 @@ class Cost:
         for c in range(k):
             M[:, :, c, :, 1 + c] = B
         flat = M.reshape(K, n * k, self.r * (1 + k))
-        gram = np.swapaxes(flat, 1, 2) @ flat / K
-        return gram, np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k)) / K
+        shares = self.shares / K
+        slope = np.einsum("Kap,Ka->Kp", flat, residual.reshape(K, n * k))
+        gram = np.swapaxes(flat, 1, 2) @ flat
+        return gram * shares[:, None, None], slope * shares[:, None]
 
     def _slopes_along_s(self, points: Points, ds: Array, B: Array) -> Array:
         """Evaluate ∂(residual)/∂s_j (K, n, k + l, r) by central differences along the self-motion.

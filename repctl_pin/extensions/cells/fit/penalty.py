@@ -48,6 +48,13 @@ for smaller ones."""
 _NEARLY = 0.1
 """Fraction of the attainable margin, and of the required one, by which a margin may fall short."""
 
+_MORE, _SPARE = 6, 0.9
+"""Number of rounds beside those with penalties, if joint speed exceeds its limit at a node; and
+share of the limit up to which a node is not too fast."""
+
+_STIFFER, _STIFFEST = 3.0, 1e4
+"""Largest factor of a node's weight per round, and largest weight."""
+
 _GRID = 0.05
 """Spacing in u of the grid to which poses found by a search are rounded, to avoid clusters."""
 
@@ -175,6 +182,9 @@ class PenaltyMethod:
         One constraint per kind of margin; a minimisation adds poses to these constraints.
     rounds
         Maximum number of rounds; with 0, nothing is penalised.
+    most_extra
+        Maximum extra joint speed at any node. Where penalties make a function exceed it, the weight
+        of the node rises, also in up to six further rounds.
     """
 
     def __init__(
@@ -184,10 +194,12 @@ class PenaltyMethod:
         nodes: Array,
         constraints: Sequence[ActiveConstraint],
         rounds: int,
+        most_extra: float = np.inf,
     ) -> None:
         self.desired = desired
         self.chart = chart
         self.nodes = nodes
+        self.shares, self.most = np.ones(len(nodes)), (1 + _SPARE * most_extra) ** 2 - 1
         self.constraints = constraints
         first = _WEIGHTS[1] / 10 ** max(rounds - 1, 0)
         self.rounds, self.weight = rounds, max(first, _WEIGHTS[0])
@@ -246,7 +258,7 @@ class PenaltyMethod:
         report: Callable[[str, float], None],
         enough: float,
     ) -> Descent:
-        """Minimise the cost in rounds, each with a higher weight of the penalties or more poses.
+        """Minimise the cost in rounds, each with higher weights or more poses.
 
         ``descent`` is the result from which the first round begins, ``terms`` are its monomials.
         The rounds end when all margins are met, nothing changes, or the function does not exist.
@@ -254,23 +266,45 @@ class PenaltyMethod:
         Return the last result, with its number of steps replaced by the sum over all rounds.
         """
         size = 0
-        for i in range(self.rounds):
+        more = _MORE if np.isfinite(self.most) else 0
+        for i in range(self.rounds + more):
             active = " and ".join(w.margin.name for w in self.constraints if len(w.edge))
             report(f"{active}, degree {terms.degree}", 0.5 + 0.03 * i)
-            if not self._short(terms, descent.a) and i:
+            short, fast = self._short(terms, descent.a), self._too_fast(terms, descent)
+            if not fast and (i >= self.rounds or (i and not short)):
                 break
             candidate = CandidateFunction(self.chart, terms, descent.a)
             kept = [w.penalty(candidate) for w in self.constraints]
-            cost = Cost(self.desired, self.chart, terms, self.nodes, kept, weight=self.weight)
+            how = {"weight": self.weight, "shares": self.shares}
+            cost = Cost(self.desired, self.chart, terms, self.nodes, kept, **how)
             stiffer = descend(cost, descent.a, enough=enough)
             if not np.isfinite(stiffer.value.cost):
                 break
             descent = replace(stiffer, steps=descent.steps + stiffer.steps)
             edge = sum(len(watch.edge) for watch in self.constraints)
-            if self.weight == _WEIGHTS[1] and stiffer.steps <= 1 and edge == size:
+            if self.weight == _WEIGHTS[1] and stiffer.steps <= 1 and edge == size and not fast:
                 break
             self.weight, size = min(10 * self.weight, _WEIGHTS[1]), edge
         return descent
+
+    def _too_fast(self, terms: Monomials, descent: Descent) -> bool:
+        """Test whether extra joint speed exceeds its limit at a node; raise the weights there.
+
+        ``descent`` has the coefficients of the monomials ``terms``. The weight of a node is
+        multiplied by a factor of at most 3, and falls again where joint speed is far below the
+        limit.
+        """
+        if not np.isfinite(self.most):
+            return False
+        excess = descent.value.excess
+        if len(excess) != len(self.nodes):
+            cost = Cost(self.desired, self.chart, terms, self.nodes)
+            excess = cost.value(descent.a).excess
+        if not len(excess):
+            return False
+        factor = np.clip(excess / self.most, 0.5, _STIFFER)
+        self.shares = np.clip(self.shares * factor, 1.0, _STIFFEST)
+        return bool(excess.max() > self.most)
 
     def _short(self, terms: Monomials, a: Array) -> bool:
         """Test whether any margin is too small at some pose, for the coefficients a (N, r).

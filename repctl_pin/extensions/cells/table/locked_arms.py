@@ -36,7 +36,7 @@ from ..geometry.sector import ANGLE, HEIGHT, Sector
 from .flood import SPACING, Table, flooded, rectangles
 from .flood_sets import ALIKE, SETTLED, Floods
 from .joint_speeds import locked_price, locked_squares
-from .largest_profile import SMOOTH, SPARE, Between, affordable_between, more_between, most_between
+from .largest_profile import SPARE, Between, affordable_between, more_between, most_between
 from .windows import free_nodes
 
 _SETS, _COMPARED, _ALMOST = 16, 6, 0.02
@@ -149,19 +149,20 @@ def larger_arm(
     exact = limits._replace(worst=limits.worst / SPARE)
     found = rectangles(locked.reached)
     order = np.argsort(-found.area, kind="stable")
-    # joints that do not move the task count, too: they move bodies
-    order = order[unlike_rows(locked.middles(found)[1][order], ALIKE, _SETS)]
+    # joints that do not move the task count, too, because they move bodies; so do locked joints
+    middles = np.column_stack([locked.middles(found)[1], locked.held])
+    order = order[unlike_rows(middles[order], ALIKE, _SETS)]
     best = None
     for k in map(int, order):
         if most_between(locked.reached[k]) <= least:
             continue
         own, usual = _locked_speeds(table, locked, k, cell)
         # without bodies first, because they are slow to test
-        if affordable_between(locked.reached[k], own, usual, exact, least, SMOOTH).area > least:
+        if affordable_between(locked.reached[k], own, usual, exact, least).area > least:
             enough = partial(more_between, least=least)
             angles = _angles(table, cell)
             clear = free_nodes(table, locked.Q[k], limits.distance, angles, enough)
-            between = affordable_between(clear, own, usual, exact, least, SMOOTH)
+            between = affordable_between(clear, own, usual, exact, least)
             if between.area > least:
                 one = _locked_arm(table, locked, k, cell, between.inside(table.shape))
                 one = one._replace(area=between.area * SPACING**2)

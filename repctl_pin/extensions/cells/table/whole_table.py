@@ -57,7 +57,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ....base.arguments import Array
-from ....base.errors import InputError
+from ....base.errors import InputError, RepctlError
 from ....base.progress import Report
 from ....model.bodies import bodies_of
 from ....model.task import Task
@@ -66,7 +66,8 @@ from ..cell_design_result import CellDesign
 from ..evaluate.reach import unlike_rows
 from ..evaluate.symmetric_coordinates import narrowed, reduced
 from ..fit.cell_fit import CellFit
-from ..fit.trimming import Required, Window, covered_share, trimmed, turned
+from ..fit.locked_function import locked_function
+from ..fit.trimming import Required, Window, covered_share, kept_where_good, trimmed, turned
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL, Angle
 from ..geometry.sector import ANGLE, Sector
@@ -204,6 +205,10 @@ class WholeTable(NamedTuple):
             f"+{100 * max(design.extra_speed, 0.0):.1f} % joint speed on average, "
             f"+{100 * max(design.extra_speed_worst, 0.0):.0f} % at the worst pose"
         )
+        locked = design.function.chart.locked
+        if locked:
+            names = " and ".join(design.task.joint_names[j] for j in locked)
+            text += f"; it is the function of the arm with {names} locked"
         if self.by_height:
             text += f"; its range of radius depends on the height, and {self._one_range()}"
         if share < _MUCH:
@@ -401,6 +406,8 @@ def whole_table(
         held_out=_HELD_OUT,
         seed=seed,
         keep=True,
+        # with r > 1, it takes seconds, and gains little
+        most_extra=most_extra[1] if task.r == 1 else np.inf,
     )
     limits = Required(*most_extra, distance)
     within = _affordable(openings, speeds, limits)
@@ -435,11 +442,9 @@ def whole_table(
 
 
 class _LockedSearch:
-    """Search for functions that begin at the configurations of arms with locked joints.
+    """Functions of arms with locked joints, where they cover more than other functions.
 
-    The locked arm only shows where to begin; the function may move all joints. Such a function
-    keeps away from bodies, as the locked arm does. A function with minimum joint speed would come
-    nearer to bodies.
+    Such an arm can keep away from bodies where a function with minimum joint speed comes too near.
 
     Parameters
     ----------
@@ -475,28 +480,29 @@ class _LockedSearch:
     ) -> tuple[CellDesign, LargerArm | None]:
         """Return a design that covers as much as arms with locked joints, if one is found.
 
-        If an arm with locked joints covers a larger sector than the given design, a function is
-        designed from the configurations of this arm. Return the larger of the two designs. Return
-        also an arm with locked joints that covers a still larger sector, or None.
+        If an arm with locked joints covers a larger sector than the given design, its function is
+        evaluated, and cut where it fails. Return the larger of the two designs. Return also an arm
+        with locked joints that covers a still larger sector, or None.
         """
         self.locked = with_middles(self._table, self.locked, design)
         larger = self.larger(design, limits)
         if larger is None:
             return design, None
-        found = _larger_design(_away(self._fit, limits), [self._place(larger)], limits, design)
-        return found, larger if found is design else self.larger(found, limits)
+        found = self._function(larger, limits)
+        if found is None or _larger_of(found, design) is design:
+            return design, larger
+        return found, self.larger(found, limits)
 
     def before_others(
         self, shaped: list[_Place], limits: Required, straight: Straight
     ) -> CellDesign | None:
-        """Design a function from a locked arm if functions of minimum joint speed would collide.
+        """Take the function of a locked arm where other functions would have a collision.
 
-        ``shaped`` are places, the best first. Such functions would collide if the first place has a
-        quick design, and this design has a collision; otherwise, the result is None. It is also
-        None if no function from a locked arm is found, or if the function found is not good enough.
-        It must cover 85 % of the largest rectangle in a flood, and as much area as the largest
-        sector with one range of radius. It must have more than 95 % of the worth that a sector with
-        one range may have.
+        ``shaped`` are places, the best first. Other functions would have a collision if the quick
+        design of the first place has one, although the configurations of its flood have none.
+        Return None in three cases: this quick design has no collision; no locked arm is found; or
+        its function covers less than 85 % of the largest rectangle, or less than a sector with one
+        range may cover.
         """
         quick = shaped[0].design if shaped else None
         if quick is None or quick.body_distance >= 0:
@@ -506,19 +512,24 @@ class _LockedSearch:
         larger = larger_arm(self._table, self.locked, inner, least, limits)
         if larger is None:
             return None
-        found = _first_design(_away(self._fit, limits), [self._place(larger)], limits)
+        found = self._function(larger, limits)
         if found is None or area_of(found.cell) < max(least, straight.largest):
             return None
         return found if _worth(found) > _AS_GOOD * straight.most else None
 
-    def _place(self, larger: LargerArm) -> _Place:
-        """Make the place for a function over the sector of a locked arm.
+    def _function(self, larger: LargerArm, limits: Required) -> CellDesign | None:
+        """Make the function of a locked arm over its sector, and cut the sector where it fails.
 
-        The bound ``most`` is the area of the sector.
+        Return None if too little is left.
         """
-        q, turns = _central(self._table.task, self._symmetries, larger.posture)
+        task = self._table.task
+        q, turns = _central(task, self._symmetries, larger.posture)
         cell = _shaped_sector(self._table, self._line, self._symmetries, larger.found, turns)
-        return _Place(cell, q, larger.arm.area)
+        joints = [task.joint_names.index(name) for name in larger.arm.joints]
+        with suppress(RepctlError):
+            found = locked_function(self._fit, cell, q, joints)
+            return found and kept_where_good(self._fit, found, limits)
+        return None
 
 
 def _begun(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]:
