@@ -564,4 +564,4 @@ def _waves(count: int) -> tuple[Array, Array, Array]:
     a, b = rng.normal(size=(2, count, _WAVES)) / np.arange(1, _WAVES + 1)
     s = np.linspace(0, 1, _POINTS)[:, None]
     most = np.abs(np.cos(k * s) @ a.T + np.sin(k * s) @ b.T).max(axis=0)[:, None]
-    return k, _REACH * a / most, _REACH * b / most
+    return k, np.asarray(_REACH * a / most), np.asarray(_REACH * b / most)
