@@ -560,8 +560,8 @@ def _waves(count: int) -> tuple[Array, Array, Array]:
     ``Σ_j a_ij cos 2πjs + b_ij sin 2πjs``. The random numbers are always the same.
     """
     rng = np.random.default_rng(0)
-    k = 2 * np.pi * np.arange(1, _WAVES + 1)
+    k: Array = np.asarray(2 * np.pi * np.arange(1, _WAVES + 1))
     a, b = rng.normal(size=(2, count, _WAVES)) / np.arange(1, _WAVES + 1)
     s = np.linspace(0, 1, _POINTS)[:, None]
     most = np.abs(np.cos(k * s) @ a.T + np.sin(k * s) @ b.T).max(axis=0)[:, None]
-    return k, np.asarray(_REACH * a / most), np.asarray(_REACH * b / most)
+    return k, _REACH * a / most, _REACH * b / most
