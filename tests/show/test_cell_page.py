@@ -56,7 +56,7 @@ const { own } = repctl, { chain } = own;
 chain.place(chain.start, chain.all);
 return own.arms.map((_, k) => {
   const points = [[0, 0, 0], ...chain.places.map(({ p }) => [...p]), chain.homes[0]];
-  const rows = points.map((p) => own.seen(k, p).y);
+  const rows = points.map((p) => own.piece.seen(k, p).y);
   return Math.max(...rows) - Math.min(...rows); });
 """
 """How tall an arm is, from the base over its joints to the hand, px."""
@@ -204,9 +204,9 @@ def test_where_f_ends_is_seen_while_a_hand_is_led(page: Path, driver: Any) -> No
     for key in (2 * [Keys.ARROW_UP], [Keys.ARROW_RIGHT]):
         ring.send_keys(*key)
     found = driver.execute_script(
-        "repctl.own.processQueue(); repctl.own.draw(); const { lead, scene } = repctl.own;"
-        "const { positions } = lead.shown[1].edge;"
-        "return [repctl.own.onPiece(lead.hand).toArray(), [...positions.array], scene.cover]"
+        "const { gesture, lead, scene } = repctl.own; gesture.processQueue(); gesture.draw();"
+        "const { positions } = lead.marks.panes[1].edge;"
+        "return [repctl.own.piece.drawn(lead.hand).toArray(), [...positions.array], scene.cover]"
     )
     hand, line, cover = np.array(found[0]), np.reshape(found[1], (-1, 3)), found[2]
     assert np.abs(line[:, 2] - hand[2]).max() < 1e-4
@@ -259,7 +259,7 @@ def test_the_end_of_a_range_of_angle_or_spin_has_a_colour(page: Path, driver: An
     for _ in range(12):
         ring.send_keys(*8 * [Keys.ARROW_LEFT])
         for range_, text, near in driver.execute_script(
-            "repctl.own.processQueue(); repctl.own.draw();"
+            "repctl.own.gesture.processQueue(); repctl.own.gesture.draw();"
             "return [...document.querySelectorAll('.dial')].map((dial) =>"
             "[parseFloat(dial.querySelector('[pathLength]').getAttribute('stroke-dasharray')),"
             " dial.parentElement.querySelector('b').textContent,"
@@ -282,8 +282,8 @@ def test_the_legend_says_where_the_hand_is(page: Path, driver: Any) -> None:
     ring = driver.find_element("css selector", ".ring")
     ring.send_keys(*8 * [Keys.ARROW_RIGHT])
     hand, q = driver.execute_script(
-        "repctl.own.processQueue(); repctl.own.draw(); const { hand, qs } = repctl.own.lead;"
-        "return [hand, [...qs.at(-1)]]"
+        "const { gesture, lead } = repctl.own; gesture.processQueue(); gesture.draw();"
+        "return [lead.hand, [...lead.qs.at(-1)]]"
     )
     found = shown_place(driver)
     cell = rp.load_cell(page.with_name("cell.json")).cell
@@ -335,9 +335,9 @@ def test_a_loop_beyond_f_is_told_the_range_that_ends_it(page: Path, driver: Any)
         "const { sector } = own.laws.at(-1).parts[0], { origin, axes } = sector;"
         "sector.bend = [0, lean];"
         "const at = (r, z) => origin.map((v, i) => v + r * axes[0][i] + z * axes[2][i]);"
-        "own.grab(0, 7, null, 0);"
+        "own.gesture.grab(0, 7, null, 0);"
         "own.lead.queue.push(at(radius, height), at(radius + 0.4, height + rise));"
-        "own.processQueue(); own.release().then(() =>"
+        "own.gesture.processQueue(); own.release().then(() =>"
         " done(document.getElementById('verdict').textContent))",
         *(float((low + high) / 2), float(cell.middle[1]), rise, lean),
     )

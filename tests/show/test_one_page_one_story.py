@@ -103,13 +103,14 @@ def test_play_begins_at_once_and_a_loop_keeps_its_values(driver: Any, page: Path
     driver.execute_script("repctl.pause()")
     title = driver.find_element("id", "title")
     driver.execute_script(
-        "const { own } = repctl; own.grab(0, null, null); own.lead.queue.push(own.lead.hand.map("
-        "(v, i) => v + [0.06, 0.03, 0][i])); own.processQueue(); own.draw();"
+        "const { gesture } = repctl.own; gesture.grab(0, null, null); const { lead } = gesture;"
+        "lead.queue.push(lead.hand.map((v, i) => v + [0.06, 0.03, 0][i]));"
+        "gesture.processQueue(); gesture.draw();"
     )
     assert title.text == "planar7r: your loop, 6.7 cm so far, in xy (horizontal)"
     driver.execute_script("repctl.own.leave(); repctl.own.preset('square')")
     wait_until_computed(driver)
-    points = np.array(driver.execute_script("return repctl.own.points"))
+    points = np.array(driver.execute_script("return repctl.own.loops.points"))
     long = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
     (value,) = re.findall(r": your loop, ([\d.]+) m long, in xy \(horizontal\)$", title.text)
     assert float(value) == pytest.approx(long, rel=0.05)
@@ -177,7 +178,7 @@ def test_on_a_phone_nothing_covers_the_bars_and_no_row_is_empty(
     schemes(driver, width=size[0], height=size[1])
     driver.execute_script("repctl.own.preset('circle')")
     wait_until_computed(driver)
-    for grabbed in ("", "repctl.own.grab(0, null, null); "):
+    for grabbed in ("", "repctl.own.gesture.grab(0, null, null); "):
         top, menus, under, over = driver.execute_script(grabbed + _ON_A_PHONE)
         assert max(menus) <= top and max(under, over) < 12, (menus, under, over)
     driver.execute_script("repctl.own.leave()")

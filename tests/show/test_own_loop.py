@@ -338,7 +338,7 @@ def said(driver: Any) -> str:
 
 
 ENDS = """
-const { result: { motions }, chain: { n } } = repctl.own, end = (Q, row) => Array.from(Q.slice(row * n, (row + 1) * n));
+const { report: { result: { motions } }, chain: { n } } = repctl.own, end = (Q, row) => Array.from(Q.slice(row * n, (row + 1) * n));
 return motions.map(({ Q, perCycle }) => Array.from({ length: 11 }, (_, c) => end(Q, c * perCycle)));
 """  # noqa: E501
 
@@ -363,7 +363,7 @@ def test_a_loop_is_drawn_by_a_pointer(
     assert said(driver).startswith("After one cycle of your loop the hand is back. ")
     assert driver.execute_script("return repctl.time") == 1
     assert driver.execute_script(boxes) == before, "nothing moves"
-    points = np.array(driver.execute_script("return repctl.own.points"))
+    points = np.array(driver.execute_script("return repctl.own.loops.points"))
     assert len(points) <= 42 and np.array_equal(points[0], points[-1])
     ends = driver.execute_script(ENDS)
     task, q0 = study.task, study.q0
@@ -374,7 +374,7 @@ def test_a_loop_is_drawn_by_a_pointer(
         assert np.abs(motion.q[:: motion.steps] - found).max() < most
     if kind == "touch":
         return
-    text = driver.execute_script("return repctl.own.csv()")
+    text = driver.execute_script("return loopCsv(repctl.own.loops)")
     (tmp_path / "loop.csv").write_text(text, "utf-8")
     problem = rp.Problem("planar3r", path=str(tmp_path / "loop.csv"), start=q0)
     again = rp.animation(rp.study(problem, cycles=10, steps=100, degree=1)).page
@@ -384,7 +384,7 @@ def test_a_loop_is_drawn_by_a_pointer(
     assert told
     again = "repctl.placed(); repctl.own.repeat(); return repctl.time"
     assert driver.execute_script(again) == 1, "on from the end of cycle 1"
-    driver.execute_script("repctl.seek(10); repctl.own.report(10)")
+    driver.execute_script("repctl.seek(10); repctl.own.report.say(10)")
     told += " Collisions not checked."
     assert said(driver).partition(". ")[2] == told
     notes = driver.execute_script("return document.getElementById('notes').textContent")
@@ -420,7 +420,7 @@ _FITS = """
 const { bottom } = document.querySelector("header").getBoundingClientRect();
 const verdict = document.getElementById("verdict").getBoundingClientRect();
 const more = document.getElementById("more");
-return [bottom, verdict.bottom, more.offsetWidth > 0, repctl.own.head];
+return [bottom, verdict.bottom, more.offsetWidth > 0, repctl.own.head.height];
 """
 
 
@@ -451,7 +451,7 @@ def test_nothing_moves_when_a_loop_is_drawn(driver: Any, page: Path, width: int)
         ActionChains(driver).release().perform()
         assert said(driver).startswith("After one cycle of your loop")
         assert driver.execute_script(_ROOM)[0] == study
-        driver.execute_script("repctl.seek(10); repctl.own.report(10)")
+        driver.execute_script("repctl.seek(10); repctl.own.report.say(10)")
         assert driver.execute_script(_ROOM)[0] == study
     home = np.array(driver.execute_script("return repctl.own.chain.homes[0]"))
     fails = np.array([home, [0.968, 0.047, 0], [2.7, -0.052, 0], [2, 1.612, 0], home])
@@ -476,8 +476,8 @@ def test_nothing_moves_when_a_loop_is_drawn(driver: Any, page: Path, width: int)
 
 
 _OPENING = """
-const { own } = repctl, { clock, rings: [[ring]] } = own, seen = [];
-const look = () => { own.place(); seen.push([clock.time, getComputedStyle(ring.firstChild).display !== "none", ring.classList.contains("pulse")]); };
+const { own } = repctl, { clock, rings: { rows: [[ring]] } } = own, seen = [];
+const look = () => { own.rings.place(); seen.push([clock.time, getComputedStyle(ring.firstChild).display !== "none", ring.classList.contains("pulse")]); };
 clock.open(); look();
 clock.pass(3.1); for (let k = 0; k < clock.cycles; k++) clock.pass(0.51); look();
 clock.pass(9); look(); seen.at(-1).push(clock.playing);
@@ -545,7 +545,7 @@ def test_every_kind_of_robot_follows_a_drawn_loop(driver: Any, tmp_path: Path, n
     wait_until_computed(driver)
     assert driver.execute_script("return repctl.own.state") == "own", said(driver)
     assert sum(driver.execute_script("return shifts")) < 1e-3
-    points = np.array(driver.execute_script("return repctl.own.points"))
+    points = np.array(driver.execute_script("return repctl.own.loops.points"))
     task, q0 = problem.task, problem.q0
     path = rp.waypoints(points, task.placement(q0).rotation)
     laws = (rp.Pseudoinverse(task), problem.design.inverse)
@@ -553,12 +553,14 @@ def test_every_kind_of_robot_follows_a_drawn_loop(driver: Any, tmp_path: Path, n
     for law, ends, most in zip(laws, found, (1e-6, 1e-8), strict=True):
         motion = rp.follow(law, path, q0, cycles=10, steps=200)
         assert np.abs(motion.q[:: motion.steps] - ends).max() < most
-    (tmp_path / "loop.csv").write_text(driver.execute_script("return repctl.own.csv()"), "utf-8")
+    (tmp_path / "loop.csv").write_text(
+        driver.execute_script("return loopCsv(repctl.own.loops)"), "utf-8"
+    )
     again = rp.study(
         rp.Problem(name, path=str(tmp_path / "loop.csv"), start=q0), cycles=10, steps=200, degree=1
     )
     (verdict,) = re.findall(r'<p id="verdict">(.*?)</p>', rp.animation(again).page)
-    driver.execute_script("repctl.own.report(10)")
+    driver.execute_script("repctl.own.report.say(10)")
     told = re.sub("<[^>]*>", "", verdict)
     # where the arm could not follow all that was drawn, that is said first
     failed = driver.execute_script("return Boolean(repctl.own.scene.failure)")
@@ -588,7 +590,7 @@ def test_a_loop_is_drawn_by_keys_and_left_again(driver: Any, page: Path) -> None
     driver.find_element("id", "back").click()
     assert said(driver) == study and driver.execute_script("return repctl.time") == 2
     ring.send_keys(Keys.ARROW_UP * 40 + Keys.ARROW_UP * 60)
-    driver.execute_script("repctl.own.processQueue(); repctl.own.draw()")
+    driver.execute_script("repctl.own.gesture.processQueue(); repctl.own.gesture.draw()")
     assert "Go another way, or let go." in said(driver)
     ring.send_keys(Keys.ESCAPE)
     assert said(driver) == study and errors(driver) == []
@@ -623,7 +625,7 @@ def test_the_proved_radius_is_drawn_and_said(driver: Any, page: Path, study: rp.
         assert words in driver.execute_script(notes)
         for q in np.reshape(driver.execute_script(ENDS), (2, 11, -1))[1]:
             assert np.abs(q - study.q0).max() < 1e-9
-    driver.execute_script("repctl.own.leave(); repctl.own.grab(0, null)")
+    driver.execute_script("repctl.own.leave(); repctl.own.gesture.grab(0, null)")
     assert "Within the pale disc" in driver.execute_script(notes)
     driver.execute_script("repctl.own.leave()")
     assert errors(driver) == []
@@ -708,8 +710,10 @@ def test_the_elbow_slider_keeps_the_hand_and_chooses_the_leaf(
     schemes(driver, width=900, height=700)
     open_page(driver, page)
     task, q0 = study.task, study.q0
-    qs = np.array(driver.execute_script("return repctl.own.selves.qs.map((q) => Array.from(q))"))
-    zero = driver.execute_script("return repctl.own.selves.zero")
+    qs = np.array(
+        driver.execute_script("return repctl.own.elbow.selves.qs.map((q) => Array.from(q))")
+    )
+    zero = driver.execute_script("return repctl.own.elbow.selves.zero")
     assert len(qs) > 20 and np.array_equal(qs[zero], q0)
     assert np.abs(task.positions(qs) - task.positions(q0[None])).max() < 1e-6
     assert (task.limit_margin(qs) > 0).all()
@@ -724,7 +728,8 @@ def test_the_elbow_slider_keeps_the_hand_and_chooses_the_leaf(
         driver.execute_script(
             "const slider = document.getElementById('elbow'), [kind] = arguments;"
             "slider.dispatchEvent(new Event(kind)); const { own } = repctl;"
-            "return [document.querySelector('.callout b').textContent, own.scene.part, own.part,"
+            "return [document.querySelector('.callout b').textContent, own.scene.part,"
+            "own.elbow.part,"
             "own.arms.map((arm) => arm.part)]",
             kind,
         )
@@ -738,7 +743,8 @@ def test_the_elbow_slider_keeps_the_hand_and_chooses_the_leaf(
     # named after the part that moves most, which is outlined and whose displacement is told
     told = driver.execute_script(
         "const [name, off] = ['elbow-name', 'elbow-off'].map((id) => document.getElementById(id)),"
-        "{ arms: [arm], part } = repctl.own, callout = document.querySelector('.callout b');"
+        "{ arms: [arm], elbow: { part } } = repctl.own,"
+        "callout = document.querySelector('.callout b');"
         "return [name.textContent, off.textContent, part, callout.textContent, arm.partOff(),"
         "Math.max(...arm.off), arm.rims.filter(({ visible }) => visible).length]"
     )
@@ -856,9 +862,9 @@ return [...document.querySelectorAll(".pane")].flatMap((pane) => {
 
 _STROKE_BEYOND = """
 const { own } = repctl, [x, y, z] = own.chain.homes[0];
-own.grab(0, 7, null, 0);
+own.gesture.grab(0, 7, null, 0);
 own.lead.queue.push([x, y, z + 0.02], [x + 9, y, z]);
-own.processQueue();
+own.gesture.processQueue();
 """
 
 
@@ -893,7 +899,7 @@ def test_rings_stay_in_their_panes_when_notes_open(driver: Any, two_hands: Path,
 
 
 _ZOOM = """
-const { eye, viewer } = repctl.own.panes;
+const { eye, viewer } = repctl.own.gesture.panes;
 return [eye.where()[6], viewer.camera.zoom, document.querySelector(".pane").clientWidth];
 """
 
@@ -924,9 +930,9 @@ def test_a_link_leaves_out_what_a_narrow_pane_did(driver: Any, two_hands: Path) 
 
 _LEAD = """
 const { own } = repctl;
-own.mirrored = arguments[0];
-own.grab(0, null, null, 1);
-const [right, up] = own.axes(), home = own.chain.homes[1];
+own.loops.mirrored = arguments[0];
+own.gesture.grab(0, null, null, 1);
+const [right, up] = own.gesture.axes(), home = own.chain.homes[1];
 for (const [x, y] of [[1, 0], [1, 1], [0, 1]])
   own.lead.queue.push(
     home.map((v, i) => v + 0.05 * (x * right.getComponent(i) + y * up.getComponent(i))));
@@ -948,10 +954,10 @@ def test_a_loop_is_drawn_with_either_hand(
     assert re.match("Move the (left|right) ", slider), slider
     # at first it moves the arm that drifts most, whose name the menu says: it moved the other one
     part, first, reached, offered = driver.execute_script(
-        "const { own } = repctl, { part } = own.scene;"
-        "const reached = [0, 1].map((k) => { own.stand(0, k); return own.reached(part); });"
-        "own.stand(0, own.first);"
-        "return [part, own.first, reached, [...document.getElementById('level').options].map("
+        "const { elbow, scene: { part } } = repctl.own;"
+        "const reached = [0, 1].map((k) => { elbow.stand(0, k); return elbow.reached(part); });"
+        "elbow.stand(0, elbow.first);"
+        "return [part, elbow.first, reached, [...document.getElementById('level').options].map("
         "({ text }) => text)]"
     )
     side = part.split()[0]
@@ -963,11 +969,11 @@ def test_a_loop_is_drawn_with_either_hand(
     written = driver.execute_script(
         "const { own } = repctl, found = [], { state } = own;"
         "for (const elbow of [0, 2]) for (const level of [0, 1]) {"
-        "  own.state = 'own'; own.stand(elbow, level);"
+        "  own.state = 'own'; own.elbow.stand(elbow, level);"
         "  const part = own.addressParts().find((word) => word.startsWith('level='));"
-        "  const read = part ? Number(part.slice(6)) - 1 : own.unnamed(elbow);"
+        "  const read = part ? Number(part.slice(6)) - 1 : own.elbow.unnamed(elbow);"
         "  found.push([elbow, level, read, !part]);"
-        "} own.state = state; own.stand(0, own.first); return found"
+        "} own.state = state; own.elbow.stand(0, own.elbow.first); return found"
     )
     assert all(level == read for _, level, read, _ in written)
     assert [unnamed for elbow, level, _, unnamed in written if elbow and not level] == [True]
@@ -981,13 +987,13 @@ def test_a_loop_is_drawn_with_either_hand(
         assert [e.get_attribute("textContent") for e in callouts] == 2 * [
             f"{hand} hand 0 from its start" for hand in ("left", "right")
         ]
-    assert driver.execute_script("return repctl.own.rings.map((row) => row.length)") == [2, 2]
+    assert driver.execute_script("return repctl.own.rings.rows.map((row) => row.length)") == [2, 2]
     driver.execute_script(_LEAD, mirrored)
     assert said(driver).startswith("After one cycle of your loop both hands are back. "), said(
         driver
     )
     homes = np.array(driver.execute_script("return repctl.own.chain.homes"))
-    paths = driver.execute_script("return repctl.own.paths()")
+    paths = driver.execute_script("return repctl.own.loops.paths()")
     assert (paths[0] is not None) == mirrored and np.allclose(paths[1][0], homes[1])
     if mirrored:  # in the plane between the hands: equal ways, and the middle stays in it
         a, b = (np.array(path) - home for path, home in zip(paths, homes, strict=True))
@@ -996,7 +1002,7 @@ def test_a_loop_is_drawn_with_either_hand(
         assert np.allclose((a + b) @ across, 0, atol=1e-12)
         assert np.allclose(np.cross(a - b, across), 0, atol=1e-12)
     file = tmp_path / "loop.csv"
-    file.write_text(driver.execute_script("return repctl.own.csv()"), "utf-8")
+    file.write_text(driver.execute_script("return loopCsv(repctl.own.loops)"), "utf-8")
     task = rp.Robot.load("baxter").task(["left_gripper", "right_gripper"])
     start = np.array(driver.execute_script("return Array.from(repctl.own.chain.start)"))
     told = rp.Problem(task, start=start, path=str(file)).path.paths
@@ -1023,11 +1029,11 @@ def test_a_loop_is_drawn_with_either_hand(
         wait_until_drawn(driver, "a shared loop of two hands")
     again = np.array(driver.execute_script(ENDS))
     assert np.abs(again - ends).max() < 1e-3  # points are kept to 0.1 mm
-    assert driver.execute_script("return repctl.own.mirrored") == mirrored
+    assert driver.execute_script("return repctl.own.loops.mirrored") == mirrored
     # one hand alone: the other rests, which the slow test compares with Python
     driver.execute_script(_LEAD, False)
     assert said(driver).startswith("After one cycle of your loop both hands are back. ")
-    assert driver.execute_script("return repctl.own.paths()[0]") is None
+    assert driver.execute_script("return repctl.own.loops.paths()[0]") is None
     assert errors(driver) == []
 
 
@@ -1039,9 +1045,9 @@ def test_each_hand_keeps_its_loop(driver: Any, two_hands: Path, tmp_path: Path) 
     open_page(driver, two_hands)
     driver.execute_script(_LEAD.replace("1);\nconst", "0);\nconst").replace("homes[1]", "homes[0]"))
     wait_until_computed(driver)
-    first = driver.execute_script("return repctl.own.points")
+    first = driver.execute_script("return repctl.own.loops.points")
     hint, lines = driver.execute_script(
-        _LEAD.replace("own.release();", "own.processQueue();")
+        _LEAD.replace("own.release();", "own.gesture.processQueue();")
         + "return [document.getElementById('notes').textContent,"
         "own.arms.map((arm) => arm.paths.children.length)]"
     )
@@ -1050,15 +1056,15 @@ def test_each_hand_keeps_its_loop(driver: Any, two_hands: Path, tmp_path: Path) 
     assert said(driver).startswith("After one cycle of your loops both hands are back. ")
     title = driver.find_element("id", "title").text
     assert "your loops of the left hand, " in title and "; of the right hand, " in title
-    paths = [np.array(path) for path in driver.execute_script("return repctl.own.paths()")]
+    paths = [np.array(path) for path in driver.execute_script("return repctl.own.loops.paths()")]
     assert len(paths[0]) == len(paths[1])  # in step, each with the corners of its own
     # a press on a ring draws nothing, and takes nothing away
-    driver.execute_script("repctl.own.grab(0, 7, null, 0); repctl.own.release()")
+    driver.execute_script("repctl.own.gesture.grab(0, 7, null, 0); repctl.own.release()")
     wait_until_computed(driver)
     assert driver.find_element("id", "title").text == title
-    again = driver.execute_script("return repctl.own.paths()")
+    again = driver.execute_script("return repctl.own.loops.paths()")
     assert all(np.array_equal(x, y) for x, y in zip(paths, again, strict=True))
-    for points, path in zip((first, driver.execute_script("return repctl.own.points")), paths,
+    for points, path in zip((first, driver.execute_script("return repctl.own.loops.points")), paths,
                             strict=True):  # fmt: skip
         assert all(np.linalg.norm(path - p, axis=1).min() < 1e-9 for p in np.array(points))
         sizes = [np.linalg.norm(np.diff(x, axis=0), axis=1).sum() for x in (points, path)]
@@ -1073,7 +1079,7 @@ def test_each_hand_keeps_its_loop(driver: Any, two_hands: Path, tmp_path: Path) 
     motion = rp.follow(rp.Pseudoinverse(task), both, start, cycles=10, steps=200)
     assert np.abs(motion.q[:: motion.steps] - ends[0]).max() < 1e-4  # with 60 steps on the page
     file = tmp_path / "loop.csv"
-    file.write_text(driver.execute_script("return repctl.own.csv()"), "utf-8")
+    file.write_text(driver.execute_script("return loopCsv(repctl.own.loops)"), "utf-8")
     told = rp.Problem(task, start=start, path=str(file)).path.paths
     for path, drawn in zip(told, paths, strict=True):
         assert path.length == pytest.approx(np.linalg.norm(np.diff(drawn, axis=0), axis=1).sum())
@@ -1100,8 +1106,9 @@ def test_the_best_loop_is_kept(driver: Any, page: Path) -> None:
     size = driver.execute_script("return repctl.own.chain.size")
     home = driver.execute_script("return repctl.own.chain.homes[0]")
     best = (
-        "const [points, done] = arguments, { own } = repctl;"
-        "own.open({ points }).then(() => { own.keepBest(); done(own.best ? own.best.off : null); })"
+        "const [points, done] = arguments, { own } = repctl, { report } = own;"
+        "own.open({ points }).then(() => {"
+        " report.keepBest(); done(report.best && report.best.off); })"
     )
 
     def drawn(*way: tuple[float, float]) -> list[list[float]]:
@@ -1196,7 +1203,7 @@ _DRAWN = """
 const [points, done] = arguments, { own, viewer } = repctl;
 own.open({ points }).then(() => {
   const play = () => own.player.play(
-    { ...own.result, paths: own.paths().filter(Boolean), strokes: [] });
+    { ...own.report.result, paths: own.loops.paths().filter(Boolean), strokes: [] });
   const { set_dirty } = viewer;
   let pauses = 0, shown = 0;
   const work = play();
@@ -1252,11 +1259,11 @@ def weld_page(welded: rp.Study, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 _ON_PIECE = """
 const { own } = repctl, { arms } = own, found = [];
-const last = own.result.perCycle - 1;
+const last = own.report.result.perCycle - 1;
 for (let i = 0; i < 2 * last; i++) {
   repctl.seek(i / last);
   arms.forEach((arm, k) => {
-    const back = own.pieceIn(k).invert();
+    const back = own.piece.placement(k).invert();
     const tip = arm.point("tip", 0, arm.now.frame, arm.now.f).applyMatrix4(back);
     const turned = 2 * Math.acos(Math.min(1, Math.abs(arm.carrier.quaternion.w)));
     found.push([k, turned, ...tip.toArray()]);
@@ -1287,7 +1294,7 @@ def test_a_loop_is_drawn_on_a_workpiece_that_moves(
     drag(driver, ARC, "mouse")
     wait_until_computed(driver)
     assert said(driver).startswith("After one cycle of your loop the hand is back. ")
-    points = np.array(driver.execute_script("return repctl.own.points"))
+    points = np.array(driver.execute_script("return repctl.own.loops.points"))
     assert np.ptp(points, axis=0).max() > 0.02
     ends = driver.execute_script(ENDS)
     path = rp.waypoints(points, task.placement(q0).rotation)
@@ -1298,7 +1305,9 @@ def test_a_loop_is_drawn_on_a_workpiece_that_moves(
     seen = np.array(driver.execute_script(_ON_PIECE))
     assert seen[:, 1].max() > 0.05, "the plate turns"
     assert max(off_loop(points, p) for p in seen[:, 2:]) < 1e-5
-    (tmp_path / "loop.csv").write_text(driver.execute_script("return repctl.own.csv()"), "utf-8")
+    (tmp_path / "loop.csv").write_text(
+        driver.execute_script("return loopCsv(repctl.own.loops)"), "utf-8"
+    )
     problem = rp.Problem(task, path=str(tmp_path / "loop.csv"), start=q0)
     assert np.allclose(problem.cycle.points()[0], home, atol=1e-4)
     address = driver.execute_async_script(
@@ -1315,10 +1324,10 @@ def test_a_loop_is_drawn_on_a_workpiece_that_moves(
 _RINGS = """
 const { own } = repctl, { arms } = own, out = [];
 for (const goal of arguments[0]) {
-  own.lead.queue.push(goal); own.processQueue(); own.draw();
-  const spots = own.spots();
+  own.lead.queue.push(goal); own.gesture.processQueue(); own.gesture.draw();
+  const spots = own.rings.spots();
   arms.forEach((arm, k) => {
-    const tip = own.panes.seen(k, arm.point("tip", 0, 1)), spot = spots[k][0];
+    const tip = own.gesture.panes.seen(k, arm.point("tip", 0, 1)), spot = spots[k][0];
     const turned = 2 * Math.acos(Math.min(1, Math.abs(arm.carrier.quaternion.w)));
     out.push([Math.hypot(tip.x - spot.x, tip.y - spot.y), turned, own.lead.refusal ? 1 : 0]);
   });
@@ -1331,11 +1340,12 @@ return out;
 def test_the_ring_stays_at_the_torch_while_the_plate_turns(driver: Any, weld_page: Path) -> None:
     schemes(driver, width=1100, height=760)
     open_page(driver, weld_page)
-    driver.execute_script("repctl.own.slide(3)")  # the torch moves with the plate, and rests on it
+    # the torch moves with the plate, and rests on it
+    driver.execute_script("repctl.own.elbow.slide(3)")
     assert "at its place on the workpiece while the arm moves" in said(driver)
-    assert driver.execute_script("return repctl.own.part") != "hand"
-    driver.execute_script("repctl.own.endGesture(); repctl.own.stand(0)")
-    driver.execute_script("repctl.own.grab(0, 7, null)")
+    assert driver.execute_script("return repctl.own.elbow.part") != "hand"
+    driver.execute_script("repctl.own.ledArms.end(); repctl.own.elbow.stand(0)")
+    driver.execute_script("repctl.own.gesture.grab(0, 7, null)")
     home = np.array(driver.execute_script("return repctl.own.chain.homes[0]"))
     goals = [home + [x, y, 0] for x, y in ((0.03, 0.02), (0.08, 0.06), (0.1, 0.0), (0.05, -0.05))]
     found = np.array(driver.execute_script(_RINGS, [g.tolist() for g in goals]))
@@ -1459,11 +1469,11 @@ def test_a_loop_that_was_altered_is_said_to_be_another(driver: Any, page: Path) 
     open_page(driver, page)
     driver.execute_script(
         "const { own } = repctl, [x, y, z] = own.chain.homes[0];"
-        "own.grab(0, null, null, 0);"
-        "own.lead.queue.push([x - 0.1, y, z], [x - 0.1, y + 0.1, z]); own.processQueue();"
-        "own.walk = function* (from) {"
+        "own.gesture.grab(0, null, null, 0);"
+        "own.lead.queue.push([x - 0.1, y, z], [x - 0.1, y + 0.1, z]); own.gesture.processQueue();"
+        "own.steps.walk = function* (from) {"
         " from.refusals = ['blocked', 'blocked']; return { refusal: 'blocked', trail: [] }; };"
-        "own.release().then(() => { delete own.walk; })"
+        "own.release().then(() => { delete own.steps.walk; })"
     )
     told = said(driver)
     assert told.startswith("The arm cannot follow all of your loop. After its first "), told
@@ -1488,9 +1498,9 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     open_page(driver, page)
     driver.execute_script(
         "const { own } = repctl, [x, y, z] = own.chain.homes[0];"
-        "own.grab(0, 7, null, 0);"
+        "own.gesture.grab(0, 7, null, 0);"
         "own.lead.queue.push([x - 0.1, y, z], [x + 9, y, z], [x - 0.1, y + 0.1, z]);"
-        "own.processQueue(); own.release();"
+        "own.gesture.processQueue(); own.release();"
     )
     lines = driver.find_element("id", "lines")
     told = said(driver)
@@ -1526,14 +1536,14 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     schemes(driver, width=900, height=700)
     # where the hand stopped, on the line that it was led along
     stop, stroke = driver.execute_script(
-        "return [repctl.own.arms[0].stop.node.position.toArray(), repctl.own.missed]"
+        "return [repctl.own.arms[0].stop.node.position.toArray(), repctl.own.loops.missed]"
     )
     home = driver.execute_script("return repctl.own.chain.homes[0]")
     assert np.allclose(stroke[0][0], stop) and len(stroke[0]) == 3
     assert np.allclose(stop[1:], home[1:], atol=1e-4) and home[0] - 0.1 < stop[0] < home[0] + 9
     # it is in the picture, wherever it is
     inside = driver.execute_script(
-        "const { panes, arms } = repctl.own, { width, height } = panes.place(0);"
+        "const { gesture: { panes }, arms } = repctl.own, { width, height } = panes.place(0);"
         "const { x, y } = panes.seen(0, arms[0].stop.node.position);"
         "return [x / width, y / height]"
     )
@@ -1562,10 +1572,10 @@ def test_a_loop_that_one_control_cannot_follow_is_done_by_the_other(
     open_page(driver, page)
     ways = driver.execute_script(
         "const { own } = repctl, [x, y, z] = own.chain.homes[0];"
-        "own.grab(0, 7, null, 0);"
+        "own.gesture.grab(0, 7, null, 0);"
         "const way = [[-1, 0.5], [-1.5, 1], [-2.5, 0], [-1.5, -1.5]];"
         "own.lead.queue.push(...way.map(([a, b]) => [x + a, y + b, z]));"
-        "own.processQueue(); own.draw();"
+        "own.gesture.processQueue(); own.gesture.draw();"
         "return [own.lead.refusals, document.getElementById('verdict').textContent]"
     )
     refusals, told = ways
@@ -1576,12 +1586,13 @@ def test_a_loop_that_one_control_cannot_follow_is_done_by_the_other(
     driver.execute_script("repctl.own.release()")
     control = ("The usual control", "The repeatable control")[k]
     assert said(driver).startswith(f"{control} fails in cycle 1, close to a singularity, ")
-    assert driver.execute_script("return repctl.own.missed") == []
+    assert driver.execute_script("return repctl.own.loops.missed") == []
     marks = driver.find_elements("css selector", ".callout.mark")
     assert [mark.is_displayed() for mark in marks] == [k == 0, k == 1]
     # the arm is on the path until it stops, the other all around it
     off = driver.execute_script(
-        "const { own } = repctl, [path] = own.paths(), { chain, result: { motions } } = own;"
+        "const { own } = repctl, [path] = own.loops.paths(), { chain, report } = own;"
+        "const { motions } = report.result;"
         "const { n } = chain, gaps = (p) => Math.min(...path.slice(1).map((b, i) =>"
         " fromPiece([...p], path[i], b)));"
         "return motions.map(({ Q, last, perCycle }) => { let most = 0;"
@@ -1630,8 +1641,8 @@ def test_a_loop_that_was_not_followed_at_all_has_no_bars(driver: Any, page: Path
     open_page(driver, page)
     driver.execute_script(
         "const { own } = repctl, [x, y, z] = own.chain.homes[0];"
-        "own.grab(0, 7, null, 0); own.lead.queue.push([x + 9, y, z]);"
-        "own.processQueue(); own.release();"
+        "own.gesture.grab(0, 7, null, 0); own.lead.queue.push([x + 9, y, z]);"
+        "own.gesture.processQueue(); own.release();"
     )
     assert said(driver).startswith("The arm cannot follow all of your loop. After its first ")
     assert " long, leads there and back." in said(driver)
@@ -1684,12 +1695,12 @@ def test_a_stroke_of_the_address_that_the_arm_can_follow_is_no_failure(
     # whom it stops: both, for one reason or for two, or the function of a cell alone
     named = driver.execute_script(
         "const { own } = repctl, words = [];"
-        "own.walk = function* (from) { from.refusals = own.refuse; "
+        "own.steps.walk = function* (from) { from.refusals = own.refuse; "
         "  return { refusal: 'blocked', trail: [] }; };"
         "for (own.refuse of [['', 'blocked'], ['blocked', 'blocked'], ['blocked', 'other']]) {"
-        "  const stop = own.stopOf(own.points, own.missed[0]).next().value;"
+        "  const stop = stopOf(own.steps, own.loops.points, own.loops.missed[0]).next().value;"
         "  words.push(failureWords(own.chain, own.arms, stop)[0][0].split('red ball, ')[1]);"
-        "} delete own.walk; return words;"
+        "} delete own.steps.walk; return words;"
     )
     assert named == [
         "blocked.",
@@ -1697,7 +1708,7 @@ def test_a_stroke_of_the_address_that_the_arm_can_follow_is_no_failure(
         "blocked under the usual control, other under the repeatable one.",
     ]
     ends = driver.execute_script(
-        "return repctl.own.missed.map((stroke) => stroke[stroke.length - 1])"
+        "return repctl.own.loops.missed.map((stroke) => stroke[stroke.length - 1])"
     )
     far = np.linalg.norm(np.subtract(ends, [x, y, z]), axis=1)
     assert far == pytest.approx([np.hypot(0.12, 0.05), 4 * size])
@@ -1714,10 +1725,10 @@ def test_a_loop_that_breaks_a_limit_is_not_the_best(driver: Any, page: Path) -> 
         "  const a = (k * Math.PI) / 30;"
         "  return [x - 0.15 * (1 - Math.cos(a)), y + 0.15 * Math.sin(a), z]; });"
         "own.open({ points }).then(() => {"
-        "  const { data } = own.result.runs[0];"
+        "  const { data } = own.report.result.runs[0];"
         "  data.broken = { joint: 0, cycle: 3, words: 'past its limit' };"
-        "  own.keepBest(); const past = Boolean(own.best);"
-        "  data.broken = null; own.keepBest(); done([past, Boolean(own.best)]); });"
+        "  own.report.keepBest(); const past = Boolean(own.report.best);"
+        "  data.broken = null; own.report.keepBest(); done([past, Boolean(own.report.best)]); });"
     )
     assert found == [False, True]
     assert errors(driver) == []

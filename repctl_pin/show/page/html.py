@@ -60,8 +60,12 @@ SCRIPTS = (
         "chrome/save",
         "chrome/console",
         "chrome/plain",
+        "chrome/head",
     ),
-    *("own/run", "own/sentence", "own/loops", "own/elbow", "own/own"),
+    *("own/run", "own/sentence", "own/loops", "own/workpiece", "own/hand_loops", "own/steps"),
+    *("own/proof", "own/strokes", "own/presets", "own/link", "own/csv", "own/report"),
+    *("own/led_arms", "own/self_motion", "own/elbow_slider"),
+    *("own/rings", "own/hand_marks", "own/gesture", "own/own"),
     *("live/live", "stage", "main"),
 )
 """The modules of the page's script, each after the modules that it imports."""
@@ -172,12 +176,13 @@ def _script(left_out: tuple[str, ...] = ()) -> str:
 def _joined(texts: Sequence[str]) -> str:
     """Join JavaScript modules into one script.
 
-    Comments, indentation, line breaks at brackets, imports and exports are removed. A line that
-    begins with # keeps its line break: it is a directive of GLSL code in a string.
+    Comments, indentation, imports, exports, empty lines, and line breaks at brackets and after
+    commas are removed. A line that begins with # keeps its line break: it is a directive of GLSL
+    code in a string.
     """
-    dropped = r"(?m)^(import [^;]*;\n|export |\s*//.*\n| +)|(?<=[;,{})\]]) // .*$"
+    dropped = r"(?m)^(import [^;]*;\n|export |\s*//.*\n|\n| +)|(?<=[;,{})\]]) // .*$"
     script = re.sub(dropped, "", "\n".join(texts))
-    breaks = r"(?m)(^#.*\n)|(?<=[{(\[])\n(?!#)|,?\n(?=[})\]])"
+    breaks = r"(?m)(^#.*\n)|(?<=[{(\[,])\n(?!#)|,?\n(?=[})\]])"
     return '"use strict";\n' + re.sub(breaks, lambda found: found[1] or "", script)
 
 

@@ -329,9 +329,9 @@ async function main() {
   byId("picture").addEventListener("click", () => byId("panes").focus({ preventScroll: true }));
   if (callouts)
     panes.drawn = () => {
-      const spots = own ? own.spots() : null;
+      const spots = own ? own.rings.spots() : null;
       callouts.place(spots);
-      if (own) own.place(callouts.rooms, spots);
+      if (own) own.rings.place(callouts.rooms, spots);
     };
   viewer.controls.addEventListener("end", () => keep(clock, eye, own));
   savable(viewer, clock, scene, arms);

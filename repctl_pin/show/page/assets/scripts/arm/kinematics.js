@@ -66,6 +66,11 @@ export class Chain {
     product(last.R, at.R, R);
   }
 
+  // Whether a body is of this part, by its number.
+  isOf(part) {
+    return (body) => Boolean(this.links[body]) && this.links[body][1] === part;
+  }
+
   // Where frame f was placed last, relative to the root.
   tip(f) {
     const { base, p } = this.frames[f];

@@ -78,7 +78,7 @@ export class TableMarks {
   follow(arm, own, cycle, part) {
     const { lead, chain, laws } = own || {};
     const { frame, f } = arm.now;
-    const p = lead ? own.onPiece(lead.hand) : arm.point("tip", 0, frame, f).clone();
+    const p = lead ? own.piece.drawn(lead.hand) : arm.point("tip", 0, frame, f).clone();
     const q = lead ? lead.qs.at(-1) : jointsAt(arm.run.joints, cycle, part);
     const [chart] = laws ? laws.at(-1).parts : [];
     if (!this.place) {

@@ -5,6 +5,8 @@ const IN_AXES = 0.998; // cosine of the angle to an axis within which a plane is
 
 export const gap = (p, q) => Math.hypot(...p.map((v, i) => v - q[i]));
 
+export const vector = (p) => new MeshCat.THREE.Vector3(...p);
+
 const round = (f) =>
   Array.from({ length: POINTS - 1 }, (_, i) => f((2 * Math.PI * (i + 1)) / POINTS));
 
@@ -125,7 +127,7 @@ function pointOn(path, shares, share) {
 // The normal of the plane of a loop, from its widest triangle at its start.
 export function normalOf([home, ...points]) {
   const T = MeshCat.THREE;
-  const off = points.map((p) => new T.Vector3(...p.map((v, i) => v - home[i])));
+  const off = points.map((p) => vector(p.map((v, i) => v - home[i])));
   const far = off.reduce((a, b) => (b.length() > a.length() ? b : a));
   const across = off.map((p) => new T.Vector3().crossVectors(far, p));
   return across.reduce((a, b) => (b.length() > a.length() ? b : a)).normalize();
@@ -144,10 +146,8 @@ export function planeWords(normal) {
 export function windings(about, points) {
   if (!about) return 0;
   const T = MeshCat.THREE;
-  const axis = new T.Vector3(...about.axis);
-  const flat = points.map((p) =>
-    new T.Vector3(...p).sub(new T.Vector3(...about.origin)).projectOnPlane(axis),
-  );
+  const axis = vector(about.axis);
+  const flat = points.map((p) => vector(p).sub(vector(about.origin)).projectOnPlane(axis));
   const angles = flat
     .slice(1)
     .map((p, i) => Math.atan2(new T.Vector3().crossVectors(flat[i], p).dot(axis), flat[i].dot(p)));

@@ -1,4 +1,4 @@
-// The slider of the elbow: the arm's self-motion with its hands at rest.
+// The self-motion of the arm: what the elbow's slider goes through, with the hands at rest.
 
 const APART = 0.02; // of the joints between two places of the slider, rad or m
 const PLACES = 160; // steps to either side

@@ -1,0 +1,108 @@
+// The head of the page: its title, its sentence and its notes, and the room that it takes.
+
+import { byId, element, setAttribute, setText } from "../dom.js";
+
+const FOOT = 8; // px to leave free under the notes
+
+export class Head {
+  // `subject`: begins the titles; `longest`: by node, its longest words while a hand is led;
+  // `more`: what the sentence of a loop has after that of a study
+  constructor(subject, longest, more) {
+    const texts = ["title", "verdict", "notes"].map((id) => [byId(id), [...byId(id).childNodes]]);
+    Object.assign(this, { subject, longest, more, texts });
+  }
+
+  write(sentence, notes, title) {
+    const part = ([text, kind]) =>
+      kind === undefined ? text : element("b", { class: kind }, text);
+    byId("verdict").replaceChildren(...sentence.map(part));
+    const note = ([text, kind]) => element("span", { class: kind || "" }, text);
+    if (notes) byId("notes").replaceChildren(...notes.map(note));
+    if (title) this.entitle(title);
+    this.fold();
+  }
+
+  entitle(words) {
+    const title = `${this.subject}: ${words}`;
+    setText(byId("title"), title);
+    setAttribute(byId("title"), "title", title);
+  }
+
+  // Say again what is said of the study.
+  restore() {
+    for (const [node, children] of this.texts) node.replaceChildren(...children);
+    byId("title").removeAttribute("title");
+  }
+
+  // Show as many lines of a loop's notes as there is room for under its sentence, and a button for
+  // all of them, which then stand beside the views.
+  fold() {
+    const { height } = this;
+    const { classList } = document.body;
+    const [notes, more, verdict] = ["notes", "more", "verdict"].map(byId);
+    const [header] = document.getElementsByTagName("header");
+    const own = classList.contains("own");
+    // what is said of a loop has the room of the head, whatever its sentence takes of it
+    notes.style.minHeight = own ? "0" : this.notesHeight;
+    notes.style.maxHeight = "";
+    // a sentence that is longer than any of a study or a gesture
+    classList.toggle("tall", height && verdict.offsetTop + verdict.offsetHeight > height + 1);
+    const open = classList.contains("unfolded");
+    const clear = () => notes.offsetTop + notes.scrollHeight <= height - FOOT;
+    header.classList.remove("cut");
+    const room = notes.offsetHeight && !classList.contains("noted");
+    const folded = own && height && room && !clear();
+    header.classList.toggle("cut", Boolean(folded));
+    more.textContent = open ? "Fewer notes" : "All notes";
+    more.setAttribute("aria-expanded", String(open));
+    if (!folded || open) return;
+    const line = parseFloat(getComputedStyle(notes).lineHeight);
+    const lines = Math.floor((height - FOOT - notes.offsetTop) / line + 0.01);
+    notes.style.maxHeight = `${Math.max(lines, 0) * line}px`;
+  }
+
+  // Give sentence and notes the room of the longest words of a gesture, so that nothing moves when
+  // they change; what is said of a loop takes the same room.
+  reserve() {
+    this.measure();
+    this.fold();
+  }
+
+  // The height of the head with the study's words and with those of a gesture.
+  measure() {
+    const { body } = document;
+    const [header] = document.getElementsByTagName("header");
+    this.height = 0;
+    if (!header.clientWidth) return;
+    const nodes = this.texts.map(([node]) => node);
+    const now = nodes.map((node) => [...node.childNodes]);
+    const classes = body.className;
+    body.classList.remove("own", "leading", "unfolded");
+    header.classList.remove("cut");
+    for (const [node, children] of this.texts) {
+      Object.assign(node.style, { minHeight: "", maxHeight: "" });
+      node.replaceChildren(...children);
+    }
+    for (const [id, words] of Object.entries(this.longest)) {
+      const node = byId(id);
+      const children = [...node.childNodes];
+      const before = node.clientHeight;
+      node.replaceChildren(...words.map((text) => element("span", {}, text)));
+      let height = Math.max(before, node.clientHeight);
+      if (id === "verdict") {
+        node.replaceChildren(...children, this.more);
+        height = Math.max(height, node.clientHeight);
+      }
+      node.replaceChildren(...children);
+      if (height) node.style.minHeight = `${height}px`;
+    }
+    const [[title]] = this.texts;
+    body.style.setProperty("--title", `${title.offsetWidth}px`);
+    title.style.minHeight = `${title.offsetHeight}px`;
+    this.notesHeight = byId("notes").style.minHeight;
+    this.height = header.getBoundingClientRect().height;
+    body.style.setProperty("--head", `${this.height}px`);
+    nodes.forEach((node, k) => node.replaceChildren(...now[k]));
+    body.className = classes;
+  }
+}
