@@ -50,7 +50,8 @@ from ...base.errors import RepctlError
 from ..text.headline import Headline
 
 SCRIPTS = (
-    *("dom", "numbers", "arm/viewer", "arm/bodies", "arm/arm", "arm/eye", "arm/traces"),
+    *("dom", "numbers", "arm/viewer", "arm/bodies", "arm/outline", "arm/between_frames"),
+    *("arm/arm", "arm/eye", "arm/traces"),
     *("arm/kinematics", "arm/potentials", "arm/law", "arm/cover", "arm/table"),
     *("chrome/panes", "chrome/chart", "chrome/room", "chrome/callouts", "chrome/clock"),
     *(

@@ -1,7 +1,9 @@
 // One arm: its bodies, where they stand at each frame, and its ghost: where the repeatable arm
 // stands at the same instant, or else where this arm stood in cycle 1.
 
+import { between, blended, setPose } from "./between_frames.js";
 import { Bodies } from "./bodies.js";
+import { hull, outlined, OUTLINE } from "./outline.js";
 import { tone } from "../dom.js";
 import { stepAbove } from "../numbers.js";
 
@@ -9,8 +11,6 @@ const LEAST_FULL = 0.05; // m off, of which colour and bars are full, at least
 const LEAST_ENLARGED = 1e-3; // the same where drift is drawn enlarged
 export const GAIN = 50; // how many times as large a small drift is drawn
 const SAME = 1e-4; // m, within which a body covers its ghost
-const OUTLINE = 1.6; // px, of a ghost, at least
-const OUTLINE_SHARE = 1 / 500; // of the height of a pane, at least
 const OF_ARM = 1;
 const OF_GHOST = 2;
 const OF_PART = 4; // bits of the stencil: where the arm is seen, its ghost, and the part in words
@@ -596,55 +596,6 @@ export function fullScale(gain, ...offs) {
   return stepAbove(Math.max(gain > 1 ? LEAST_ENLARGED : LEAST_FULL, ...offs));
 }
 
-// Size of a pixel, in parts of half a pane: of width and of height.
-export const PIXEL = { value: null };
-
-// A material that draws a body a little larger on the screen, for an outline.
-function outlined(options) {
-  const T = MeshCat.THREE;
-  PIXEL.value = PIXEL.value || new T.Vector2(0.002, 0.002);
-  return new T.ShaderMaterial({
-    ...options,
-    side: T.DoubleSide,
-    blending: T.CustomBlending,
-    uniforms: {
-      color: { value: new T.Color() },
-      pixel: PIXEL,
-      least: { value: OUTLINE },
-      share: { value: OUTLINE_SHARE },
-    },
-    vertexShader: `uniform vec2 pixel; uniform float least; uniform float share;
-      void main() {
-        float wide = max(least, 2.0 * share / pixel.y);
-        #include <begin_vertex>
-        #include <beginnormal_vertex>
-        gl_Position = projectionMatrix * modelViewMatrix * vec4(transformed, 1.0);
-        vec2 way = (projectionMatrix * vec4(normalMatrix * objectNormal, 0.0)).xy / pixel;
-        gl_Position.xy += wide * gl_Position.w * pixel * way / max(length(way), 1e-9);
-      }`,
-    fragmentShader: "uniform vec3 color; void main() { gl_FragColor = vec4(color, 0.75); }",
-  });
-}
-
-// A body's surface whose normals agree where faces meet, so that an outline has no gaps; made once.
-function hull(geometry) {
-  if (geometry.hull) return geometry.hull;
-  const T = MeshCat.THREE;
-  const { position, normal } = geometry.attributes;
-  const keys = Array.from({ length: position.count }, (_, i) =>
-    [position.getX(i), position.getY(i), position.getZ(i)].map((v) => Math.round(1e5 * v)).join(),
-  );
-  const sums = new Map(keys.map((key) => [key, new T.Vector3()]));
-  const one = new T.Vector3();
-  keys.forEach((key, i) => sums.get(key).add(one.fromBufferAttribute(normal, i)));
-  const outward = keys.flatMap((key) => sums.get(key).toArray());
-  geometry.hull = new T.BufferGeometry()
-    .setAttribute("position", position)
-    .setAttribute("normal", new T.Float32BufferAttribute(outward, 3))
-    .setIndex(geometry.index);
-  return geometry.hull;
-}
-
 function fanned(place, material, order) {
   const copy = new MeshCat.THREE.Group();
   for (const mesh of place.children)
@@ -666,51 +617,6 @@ function isDisplaced({ position, quaternion }, other) {
     position.distanceTo(other.position) > SAME ||
     1 - Math.abs(quaternion.dot(other.quaternion)) > SAME ** 2
   );
-}
-
-// The frames, and their weights, that give what is a part f on the way from frame i to the next:
-// the cubic through four of the same cycle (Catmull and Rom), its ends extrapolated; a line where
-// there are fewer.
-function between(i, f, F) {
-  if (!(f > 0)) return [[i, 1]];
-  if (F < 4)
-    return [
-      [i, 1 - f],
-      [i + 1, f],
-    ];
-  const at = i % F;
-  const ff = f * f;
-  const fff = ff * f;
-  let [a, b, c, d] = [
-    (-f + 2 * ff - fff) / 2,
-    (2 - 5 * ff + 3 * fff) / 2,
-    (f + 4 * ff - 3 * fff) / 2,
-    (fff - ff) / 2,
-  ];
-  if (at === 0) [a, b, c, d] = [0, b + 3 * a, c - 3 * a, d + a];
-  if (at === F - 2) [a, b, c, d] = [a + d, b - 3 * d, c + 3 * d, 0];
-  return [
-    [i - 1, a],
-    [i, b],
-    [i + 1, c],
-    [i + 2, d],
-  ].filter(([, weight]) => weight);
-}
-
-// `count` numbers of the frames that are near, weighed.
-function blended(m, start, stride, count, near) {
-  const out = new Array(count).fill(0);
-  for (const [frame, weight] of near)
-    for (let k = 0; k < count; k++) out[k] += weight * m[start + frame * stride + k];
-  return out;
-}
-
-const AT_FRAME = [[0, 1]];
-
-function setPose(node, m, start, stride = 0, near = AT_FRAME) {
-  const v = blended(m, start, stride, 7, near);
-  node.position.set(v[0], v[1], v[2]);
-  node.quaternion.set(v[3], v[4], v[5], v[6]).normalize();
 }
 
 function paint([r, g, b, a]) {

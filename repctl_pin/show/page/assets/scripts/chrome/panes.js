@@ -1,6 +1,6 @@
 // One pane an arm, all drawn by one camera: turning one turns all.
 
-import { PIXEL } from "../arm/arm.js";
+import { PIXEL } from "../arm/outline.js";
 import { byId, element, tone } from "../dom.js";
 
 const LOW = 360; // px
