@@ -1092,6 +1092,9 @@ def test_each_hand_keeps_its_loop(driver: Any, two_hands: Path, tmp_path: Path) 
         wait_until_drawn(driver, "a shared loop of each hand")
     assert np.abs(np.array(driver.execute_script(ENDS)) - ends).max() < 1e-3
     assert driver.find_element("id", "title").text == title
+    # at the time of the address, with its words
+    assert said(driver).startswith("After one cycle of your loops both hands are back. ")
+    assert driver.execute_script("return repctl.own.clock.time") == 1
     # a mirrored loop takes both hands
     driver.execute_script("document.getElementById('mirror').click()")
     assert said(driver).startswith("After one cycle of your loop both hands are back. ")

@@ -341,7 +341,10 @@ async function main() {
   new ResizeObserver(resize).observe(byId("panes"));
   resize();
   if (address.view) eye.stand(address.view);
-  if (own && address.own) await own.open(address.own);
+  if (own && address.own) {
+    await own.open(address.own, address.time ?? undefined);
+    if (address.time !== null) clock.seek(Math.min(address.time, clock.cycles));
+  }
 
   run(clock, viewer, scene.live, resize);
   openConsole(api, { viewer, clock, view, arms, panes, still: paper, own, scene });

@@ -204,7 +204,7 @@ export class Gesture {
       const sentence = warning ? [[warning, lead.refusal ? "bad" : "near"], [further]] : DRAW;
       head.write(sentence, this.hint(beyond));
     }
-    const far = lead.length ? `, ${formatLength(lead.length)} so far` : "";
+    const far = lead.length ? `, ${formatLength(lead.length)} long so far` : "";
     head.entitle(`your loop${far}, ${planeWords(this.piece.direction(lead.plane.normal))}`);
     this.player.show();
   }

@@ -259,8 +259,18 @@ export class Own {
     else this.leave([["There is no room for such a loop here.", "bad"]]);
   }
 
-  // The loop that an address asks for, after all its cycles; it may begin where the hand is not.
-  open({ points, missed = [], hand = 0, others = [], mirrored = false, elbow = 0, level }) {
+  // The loop that an address asks for, at a time in cycles or after all of them; it may begin where
+  // the hand is not.
+  open(asked, time = CYCLES) {
+    const {
+      points,
+      missed = [],
+      hand = 0,
+      others = [],
+      mirrored = false,
+      elbow = 0,
+      level,
+    } = asked;
     const { chain, loops } = this;
     this.ledArms.end();
     chain.led = Math.min(hand, chain.frames.length - 1);
@@ -268,10 +278,10 @@ export class Own {
     loops.mirrored = mirrored && chain.frames.length > 1;
     byId("mirror").checked = loops.mirrored;
     this.elbow.stand(elbow, level ?? this.elbow.unnamed(elbow));
-    return points ? this.run(this.opening(points, missed)) : this.settle();
+    return points ? this.run(this.opening(points, missed, time)) : this.settle();
   }
 
-  *opening(points, missed) {
+  *opening(points, missed, time) {
     const { chain, laws, steps } = this;
     const home = chain.homes[chain.led];
     const first = gap(points[0], home) < 1e-3 ? home : points[0];
@@ -285,7 +295,7 @@ export class Own {
       for (const law of laws) law.start = from.qs.at(-1);
     }
     const strokes = missed.map((stroke) => stroke.map((place) => steps.limited(place)));
-    yield* this.following(closed(points, first), CYCLES, strokes);
+    yield* this.following(closed(points, first), Math.max(Math.floor(time), 1), strokes);
   }
 
   // What the address keeps of all this.

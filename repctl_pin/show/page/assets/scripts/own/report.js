@@ -32,7 +32,11 @@ export class Report {
     const moved = far > 1e-4 ? `, ${elbow.part} moved by ${formatLength(far)}` : "";
     const path = loops.points ? `${shape.whose}${this.sizeWords()}` : "the study’s path";
     if (failure) {
-      notes.unshift([sentence.map(([text]) => text).join("")]);
+      // limits that the solid line breaks stay red, what else it does is a note
+      const [red, plain] = [true, false].map((bad) =>
+        sentence.filter(([, kind]) => (kind === "bad") === bad).map(([text]) => text),
+      );
+      notes.unshift(...red.map((text) => [`${text} `, "bad"]), [plain.join("").trimStart()]);
       // its ball is not drawn: the one that is seen is where the loop stops
       for (const note of notes)
         note[0] = note[0]
