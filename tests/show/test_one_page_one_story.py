@@ -107,7 +107,7 @@ def test_play_begins_at_once_and_a_loop_keeps_its_values(driver: Any, page: Path
         "lead.queue.push(lead.hand.map((v, i) => v + [0.06, 0.03, 0][i]));"
         "gesture.processQueue(); gesture.draw();"
     )
-    assert title.text == "planar7r: your loop, 6.7 cm so far, in xy (horizontal)"
+    assert title.text == "planar7r: your loop, 6.7 cm long so far, in xy (horizontal)"
     driver.execute_script("repctl.own.leave(); repctl.own.preset('square')")
     wait_until_computed(driver)
     points = np.array(driver.execute_script("return repctl.own.loops.points"))

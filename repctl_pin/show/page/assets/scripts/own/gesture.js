@@ -108,11 +108,12 @@ export class Gesture {
     if (ctrlKey || metaKey || altKey || !known) return;
     event.preventDefault();
     event.stopPropagation();
+    const draws = this.lead && !this.lead.slides;
     if (key === "Escape") this.leave();
     else if (this.isBusy()) return;
-    else if (key === "Enter" && this.lead) this.release();
+    else if (key === "Enter" && draws) this.release();
     else {
-      if (!this.lead) this.grab(k, null, null, f);
+      if (!draws) this.grab(k, null, null, f);
       if (direction) this.nudge(direction);
       else this.head.write([["Draw a loop by the arrow keys; Enter lets go."]], this.hint());
     }
