@@ -9,6 +9,7 @@ const PHONE = "(max-width: 640px)"; // where what a number is measured from has 
 const SHORT = 420; // px, width of a pane below which these have fewer words, too
 const NOW = "now, from the grey arm";
 const RIM = 13; // px from the hand to the rim of its ring
+const BALL = 20; // px from the middle of a red ball to its rim, at most
 
 export class Callouts {
   constructor(panes, scene) {
@@ -111,8 +112,9 @@ export class Callouts {
       const stopped = isStopped(this, k);
       const ball = mark.on ? panes.seen(k, markedSpot(arm, stopped)) : null;
       room.reserved({ x: left, y: row, w: width - left, h: box.h }, () => {
-        // what stops a loop has many words: at the corner they cover neither arm nor line
-        const ways = stopped ? [inCorner(marked, label, width)] : null;
+        // what stops a loop has many words: in a corner they cover neither arm nor ball
+        const ways = stopped ? inCorners(marked, label, room) : null;
+        if (ball && stopped) room.ring(ball, BALL);
         putCallout(mark, marked, ball, 3, room, ball && (ways || aroundHand(marked, ball, room)));
         hands.forEach(put);
       });
@@ -179,10 +181,15 @@ function aboveArm({ w, h }, at, left, y, width) {
   );
 }
 
-// The upper right corner of a pane: in the row of its label, or below it.
-function inCorner({ w, h }, label, width) {
+// Corners of a pane: the upper right one, in the row of its label or below it, and the left one
+// below the label.
+function inCorners({ w, h }, label, { width }) {
   const beside = label.x + label.w + w + 16 <= width;
-  return { x: Math.max(width - w - 8, 0), y: beside ? 8 : label.y + label.h + 4, w, h };
+  const below = label.y + label.h + 4;
+  return [
+    { x: Math.max(width - w - 8, 0), y: beside ? 8 : below, w, h },
+    { x: 8, y: below, w, h },
+  ];
 }
 
 // Where a hand's callout may stand, the best first: below the hand, above it, beside it.
