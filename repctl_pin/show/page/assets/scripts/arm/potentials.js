@@ -93,16 +93,12 @@ export class CellPotentials {
   }
 
   // The point of these at which coordinate i is farthest up or down, in the range that F has there:
-  // this range, its value and its height, as beyond() gives them.
+  // its value as beyond() gives it, and its height.
   farthest(i, points, up) {
     const R = [1, 0, 0, 0, 1, 0, 0, 0, 1];
     const all = points.map((p) => this.measure({ p, R }));
     const y = all.reduce((a, b) => (up === b[i][0] > a[i][0] ? b : a));
-    const [, middle, half] = this.ranges().find(([one]) => one === i);
-    const [low, high, at] = [middle - half, middle + half, y[i][0]].map((v) =>
-      this.length(i, y, v),
-    );
-    return { low, high, at, height: this.heightOf(i, y) };
+    return { value: this.length(i, y, y[i][0]), height: this.heightOf(i, y) };
   }
 
   // A value of coordinate i where the others are y: from the axis, the base or the middle.

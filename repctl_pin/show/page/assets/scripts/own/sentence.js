@@ -61,13 +61,11 @@ export function failureWords(chain, arms, { after, reasons }) {
   return [[`${words}, at the red ball, ${alike ? `${first}${either}` : listed}.`, "bad"]];
 }
 
-// The same on the page of a cell, where F alone ends, by its edge or at a limit. The range is that
-// at the place where the loop goes farthest.
+// The same on the page of a cell, where F alone ends, by its edge or at a limit.
 export function edgeWords({ after, reasons, edge, goes }) {
-  const range = goes ? coverWords({ ...edge, ...goes }) : reasons.at(-1);
-  const why = range.replace(/^F covers/, "it covers");
+  const why = reasons.at(-1).replace(/^F covers/, "it covers");
   const far = unbroken(formatLength(after));
-  const asked = goes ? goesWords({ ...edge, ...goes }) : "";
+  const asked = goes ? goesWords(edge, goes) : "";
   return [[`F ends after the first ${far} of your loop, at the red ball: ${why}${asked}.`, "bad"]];
 }
 
@@ -86,9 +84,11 @@ export function coverWords({ name, low, high, angle, height }) {
   return `F covers ${name} ${from} to\u00a0${to}${unit}${at}`;
 }
 
-// How far a loop goes beyond that range, where its number differs from the range's.
-function goesWords({ low, high, angle, at }) {
-  const value = decimals(at, angle);
+// How far a loop goes beyond that range, where its number differs from the range's; nothing if it
+// goes there at another height, at which F has another range.
+function goesWords({ low, high, angle, at, height }, goes) {
+  if (height !== null && decimals(goes.height) !== decimals(height)) return "";
+  const value = decimals(goes.value, angle);
   const end = at > high ? inward(high, angle, -1) : inward(low, angle, 1);
   return value === end ? "" : `, your loop goes to ${value}${angle ? "°" : "\u00a0m"}`;
 }

@@ -22,7 +22,7 @@ function* stopOf(steps, loop, stroke) {
   const reasons = refusal ? from.refusals : [];
   const edge = (refusal && from.edge) || null;
   const chart = edge && edge.i < 3 && steps.laws.at(-1).parts[0];
-  // in the coordinate of the edge, and the range of F there; null if that is no position
+  // in the coordinate of the edge; null if that is no position
   const goes = chart ? chart.farthest(edge.i, stroke, edge.at > edge.high) : null;
   return { after: lengthOf([loop[0], ...trail]), reasons, edge, goes };
 }
