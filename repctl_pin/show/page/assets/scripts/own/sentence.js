@@ -10,10 +10,6 @@ const FROM = " from its start";
 const WHERE = "close to a singularity, at the red ball";
 // stands under every loop, whatever is said of it
 export const UNCHECKED = " Collisions not checked.";
-const NOT_KNOWN = [
-  " Close to a singularity, small errors of the computation grow, so the drift is not known from " +
-    "the red ball on.",
-];
 const HANDS = { 1: "the hand is", 2: "both hands are" };
 
 // {sentence, notes, part} after a number of cycles, in pieces [words, tone]; a number has for its
@@ -25,7 +21,7 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   const kept = arms.flatMap((_, k) => (lost.includes(k) ? [] : [k]));
   if (!kept.length) {
     const sentence = [[noneWords(runs, shape), "bad"]];
-    return { sentence, notes: [...notesOf(arms, runs, cycles), NOT_KNOWN], part: "hand" };
+    return { sentence, notes: [...notesOf(arms, runs, cycles), notKnown("")], part: "hand" };
   }
   const sentence = lost.flatMap((k) => lostWords(arms[k], runs[k].data));
   const context = {
@@ -42,7 +38,10 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   const found = comparison({ ...context, broken: violations.length > 0 }, shape);
   return {
     sentence: [...sentence, ...violations, ...found.sentence],
-    notes: [...notesOf(context.arms, context.runs, cycles), ...(lost.length ? [NOT_KNOWN] : [])],
+    notes: [
+      ...notesOf(context.arms, context.runs, cycles),
+      ...lost.map((k) => notKnown(` under ${aloneUnder(arms[k])}`)),
+    ],
     part: found.part,
   };
 }
@@ -112,6 +111,12 @@ function lostWords(arm, { broken }) {
   const control = capitalized(aloneUnder(arm));
   return [[`${control} fails in cycle ${broken.cycle}, ${WHERE}.`, "bad"], [" "]];
 }
+
+// Why the drift of an arm that fails is not told.
+const notKnown = (under) => [
+  ` Close to a singularity, small errors of the computation grow, so the drift${under} is not ` +
+    "known from the red ball on.",
+];
 
 function noneWords(runs, { whose }) {
   const each = runs.map(({ data: { under, broken } }, k) =>
