@@ -40,6 +40,18 @@ def test_the_direction_of_the_tool_is_said_once_for_every_task(name: str) -> Non
     assert PAGE.range_phrase(sector_of(name), tool="down").count("tool down") == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "same"),
+    [("one orientation", "pose"), ("axis", "position and tool axis"), ("position", "position")],
+)
+def test_a_function_promises_what_its_task_fixes(name: str, same: str) -> None:
+    """The axis task of a kinova, whose spin is free, was said to have the same pose."""
+    design = found(name)
+    first = str(PAGE.cell_headline(design))
+    assert first.startswith(f"Same hand {same}, same joints, however the hand gets there: ")
+    assert f"Same hand {same}, same joints" in PAGE.cell_words(design, {})
+
+
 def test_each_height_has_a_line_of_its_own() -> None:
     """55: three ranges of radius stood in one line."""
     design = found("one orientation by height")

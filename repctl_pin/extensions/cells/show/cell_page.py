@@ -40,7 +40,7 @@ from ..geometry.cell import Cell
 from ..geometry.ranges import degrees_turned, gap_phrase, range_phrase, tool_direction
 from ..geometry.sector import ANGLE, HEIGHT, RADIUS, Sector
 from .cell_loop import cell_loop
-from .cell_words import cell_uses, cell_words, reach_words, shape_word, usual
+from .cell_words import cell_uses, cell_words, reach_words, same_joints, shape_word, usual
 
 _ROUND = [0, 1, 3, 2, 0, 4, 5, 1, 5, 7, 3, 7, 6, 2, 6, 4]
 """Corners of a box, counted in binary, in an order that traces every edge."""
@@ -298,7 +298,7 @@ def _covered(design: CellDesign) -> str:
     found = design.evaluation
     ranges = range_phrase(design.cell, _reaches(design), tool=_tool(design))
     if found.everywhere:
-        return f"Same hand pose, same joints, however the hand gets there: {ranges}. "
+        return f"{same_joints(design)}, however the hand gets there: {ranges}. "
     causes = [stop for stop in design.failures if stop.cause != "collision"]
     most = max(causes, key=lambda stop: stop.share, default=None)
     why = "" if most is None else f": {most.what}"

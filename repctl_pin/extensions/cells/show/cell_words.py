@@ -31,6 +31,12 @@ def shape_word(design: CellDesign) -> str:
     return "sector" if isinstance(design.cell, Sector) else "cell"
 
 
+def same_joints(design: CellDesign) -> str:
+    """Return the promise of a function, such as "Same hand pose, same joints"."""
+    fixed = {"pose": "pose", "axis": "position and tool axis"}
+    return f"Same hand {fixed.get(design.task.kind, 'position')}, same joints"
+
+
 def cell_uses(design: CellDesign) -> dict[str, str]:
     """Explain how to use the function with another arm, in ROS 2 and as CSV, and its units.
 
@@ -90,7 +96,7 @@ def _of_the_sentences(design: CellDesign, motions: Mapping[str, Motion]) -> dict
     words = {
         f"The {shape}": f"{kind}{around}, for which the function was made{outline}"
         f"{table if shape == 'sector' else ''}.",
-        "Same hand pose, same joints": "The joints depend only on where the hand is, q = F(x), not "
+        same_joints(design): "The joints depend only on where the hand is, q = F(x), not "
         f"on the way there. Wherever the hand goes in the {shape}{covered}, at each pose it has "
         "the same joints again.",
     }

@@ -112,7 +112,7 @@ function lostWords(arm, { broken }) {
   return [[`${control} fails in cycle ${broken.cycle}, ${WHERE}.`, "bad"], [" "]];
 }
 
-// Why the drift of an arm that fails is not told.
+// Why the drift of an arm that fails is not said.
 const notKnown = (under) => [
   ` Close to a singularity, small errors of the computation grow, so the drift${under} is not ` +
     "known from the red ball on.",
