@@ -188,7 +188,7 @@ static void sector_rates(const Arm *arm, const Chart *chart, const double R[9], 
   if (M > 3) { /* A: the frame's own angular velocity per tilt */
     const double t[3] = {y[3], y[4], 0.0};
     for (int k = 0; k < 2; k++) {
-      const double unit[3] = {k == 0, k == 1, 0.0};
+      const double unit[3] = {1.0 - k, k, 0.0};
       double turn[3], base[3];
       angular(t, unit, turn);
       around(chart, chart->turn, y[1], turn, base);

@@ -9,7 +9,7 @@ import pytest
 from controls import NEEDS_C, own_cache, some  # noqa: F401
 from sectors import WIDTHS, found
 from test_codegen import AGREE, disagreement
-from test_codegen_builds import STRICT, needed, run
+from test_codegen_builds import CPP17, STRICT, needed, run
 
 import repctl_pin as rp
 
@@ -19,7 +19,7 @@ import repctl_pin as rp
 def test_sectors_in_c(name: str, tmp_path: Path) -> None:
     """Issue 37, item 9: the circle of the example loop kept the orientation, which turns with the
     sector's angle, and ended with status 3. It moves, and returns to where it began."""
-    needed("gcc")
+    needed("gcc", "g++")
     function = found(name).function
     for k, control in enumerate((function, function.inverse)):
         folder = tmp_path / str(k)
@@ -47,3 +47,10 @@ def test_its_control_steps_as_pythons(name: str) -> None:
     function = design.function
     worst, _ = disagreement(function.inverse, function(function.cell.placement), 16, spread=0.1)
     assert worst < AGREE
+
+
+def test_a_sector_in_c_is_also_cpp(tmp_path: Path) -> None:
+    """A truth value narrowed to a double is an error in clang++, and a warning in g++."""
+    needed("g++")
+    rp.export_c(found("pose").function, tmp_path, "arm")
+    run(["g++", *CPP17, *STRICT, "-fsyntax-only", "arm.c"], tmp_path)
