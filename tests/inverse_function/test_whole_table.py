@@ -16,8 +16,10 @@ from commands import refused, told
 from numpy.typing import NDArray
 
 import repctl_pin as rp
+from repctl_pin.extensions.cells import cell_command
 from repctl_pin.extensions.cells import table as tables
 from repctl_pin.extensions.cells.fit import trimming
+from repctl_pin.extensions.cells.show.cell_words import cell_words
 from repctl_pin.redundancy import leaf_margin
 
 best_cell = import_module(rp.best_cell.__module__)  # with all that it imports of ``tables``
@@ -636,6 +638,17 @@ def test_a_fit_keeps_joint_speed_below_its_limit(tmp_path: Path) -> None:
     assert kept.mean() > free.mean()  # which the mean pays for
 
 
+def said_of_itself(design: rp.CellDesign, value: float) -> bool:
+    """Whether the note on a sector compares its function with an arm locked at this value."""
+    name = design.task.joint_names[2]
+    arm = tables.locked_arms.LockedJoints((name,), (value,), 1.0, 0.0, 0.0, 0.1)
+    place = {"reach": 1.0, "rectangle": 0.01, "affordable": 0.01, "floods": [], "table": None}
+    given: Any = {"rectangles": None, "larger": None, **place}
+    table = tables.whole_table.WholeTable(design, locked=arm, **given)
+    _, (note,) = cell_command._whole_table(table, False, lambda *_: None)
+    return "covers 100 % of it" in note
+
+
 def test_a_locked_arm_is_a_function(panda_pose: rp.Task) -> None:
     """Oracle: the locked joint is constant to the last digit; the others are those of inverse
     kinematics of the arm without it, at poses to which nothing was fitted."""
@@ -662,6 +675,10 @@ def test_a_locked_arm_is_a_function(panda_pose: rp.Task) -> None:
         assert np.allclose(q, other, rtol=0, atol=1e-9)
     part = chart.between(np.array([-0.5, -1.0]), np.array([1.0, 0.3]))  # as a cut leaves it
     assert part.locked == (joint,)
+    # figures and page name the joint
+    assert found.figures()["locked joints"] == found.locked == "panda_joint3 at 0.00"
+    assert "Locked joints" in cell_words(found, {})
+    assert [said_of_itself(found, value) for value in (0.0, 0.3)] == [False, True]
     # the price is relative to J⁺, whose speed no function is below
     assert 0 < found.extra_speed < found.extra_speed_worst
     assert rp.prove(found, seconds=10)

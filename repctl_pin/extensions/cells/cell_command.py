@@ -463,7 +463,8 @@ def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.Cel
             # the locked joints were compared with the sector that was not proved
             table = table._replace(design=table.straight, locked=None, larger=None)
     text = str(table)
-    if table.locked is not None:
+    # an arm that is the design itself has its figures already
+    if table.locked is not None and table.locked.where != table.design.locked:
         text += f"; {table.locked}"
     if table.larger is not None:
         one, area = table.larger, table.area

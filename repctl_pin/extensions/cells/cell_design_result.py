@@ -65,6 +65,12 @@ _NO_BODIES = "no collision bodies"
 """Text for the body distance of a robot without bodies to compare."""
 
 
+def joint_values(names: Sequence[str], values: Sequence[float]) -> str:
+    """Write joints with their values, rad or m: ``arm_3_joint at 0.00 and arm_4_joint at 1.57``."""
+    pairs = zip(names, values, strict=True)
+    return " and ".join(f"{name} at {round(value, 2) + 0.0:.2f}" for name, value in pairs)
+
+
 @dataclass(frozen=True, eq=False)
 @read_only
 class CellDesign:
@@ -288,6 +294,7 @@ class CellDesign:
             **self._ranges(),
             "middle": self.cell.where(np.zeros(self.cell.k)),
             **self._symmetry(),
+            **self._locked_joints(),
             "posture": ", ".join(f"{v:.4g}" for v in np.round(self.posture, 4) + 0.0)
             + f" {self.task._joint_unit}",
             "degree": f"{self.degrees[-1][0]}, evaluated from {terms} terms",
@@ -347,6 +354,16 @@ class CellDesign:
         """
         sector = self.function.chart.cell
         return {"symmetry": sector.symmetry()} if isinstance(sector, Sector) else {}
+
+    @property
+    def locked(self) -> str:
+        """Joints that the function keeps constant, and their values; empty for other functions."""
+        names, joints = self.task.joint_names, self.function.chart.locked
+        return joint_values([names[j] for j in joints], [self.posture[j] for j in joints])
+
+    def _locked_joints(self) -> dict[str, str]:
+        """Return the joints that the function keeps constant as text, by display name."""
+        return {"locked joints": self.locked} if self.locked else {}
 
     def summary(self) -> str:
         """Return the figures of merit as text, one per line, under the name of the robot.

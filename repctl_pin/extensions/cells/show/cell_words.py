@@ -118,6 +118,8 @@ def _of_the_figures(design: CellDesign) -> dict[str, str]:
             "A joint that turns the whole arm, or the tool alone, changes nothing between them. So "
             "the function needs fewer coordinates."
         )
+    if design.locked:
+        words["Locked joints"] = "joints that the function keeps constant, at these values"
     return words | {
         "Posture": f"the joints in the middle of the {shape_word(design)}",
         "Degree": "of the polynomials from which the function is computed",

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from ....base.arguments import Array
 from ....model.bodies import bodies_of
-from ..cell_design_result import CellDesign
+from ..cell_design_result import CellDesign, joint_values
 from ..evaluate.reach import unlike_rows
 from ..fit.trimming import Required, near_all_round
 from ..geometry.kinematics import joined, placed
@@ -74,13 +74,16 @@ class LockedJoints(NamedTuple):
     worst: float
     area: float
 
+    @property
+    def where(self) -> str:
+        """The locked joints and their values as text."""
+        return joint_values(self.joints, self.values)
+
     def __str__(self) -> str:
-        pairs = zip(self.joints, self.values, strict=True)
-        where = " and ".join(f"{name} at {round(value, 2) + 0.0:.2f}" for name, value in pairs)
         if not self.share:
-            return f"{where} locked: covers none of it"
+            return f"{self.where} locked: covers none of it"
         return (
-            f"{where} locked: covers {100 * self.share:.0f} % of it, "
+            f"{self.where} locked: covers {100 * self.share:.0f} % of it, "
             f"+{100 * max(self.extra, 0.0):.1f} % on average, "
             f"+{100 * self.worst:.0f} % at the worst pose"
         )

@@ -205,10 +205,8 @@ class WholeTable(NamedTuple):
             f"+{100 * max(design.extra_speed, 0.0):.1f} % joint speed on average, "
             f"+{100 * max(design.extra_speed_worst, 0.0):.0f} % at the worst pose"
         )
-        locked = design.function.chart.locked
-        if locked:
-            names = " and ".join(design.task.joint_names[j] for j in locked)
-            text += f"; it is the function of the arm with {names} locked"
+        if design.locked:
+            text += f"; it is the function of the arm with {design.locked} locked"
         if self.by_height:
             text += f"; its range of radius depends on the height, and {self._one_range()}"
         if share < _MUCH:
