@@ -188,8 +188,8 @@ static void sector_rates(const Arm *arm, const Chart *chart, const double R[9], 
   if (M > 3) { /* A: the frame's own angular velocity per tilt */
     const double t[3] = {y[3], y[4], 0.0};
     for (int k = 0; k < 2; k++) {
-      const double unit[3] = {1.0 - k, k, 0.0};
-      double turn[3], base[3];
+      double unit[3] = {0.0}, turn[3], base[3];
+      unit[k] = 1.0;
       angular(t, unit, turn);
       around(chart, chart->turn, y[1], turn, base);
       turned_back(R, base, A[k]);
