@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 import repctl_pin as rp
 from repctl_pin.extensions.cells import cell_command
-from repctl_pin.extensions.cells import table as tables
-from repctl_pin.extensions.cells.fit import trimming
 from repctl_pin.extensions.cells.show.cell_words import cell_words
 from repctl_pin.redundancy import leaf_margin
 
 best_cell = import_module(rp.best_cell.__module__)  # with all that it imports of ``tables``
+tables: Any = import_module(str(best_cell.__package__))
 whole_table, windows = tables.whole_table, tables.windows
+trimming = import_module(whole_table.kept_where_good.__module__)
 
 FEW = rp.FitOptions(samples=128, held_out=256)
 
