@@ -97,6 +97,18 @@ QUICK = (
 )
 
 
+def test_vectors_outside_the_region_are_well_conditioned(tmp_path: Path) -> None:
+    """Of an arm written by hand, a torque near a singularity was 5e-9 off in C: check.c failed."""
+    inverse, q0 = CONTROLS["panda, pose, degree 4"](tmp_path)
+    rp.export_c(inverse, tmp_path, "arm")
+    text = (tmp_path / "test_vectors.h").read_text().partition("arm_vectors[")[2]
+    rows = re.findall(r"(?m)^    \{\{([-\d., e]+)\},$", text)  # without those that are not finite
+    Q = np.array([[float(number) for number in row.split(",")] for row in rows])
+    assert len(Q) > 40 and np.abs(Q - q0).max() > 1  # some are far from the start
+    J, V = inverse.task.jacobians(Q), np.swapaxes(inverse.potentials.gradients(Q), 1, 2)
+    assert np.linalg.cond(np.concatenate([J, V], axis=1)).max() < 1e3
+
+
 @NEEDS_C
 @pytest.mark.parametrize("name", [pytest.param(QUICK[0], marks=pytest.mark.as_shipped), *QUICK[1:]])
 def test_c_computes_what_python_computes(name: str, tmp_path: Path) -> None:

@@ -41,6 +41,12 @@ _GAINS = (20.0, None, 500.0, 0.0)
 _COUNT = 48
 """Number of test vectors."""
 
+_DRAWS = 100
+"""Maximum number of draws of a configuration outside the region."""
+
+_ILL_CONDITIONED = 1e3
+"""Condition number of J_V from which a configuration is drawn anew."""
+
 
 @dataclass(frozen=True, eq=False)
 @read_only
@@ -94,13 +100,12 @@ def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) ->
 def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generator) -> Vector:
     """Sample the valid test vector number k, at the configuration q (n,) or away from it.
 
-    In every sixth vector, a normal random number of standard deviation 1 rad or m is added to each
-    joint of q. Most of these configurations lie outside the region. All random numbers are drawn
+    In every sixth vector, q is moved, in most cases out of the region. All random numbers are drawn
     from ``rng``.
     """
     task = inverse.task
-    if k % 6 == 5:  # further outside
-        q = q + rng.normal(size=task.n)
+    if k % 6 == 5:
+        q = _moved(inverse, q, rng)
     near = task.placements(q + 0.01 * rng.normal(size=task.n))
     turn = 2.0 if k % 7 == 6 else 0.01
     away = tuple(_turned(x, rng.normal(size=3) * turn) for x in near)
@@ -121,6 +126,20 @@ def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generato
         gains=_gains(rng, task),
         observer=None if k % 5 == 0 else 0.1 * rng.normal(size=task.r),
     )
+
+
+def _moved(inverse: RepeatableInverse, q: Array, rng: np.random.Generator) -> Array:
+    """Add normal random numbers of standard deviation 1 rad or m to the joints q (n,).
+
+    They are drawn anew while J_V is ill-conditioned there, so that C and Python, which round
+    differently, agree to the tolerance of the vectors; after too many draws, q is not moved.
+    """
+    for _ in range(_DRAWS):
+        moved = q + rng.normal(size=len(q))
+        J, V = inverse.task.jacobian(moved), inverse.potentials.gradients(moved[None])[0]
+        if np.linalg.cond(np.vstack([J, V.T])) < _ILL_CONDITIONED:
+            return moved
+    return q
 
 
 def _bad(task: Task, found: Sequence[Vector]) -> dict[int, tuple[str, Any]]:
