@@ -390,7 +390,7 @@ def test_the_verdict_comes_first(made: Path, capsys, no_tours: None) -> None:
     assert main(command) == 0
     out = capsys.readouterr().out
     first = " ".join(out.partition("\n\n")[0].split())
-    assert first.startswith("Same hand pose, same joints, however the hand gets there: ")
+    assert first.startswith("Same hand position, same joints, however the hand gets there: ")
     assert main([*command, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     mean, worst = (said["extra_speed"], said["extra_speed_worst"])
