@@ -288,7 +288,6 @@ class CellDesign:
             if np.isnan(j.leaf_margin)
             else f"{j.leaf_margin:.3g} at the worst pose"
         )
-        terms = self.function.chart.monomials.size
         cost = f"{j.cost:.4g} ± {j.cost_error:.1g}"
         return {
             **self._ranges(),
@@ -297,7 +296,7 @@ class CellDesign:
             **self._locked_joints(),
             "posture": ", ".join(f"{v:.4g}" for v in np.round(self.posture, 4) + 0.0)
             + f" {self.task._joint_unit}",
-            "degree": f"{self.degrees[-1][0]}, evaluated from {terms} terms",
+            **self._degree(),
             "extra joint speed": speed,
             "mean ‖∂F − G_d‖²": f"{cost} (on {self.held_out} held-out poses)",
             "limit margin": margin if np.isfinite(j.limit_margin) else "no limits",
@@ -360,6 +359,12 @@ class CellDesign:
         """Joints that the function keeps constant, and their values; empty for other functions."""
         names, joints = self.task.joint_names, self.function.chart.locked
         return joint_values([names[j] for j in joints], [self.posture[j] for j in joints])
+
+    def _degree(self) -> dict[str, str]:
+        """Return the row of the degree of the fit; none with locked joints: nothing was fitted."""
+        terms = self.function.chart.monomials.size
+        degree = f"{self.degrees[-1][0]}, evaluated from {terms} terms"
+        return {} if self.locked else {"degree": degree}
 
     def _locked_joints(self) -> dict[str, str]:
         """Return the joints that the function keeps constant as text, by display name."""

@@ -1025,7 +1025,8 @@ def _designed(fit: CellFit, ranked: list[_Place], limits: Required) -> CellDesig
     raise InputError(
         f"no range of radius and height around the base of {name} was found that one function "
         f"covers at this orientation{_failed(ranked, limits)}",
-        remedy="give another orientation, or the size of a box of poses",
+        remedy="give another orientation, larger limits of extra joint speed (most_extra=), or the "
+        "size of a box of poses",
     )
 
 
