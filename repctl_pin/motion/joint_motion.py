@@ -152,12 +152,12 @@ class JointMotion:
     def worst_overspeed(self) -> tuple[float, str, float] | None:
         """Largest violation of a speed limit: (time in cycles, joint name, speed / limit), or None.
 
-        The joint is :attr:`fastest_joint`, and the ratio :attr:`speed_ratio`.
+        The ratio is :attr:`speed_ratio`.
         """
-        if not self.speed_ratio > TOO_FAST:
-            return None
-        row, _ = np.unravel_index(self._speed_shares.argmax(), self._speed_shares.shape)
-        return int(row) / self.steps, self.fastest_joint, self.speed_ratio
+        shares = self._speed_shares
+        row, joint = divmod(int(shares.argmax()), shares.shape[1])
+        ratio = float(shares[row, joint])
+        return (row / self.steps, self.task.joint_names[joint], ratio) if ratio > TOO_FAST else None
 
     @property
     def _speed_shares(self) -> Array:

@@ -17,7 +17,7 @@ from ..base.errors import InputError, SingularityError
 from ..design import Design
 from ..model.task import Task
 from ..motion import LeafLock, Motion, followed, least_closed_motion
-from ..motion.joint_motion import TOO_FAST, checked_words, cycle_of
+from ..motion.joint_motion import checked_words, cycle_of
 from ..motion.motion import ON_PATH
 from ..paths import TaskPath
 from ..strategies import Pseudoinverse
@@ -96,9 +96,9 @@ def violation_texts(row: Row) -> list[str]:
     Each text names the joint or the links; the list is empty without violations.
     """
     motion, said = row.motion, [str(violation) for violation in row.violations]
-    if motion is not None and motion.speed_ratio > TOO_FAST:
-        times = f"{motion.speed_ratio:.2g} times its speed limit"
-        said.append(f"{motion.fastest_joint} reaches {times}")
+    if motion is not None and (over := motion.worst_overspeed):
+        _, joint, ratio = over
+        said.append(f"{joint} reaches {ratio:.2g} times its speed limit")
     return said
 
 

@@ -46,7 +46,7 @@ from ...paths.winding import winding
 from ...studies.quantities import LABELS
 from ..palette import BLUE, COLOURS, GREEN, ORANGE, PURPLE, SKY, VERMILLION
 from ..text.headline import Headline, headline_of
-from ..text.motion_summary import MotionSummary, motion_summary, with_outlook
+from ..text.motion_summary import MotionSummary, in_cycle, motion_summary, with_outlook
 from ..text.part_names import hand_names, part_name
 from .body_points import body_drift
 from .html import Dialog
@@ -476,7 +476,7 @@ def _summary(
         ends=summaries[0].ends if alone else {},
         speed=float(np.linalg.norm([summary.speed for summary in summaries])),
         mean_speed=float(np.linalg.norm([summary.mean_speed for summary in summaries])),
-        path_loss=None if loss is None else (cycle_of(loss[0], track.cycles), *loss[1:]),
+        path_loss=in_cycle(loss, track.cycles),
         limit_violation=min(violations, default=None),
         overspeed=max(overspeeds, key=lambda one: one[2], default=None),
         joint_displacement=max(summary.joint_displacement for summary in summaries),

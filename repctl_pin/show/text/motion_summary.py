@@ -155,12 +155,12 @@ def motion_summary(
         off,
         motion.first_rms_speed,
         motion.rms_speed,
-        _in_cycle(motion.first_violation, motion),
+        in_cycle(motion.first_violation, motion.cycles),
         body_distance if np.isfinite(body_distance) else None,
-        _in_cycle(collision, motion),
-        _in_cycle(motion.worst_overspeed, motion),
+        in_cycle(collision, motion.cycles),
+        in_cycle(motion.worst_overspeed, motion.cycles),
         (float(turned.max()), task.joint_names[int(turned.argmax())]),
-        _in_cycle(loss, motion),
+        in_cycle(loss, motion.cycles),
         arm_length(task, first) or 1.0,
         part_name(task, first, link),
         link,
@@ -172,9 +172,9 @@ def motion_summary(
     )
 
 
-def _in_cycle(event: tuple[Any, ...] | None, motion: JointMotion) -> Any:
-    """Replace the first entry of an event, its time in cycles, by its cycle's number."""
-    return None if event is None else (cycle_of(event[0], motion.cycles), *event[1:])
+def in_cycle(event: tuple[Any, ...] | None, cycles: int) -> Any:
+    """Replace the first entry of an event, a time in cycles, by its cycle's number; None stays."""
+    return None if event is None else (cycle_of(event[0], cycles), *event[1:])
 
 
 def with_outlook(summary: MotionSummary, played: Sequence[JointMotion]) -> MotionSummary:

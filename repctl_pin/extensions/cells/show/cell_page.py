@@ -26,7 +26,6 @@ from ....base.arguments import Array, ratio_in_percent
 from ....base.certificate import below, length_below
 from ....model.bodies import bodies_of
 from ....motion import Motion, elbow
-from ....motion.joint_motion import TOO_FAST
 from ....show.page.html import Dialog, render
 from ....show.page.playback import TracedChain, playback_of, playback_page
 from ....show.page.snapshot import still_figure
@@ -268,8 +267,8 @@ def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = Non
     path = list((motions or {}).values())[-1:]
     said = [*_gap(design), _cost(design), _limits(design, path), *_bodies(design, path)]
     for motion in path:
-        if motion.speed_ratio > TOO_FAST:
-            times = f"{motion.speed_ratio:.2g} times the speed limit"
+        if over := motion.worst_overspeed:
+            times = f"{over[2]:.2g} times the speed limit"
             said.append(Span(f"On the sample path, {times}.", "bad"))
     said.append(_evidence(design))
     return Headline((_unbroken(Span(_covered(design))),), tuple(map(_unbroken, said)))

@@ -120,9 +120,10 @@ def _of_the_figures(design: CellDesign) -> dict[str, str]:
         )
     if design.locked:
         words["Locked joints"] = "joints that the function keeps constant, at these values"
+    else:
+        words["Degree"] = "of the polynomials from which the function is computed"
     return words | {
         "Posture": f"the joints in the middle of the {shape_word(design)}",
-        "Degree": "of the polynomials from which the function is computed",
         "Extra joint speed": f"joint speed of the function relative to the {usual(design)} control "
         "at the same configurations, minus 1: a mean over all directions of the hand, or the "
         "largest of a single one",
