@@ -115,7 +115,10 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **attributes: Any) -> Task
 
 
 def _columns(coefficients: Array) -> list[list[float]]:
-    """List the Chebyshev coefficients (d, k) of k series, those of each from the last to c₀."""
+    """Convert coefficients (d, k) of k Chebyshev series, c₀ first, to k lists with c₀ last.
+
+    A list has d numbers, or 2 if d is 1.
+    """
     padding = np.zeros((max(2 - len(coefficients), 0), coefficients.shape[1]))
     return np.vstack([coefficients, padding])[::-1].T.tolist()
 

@@ -208,7 +208,10 @@ class _ArmNode(Node):
         own = self.servo.task.joint_names
         given = list(own) if given is None else given
         if len(given) != len(own) or len(set(given)) != len(own):
-            raise InputError(f"parameter joints must be {len(own)} names, for {', '.join(own)}")
+            raise InputError(
+                f"the parameter 'joints' must have {len(own)} different names: those that "
+                f"{', '.join(own)} have in the messages, in this order"
+            )
         return dict(zip(given, own, strict=True))
 
     def _on_set(self, parameters: Sequence[Parameter]) -> SetParametersResult:

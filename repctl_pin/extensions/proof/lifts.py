@@ -375,7 +375,9 @@ def _sampled(
         if part <= 1:
             break
     if not boxes:
-        raise SingularityError("the start has no clearance within Ω")
+        raise SingularityError(
+            "the start is too near the boundary of Ω; choose one farther inside, or a larger Ω"
+        )
     widths, allowed = zip(*boxes, strict=True)
     return np.stack(widths, axis=1), np.stack(allowed, axis=1), length
 

@@ -458,10 +458,11 @@ def _summary(
     """Summarise a motion for the headline of the page.
 
     ``played`` has the motion of the whole task, or of each chain; ``moved`` is the most displaced
-    link, and its displacement, m. For several chains, each quantity is that of the worst chain, but
-    the joint speed is a norm over the joints of all chains, and errors and turns of the path are
-    those of ``track.motion``, which has the path. Body distances, and the displacements of end
-    effectors outside the task, are then left out: they depend on the joints of all chains.
+    link, and its displacement, m. For several chains, most quantities are those of the worst chain.
+    The joint speed is a norm over the joints of all chains. Where the frame leaves its path, and
+    how often the path winds around an axis, is that of ``track.motion``, which has the path. Body
+    distances, and the displacements of end effectors outside the task, are then left out: they
+    depend on the joints of all chains.
     """
     alone = len(played) == 1
     summaries = [motion_summary(track.label, one, moved, bodies=alone) for one in played]

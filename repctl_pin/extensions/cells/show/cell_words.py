@@ -38,9 +38,11 @@ def same_joints(design: CellDesign) -> str:
 
 
 def cell_uses(design: CellDesign) -> dict[str, str]:
-    """Explain how to use the function with another arm, in ROS 2 and as CSV, and its units.
+    """Write the help of a page: your own arm, ROS 2, CSV and units.
 
-    The result has one text per topic; the keys are the names of the topics on the page.
+    The texts say how to design such a function for another arm, how to run it in ROS 2, and how to
+    write a joint motion to a CSV file. The keys of the result are the topics as the page shows
+    them.
     """
     size = "--down" if shape_word(design) == "sector" else "--half-width 0.1"
     return {
