@@ -223,10 +223,11 @@ def _distance(design: Design, Q: Array) -> Array:
 
 
 def _defects(design: Design, Q: Array) -> Array:
-    """Evaluate the relative defect of G_d at the rows of Q (K, n): (K,), NaN at singularities.
+    """Evaluate the norm of the relative defects of G_d at the rows of Q (K, n): (K,), per rad.
 
-    The defect measures by how much G_d violates the Lie bracket condition, the condition of
-    repeatability; it is 0 where G_d satisfies the condition.
+    It measures by how much G_d violates the Lie bracket condition, the condition of repeatability,
+    whatever the units and task axes. It is 0 where G_d satisfies the condition, and NaN at
+    singularities.
     """
     found = _with_gaps(lambda Q: measure(design.desired, Q).norm[:, None], Q, 1)
     return found[:, 0]

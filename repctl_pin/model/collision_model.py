@@ -360,8 +360,8 @@ class _CollisionModel:
     def _is_nearer(self, k: int, distance: float) -> bool:
         """Test whether pair k, at the current placements, is nearer than ``distance``, m.
 
-        :meth:`_ask` was called with the same distance. The test of two hulls ends as soon as they
-        are known to be farther apart, and takes half the time of their distance.
+        Call :meth:`_ask` with the same distance first. The test of two hulls ends as soon as they
+        are known to be farther apart, and takes half as long as computing their distance.
         """
         if distance > 0 and not self._only_contact[k]:
             if k < self._own_pairs:

@@ -287,7 +287,7 @@ def test_what_is_not_understood_is_refused_by_name(
     assert "nothing was written; the first is " in text
     assert "episode_000001.parquet, row 4; " in text
     (root := fresh() / "meta" / "relative_stats.json").write_text("{}", encoding="utf-8")
-    assert "may have statistics of the replaced joints" in said(root.parents[1])
+    assert "may have statistics of the old joint values" in said(root.parents[1])
     lines = (root := fresh()) / "meta" / "episodes_stats.jsonl"
     lines.write_text(lines.read_text("utf-8").replace('"std"', '"spread"'), encoding="utf-8")
     assert "the statistic 'spread' is not known" in said(root)

@@ -67,8 +67,10 @@ def locked_function(fit: CellFit, cell: Cell, q: Array, joints: Sequence[int]) -
 
 
 def _chart(cell: Cell, U: Array, Q: Array, q: Array, joints: Sequence[int], degree: int) -> Chart:
-    """Fit q_ref to configurations Q (K, n) at U (K, k), with ``joints`` as in q (n,); n_ref holds
-    these joints.
+    """Fit the reference q_ref to configurations Q (K, n) at U (K, k), with joints locked.
+
+    ``joints`` are the indices of the locked joints, and q (n,) has their positions. The columns of
+    n_ref are the unit vectors of these joints, so F keeps the positions.
     """
     N = np.eye(cell.task.n)[:, joints]
     chart = Chart.fitted(cell, U, Q, np.broadcast_to(N, (len(Q), *N.shape)), degree)

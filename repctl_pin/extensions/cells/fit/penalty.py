@@ -183,8 +183,9 @@ class PenaltyMethod:
     rounds
         Maximum number of rounds; with 0, nothing is penalised.
     most_extra
-        Maximum extra joint speed at any node. Where penalties make a function exceed it, the weight
-        of the node rises, also in up to six further rounds.
+        Maximum joint speed at any node relative to that of G_d, minus 1 (0.05 is 5 %). Where
+        penalties make a function exceed it, the weight of the node in the cost rises; up to six
+        rounds are added to ``rounds`` for this.
     """
 
     def __init__(

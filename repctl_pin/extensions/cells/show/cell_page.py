@@ -239,7 +239,8 @@ def _tour_page(
 
     ``motions`` are (display name of the controller, motion, colour). ``joint`` is the index of the
     joint whose path is drawn, and ``name`` is the name of the path on the page. ``dialog`` has the
-    texts of the page's dialog, and ``reach`` what the arm reaches, see :func:`_cover_of`.
+    texts of the page's dialog. ``reach`` has closed lines (P, 2) of radius and height, m, around
+    all that the arm reaches. Return the page's HTML.
     """
     tracks = [playback_of(*one) for one in motions]
     way = motions[0][1].path.points()

@@ -222,8 +222,8 @@ class LeRobotData(DataSet):
             name = file.relative_to(self.file).as_posix()
             if name not in _OF_STATISTICS:
                 raise InputError(
-                    f"{file} may have statistics of the replaced joints",
-                    remedy="move it away, and compute it again for the new data set",
+                    f"{file} may have statistics of the old joint values",
+                    remedy="move it out of the folder; compute the statistics of the new data set",
                 )
 
 
