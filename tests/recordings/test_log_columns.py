@@ -76,6 +76,17 @@ def test_other_columns_are_refused_with_the_list(
         rp.audit(file, task)
 
 
+def test_two_columns_of_one_joint_are_refused_not_read_twice(
+    task: rp.Task, log: tuple, tmp_path: Path
+) -> None:
+    """The columns of the joints differ in more than the joint, and one joint has two."""
+    t, q = log
+    names = [f"{JOINTS[0]}.pos", f"{JOINTS[0]}.state", f"{JOINTS[1]}.cmd", f"{JOINTS[2]}.cmd"]
+    file = saved(tmp_path / "log.csv", ["time", *names], t, q[:, :1] + 0.1, q)
+    with pytest.raises(rp.InputError, match=f"positions of {JOINTS[0]}: {names[0]}, {names[1]}"):
+        rp.audit(file, task)
+
+
 @pytest.mark.parametrize(("unit", "count"), [("s", 1), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
 @pytest.mark.parametrize("begin", [0.0, 3000.0, 1.7e9])
 def test_units_of_time_are_told_apart(

@@ -354,9 +354,9 @@ def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], b
             for name in names:
                 forms.setdefault(name.replace(joint, "*"), []).append(name)
         whole = [names for names in forms.values() if len(names) == len(joints)]
-        if not whole and all(len(names) == 1 for names in held):
-            whole = [[names[0] for names in held]]
-        return _chosen(whole or held, joints), True
+        if not whole:
+            whole = [[_only(names, joint) for names, joint in zip(held, joints, strict=True)]]
+        return _chosen(whole, joints), True
     groups: dict[str, list[tuple[int, str]]] = {}
     for name in positions:
         if found := _NUMBERED.match(name):
@@ -364,6 +364,16 @@ def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], b
     fitting = [sorted(group) for group in groups.values() if len(group) == len(joints)]
     numbered = [[name for _, name in group] for group in fitting]
     return (_chosen(numbered, joints) if numbered else []), False
+
+
+def _only(names: Sequence[str], joint: str) -> str:
+    """Return the one column that may hold a joint's position; raise InputError if several may."""
+    if len(names) > 1:
+        raise InputError(
+            f"several columns may be the positions of {joint}: {', '.join(names)}",
+            remedy=f"rename the right one to {joint}",
+        )
+    return names[0]
 
 
 def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
@@ -379,7 +389,7 @@ def _chosen(sets: Sequence[Sequence[str]], joints: Sequence[str]) -> list[str]:
 
     best = min(map(rank, sets))
     found = [names for names in sets if rank(names) == best]
-    if len(found) > 1 or len(found[0]) != len(joints):
+    if len(found) > 1:
         listed = "; ".join(f"{names[0]} to {names[-1]}" for names in found)
         raise InputError(
             f"several columns may be the joint positions: {listed}",
