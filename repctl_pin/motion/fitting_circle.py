@@ -47,8 +47,9 @@ def fitting_circle(
     """Find a circle that a controller can follow for a cycle, within joint limits and a region.
 
     The circle starts at the frame's position at q0 (n,). The motion stays away from singularities,
-    and inside ``region``, if one is given. The result is the first circle tried on which no bodies
-    collide; if bodies collide on all of them, it is the first one with a collision.
+    0.02 rad or m away from joint limits, and inside ``region``, if one is given. The result is the
+    first circle tried on which no bodies collide; if bodies collide on all of them, it is the first
+    one with a collision.
 
     ``control`` is the controller, by default J⁺. ``radius`` is in m. By default, the radii 0.5,
     0.3, 0.2, 0.1 m and so on are tried, the largest first; radii over a seventh of the arm's length

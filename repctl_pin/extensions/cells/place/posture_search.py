@@ -94,12 +94,13 @@ def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
     """Search for configurations in the middle of the cell; return up to four, the best first.
 
     A design tries the configurations in this order. The norm of the difference of any two of them
-    is above 0.3 (rad and m). If some candidates are free of collisions in the middle, the others
-    are dropped. From each remaining candidate, the arm moves along rays to the corners. The
-    criteria are, in this order: most corners reached, no collision at these corners, largest
-    joint-limit margin, smallest joint speed. Margins above 0.1 rad or m count as 0.1. Among nearly
-    equal candidates, the one nearest to the task's reference configuration is the first. ``seed``
-    is the random seed of the configurations at which the search begins.
+    is above 0.3 (rad and m). If some of the candidates that are evaluated together are free of
+    collisions in the middle, the others of them are dropped. From each remaining candidate, the arm
+    moves along rays to the corners. The criteria are, in this order: most corners reached, no
+    collision at these corners, largest joint-limit margin, smallest joint speed. Margins above 0.1
+    rad or m count as 0.1. Among nearly equal candidates, the one nearest to the task's reference
+    configuration is the first. ``seed`` is the random seed of the configurations at which the
+    search begins.
 
     Raises
     ------
