@@ -280,11 +280,11 @@ class Proof:
         Bounds that were to be proved, the second in rad or m; None to find the largest bound that
         can be proved in the available time.
     theorem : int
-        Version of the theorem by which the boxes were bounded: "Proved, not sampled" in
-        docs/theory.md.
+        Version of the theorem with which the bounds were proved. docs/theory.md has it, under
+        "Proved, not sampled".
     excepted : tuple of str
-        Joints left out of the limit margin, because they reach their limits. Such a limit ends the
-        range of an angle of the cell that was given as ``"all"``.
+        Names of the joints that are left out of the limit margin. Each moves the frame along an
+        angle of the cell with the range ``"all"``, which ends only at the limits of this joint.
     closes : ClosingRadius, optional
         Distance from the start, or the path, within which closed paths end in the configuration
         they began in. None if it was not requested, or for a tube without a path.
@@ -415,7 +415,7 @@ class Proof:
     def _words(self, value: float) -> str:
         """Format a bound of a quantity that is never negative, such as ``> 0.12``.
 
-        A bound of 0 that was not proved states nothing, so it is written as ``no bound``.
+        If the proof failed, a bound of 0 states nothing, and the text is ``no bound``.
         """
         return self._above(value) if self.proved or value > 0 else "no bound"
 
@@ -467,8 +467,8 @@ def fingerprint(*parts: Any) -> str:
 def _describe(part: Any, pieces: list[str]) -> None:
     """Append to ``pieces`` the texts that describe a part of a fingerprint, in order.
 
-    A part is a number, a text, None, an array, or a sequence of parts, put in brackets.
-    Equal numbers of different types give the same text.
+    A part is a number, a text, None, an array, or a sequence of parts. An array or a sequence gives
+    ``[``, the texts of its entries, and ``]``. Equal numbers of different types give the same text.
     """
     if isinstance(part, np.ndarray) and part.ndim and part.dtype == float:
         _describe_numbers((part + 0.0).tolist(), part.ndim, pieces)

@@ -282,7 +282,10 @@ class CsvTable(Table):
         return names
 
     def column(self, name: str) -> Column:
-        """Read a column: whole numbers as integers, else numbers, else text as objects."""
+        """Read a column as an array (K,) of integers, doubles or texts (type object).
+
+        It has integers if all cells are whole numbers, doubles if all are numbers, else texts.
+        """
         at = self.names.index(name)
         cells = [row[at] for _, row in self.rows()]
         for kind in (np.int64, float):
@@ -671,10 +674,10 @@ def _flat(column: Any) -> Any:
 def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
     """Return the metadata to write with a changed Parquet ``table``; None if it had none.
 
-    ``old`` is the table before the change. The library ``datasets`` stores a description of each
-    column, its feature, in the metadata, and ignores features, or refuses a file, that do not match
-    the columns. So the features of removed columns are removed, and those of new columns are added;
-    if the numbers of a column became doubles, its feature says so.
+    ``old`` is the table before the change. In the metadata, the library ``datasets`` stores a
+    description of each column, its feature. If the features do not match the columns, ``datasets``
+    ignores them or refuses the file. So the features of removed columns are removed, and features
+    of new columns are added. If the numbers of a column became doubles, its feature is changed.
     """
     metadata = old.schema.metadata
     if not metadata or b"huggingface" not in metadata or table.schema.equals(old.schema):
@@ -692,7 +695,11 @@ def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
 
 
 def _value_of(feature: Any) -> Any:
-    """Return the part of a feature that describes one number: the innermost, if it is a list."""
+    """Return the innermost part of a feature, the dictionary that describes one number.
+
+    A feature is the description of a column by the library ``datasets``. For a column of lists, it
+    contains the feature of the items.
+    """
     if isinstance(feature, list):
         return _value_of(feature[0])
     return _value_of(feature["feature"]) if "feature" in feature else feature

@@ -198,11 +198,11 @@ def unknown(
 
 
 def _near(name: str, names: Mapping[str, str]) -> list[str]:
-    """Find up to four names to suggest for ``name``, which is unknown; none if none is alike.
+    """Find up to four names to suggest for the unknown ``name``; an empty list if none is similar.
 
     ``names`` maps each known spelling to the name that is suggested for it; an alias maps to the
-    name that it stands for. Suggestions are those of spellings that contain ``name``, begin with
-    it, or are alike.
+    name that it stands for. Spellings that begin with ``name`` or, if it has more than two letters,
+    contain it give the first suggestions. Spellings that resemble ``name`` give the next ones.
     """
     written = name.strip().lower()
     folded = {k.lower(): v for k, v in names.items()}

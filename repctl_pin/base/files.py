@@ -68,10 +68,10 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
 def written_together(folder: Path) -> Iterator[Path]:
     """Context manager: yield a temporary folder, and finally move its contents to ``folder``.
 
-    The files are moved after the block, once all targets are checked; of several processes, one at
-    a time moves its files. If the block raises an exception, the files in ``folder`` are unchanged.
-    A subfolder is moved as a whole. A symbolic link in ``folder`` is replaced, instead of the file
-    that it leads to.
+    After the block, all targets are checked, and then the files are moved. Only one process at a
+    time moves files into ``folder``. If the block raises an exception or a target is refused, the
+    files in ``folder`` are unchanged. A subfolder is moved as a whole. A symbolic link in
+    ``folder`` is replaced, instead of the file that it leads to.
 
     Raises
     ------

@@ -94,9 +94,9 @@ def _drawn(
     """Draw the motions ``tracks`` of one robot on a page.
 
     ``more`` are options of ``playback_page``: ``name`` is the display name of the path, ``paths``
-    are the paths to draw, and ``own`` has the start, joints and potentials with which the page
-    follows a path that its visitor draws. Return the HTML of the page, the task, the number of
-    cycles, and the drift after each cycle (cycles,), rad or m, by controller.
+    are the paths to draw, and ``own``, from :func:`own_loop`, has the numbers with which the page
+    follows a path that its visitor draws; None if it cannot. Return the HTML of the page, the task,
+    the number of cycles, and the drift after each cycle (cycles,), rad or m, by controller.
     """
     from ..show.page.playback import playback_page, traced_chains
     from ..studies.quantities import KEYS

@@ -265,9 +265,10 @@ def _check(options: Options, degree: Any) -> None:
 def _problem(options: Options, degree: Any) -> rp.Problem:
     """Make the problem to design for, from the options.
 
-    With ``--path``, the problem has no region yet: it becomes a tube around the motion. Without a
-    path, its region Ω is a box of joints around the start, cut at the joint limits. ``degree`` is
-    ``auto`` or a number; InputError is raised if this degree requires too many polynomials.
+    With ``--path``, the problem has no region yet; the design later takes a tube around the motion
+    as Ω. Without a path, the region Ω is a box of joints around the start, cut at the joint limits.
+    ``degree`` is ``auto`` or a number; InputError is raised if this degree requires too many
+    polynomials.
     """
     from ..studies.design_choice import check_degree
 

@@ -245,9 +245,9 @@ def _timed_result(rest: rp.TimedMotion) -> dict[str, Any]:
     """Collect the figures of the motion ``rest``, timed from rest to rest.
 
     ``duration`` is the time of all cycles, s. ``cycle_time`` is that of a steady cycle, s, or the
-    mean if there are fewer than three cycles. ``slowed_by`` is None: the motion was timed instead.
-    ``stops`` is the number of stops per cycle, and ``peak_speed`` the maximum norm of q̇, rad/s or
-    m/s. The caller overwrites the figures of the motion before it was timed with these.
+    mean if there are fewer than three cycles. ``slowed_by`` is None, because the motion was timed
+    instead of slowed down. ``stops`` is the number of stops per cycle, and ``peak_speed`` the
+    maximum norm of q̇, rad/s or m/s. The caller replaces the figures of :func:`_result` by these.
     """
     return {
         "duration": rest.duration,
@@ -406,8 +406,8 @@ def _made(options: Options, say: Callable[[str], None]) -> _Case:
 def _nearest(options: Options, problem: rp.Problem, say: Callable[[str], None]) -> _Case:
     """Design the repeatable inverse nearest to J⁺ for the path; return it as the case to follow.
 
-    Its region Ω is a tube around the motion on the path. If the design fails at the default start,
-    another start may replace it.
+    Its region Ω is a tube around the motion on the path. Without ``--start``, several default
+    starts are tried; the ``problem`` of the result has the start that was used.
     """
     from ..studies.around_motion import design_for, shrunk_note, timed_cycle
 
@@ -490,8 +490,8 @@ def _result(slowed: rp.Motion, followed: _Followed, q0: Any) -> dict[str, Any]:
 def _text(result: dict[str, Any], slowed: rp.Motion, searched: list[str], files: list[Path]) -> str:
     """Make the report of a motion as text, from its figures ``result``, by key as in ``--json``.
 
-    A warning on leaving Ω, and ``searched``, the lines on the leaf that --best-leaf found, come
-    first. ``slowed`` is the motion, and ``files`` are the written files.
+    The text begins with a warning if the motion leaves Ω, followed by ``searched``: lines on the
+    leaf that --best-leaf found. ``slowed`` is the motion, and ``files`` are the written files.
     """
     from ..show.text.table import outside_words
 

@@ -172,8 +172,9 @@ def _text(found: Mapping[str, Any]) -> str:
 def _chains(found: Mapping[str, Any]) -> list[str]:
     """Format the joints of kinematic chains, and r by task kind: two lines per chain.
 
-    The chains are those of the listed frames that have as many joints as the chain of the default
-    frame, each once. ``found`` has the contents of the file by key, as in ``--json``.
+    A chain is shown if it moves a frame in ``found``, and has as many joints as the chain of the
+    default frame. If it moves several frames, it is shown once, for the first of them. ``found``
+    has the contents of the file by key, as in ``--json``.
     """
     frames = found["frames"]
     lines: list[str] = []

@@ -91,10 +91,10 @@ class Options(argparse.Namespace):
         return choose_task(robot or self.load_robot(), *self.asked_frames())
 
     def problem(self, robot: rp.Robot | None = None, **parts: Any) -> rp.Problem:
-        """Make the problem that the options describe: task, start, path and region.
+        """Make the problem that the options describe: task, start and path.
 
-        ``parts`` are arguments of :class:`Problem` that replace those of the options, such as
-        ``path=False``.
+        ``parts`` are further arguments of :class:`Problem`, such as ``region=``. They replace those
+        of the options, as ``path=False`` does.
         """
         frame, kind = self.asked_frames()
         asked = {
@@ -217,10 +217,11 @@ class Options(argparse.Namespace):
     def asked_path(self) -> Any:
         """Parse ``--path``: one path, or one per frame, separated by commas.
 
-        Return the argument ``path`` of :class:`Problem`: a text, or with several frames a list with
-        one text per frame, or None for a frame that does not move. A single path belongs to the
-        first frame. The word ``hold`` gives None. A single CSV file stays a text, because it names
-        the frames that move.
+        Return the argument ``path`` of :class:`Problem`, or None without ``--path``. For one frame,
+        it is the text of the option. For several frames, it is a list with one entry per frame: the
+        text of its path, or None for the word ``hold``, with which the frame does not move. A
+        single path is that of the first frame; the other frames do not move. A single CSV file
+        stays a text, because it names the frames that move.
         """
         path = getattr(self, "path", None)
         frames, paths = _listed(self.frame), _listed(path)
@@ -375,10 +376,11 @@ def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
 
 
 def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
-    """Replace the remedy of an error on a singular Ω by one with options; return the error.
+    """Replace the remedy of an error on a singular Ω by command-line options; return this error.
 
-    The library's remedy names arguments of Python functions. With ``shrink``, the remedy is
-    --shrink, which the command must have; otherwise it is a smaller --region.
+    The library's remedy names arguments of Python functions. If no region without a singularity was
+    found, the new remedy is another --start or a smaller --region. If one was found, it is --shrink
+    with ``shrink``, for a command that has this option, else --region with a half-width.
     """
     from ..studies.around_motion import half_width_within
 

@@ -50,8 +50,8 @@ class _Derivative:
     dG : (K, n, m, n) array
         ``[:, i, a, k] = ∂G[i, a]/∂q[k]``.
     error : (K, n) array
-        Estimated maximum error of the entries of ∂G/∂q_k, for each joint k. Rows of G that belong
-        to prismatic joints are in arm lengths.
+        Estimated maximum error of the entries of ∂G/∂q_k, for each joint k. For this maximum, the
+        rows of prismatic joints are divided by the arm length, in m.
     exact : bool
         True if a formula was evaluated, so that all errors are rounding errors.
     """

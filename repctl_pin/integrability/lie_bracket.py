@@ -68,8 +68,8 @@ class _Defects:
     delta : (K, m, m, n) array
         Δ_ab, in the joints' units per unit of task coordinate a and of b.
     relative : (K, m, m, n) array
-        Relative defects Λ_cd, per rad, which do not depend on units and task axes: those of an
-        orthonormal basis of G's column space.
+        Relative defects Λ_cd, per rad: the defects of pairs c, d of vectors of an orthonormal basis
+        of G's column space. They do not depend on units and task axes, see :func:`measure`.
     error : (K,) array
         Estimated error of :attr:`norm`, the norm (K,) of the relative defects, which follows from
         the error of ∂G/∂q.
@@ -130,10 +130,10 @@ def bracket_defect(strategy: Inverse, q: ArrayLike, *, relative: bool = False) -
     """Evaluate the defects ``Δ_ab = (I − G J) [g_a, g_b]`` for all a < b (4), (5), (24).
 
     Δ_ab is the drift, per area, of a small loop of the frame along the task coordinates a and b. An
-    inverse is repeatable in a region if and only if all defects are 0 throughout it. They are exact
-    for J⁺ and for J⁺ with a constant weight (from the kinematic Hessian), and for a repeatable
-    inverse whose potentials have second derivatives. Otherwise they are computed by extrapolated
-    differences.
+    inverse is repeatable in a region if and only if all defects are 0 throughout it. The values are
+    exact for J⁺ and for J⁺ with a constant weight (from the kinematic Hessian), and for a
+    repeatable inverse whose potentials have second derivatives. Otherwise they are computed by
+    extrapolated differences.
 
     Parameters
     ----------

@@ -157,9 +157,9 @@ def is_repeatable(
 
 
 def points_of(region: Region, strategy: Inverse, samples: int, seed: int) -> Array:
-    """Sample at least ``samples`` configurations of a region: (K, n).
+    """Sample at least ``samples`` configurations of a region, at which to test an inverse: (K, n).
 
-    The inverse ``strategy`` is tested at them. The same seed gives the same configurations.
+    The same seed gives the same configurations.
 
     Raises
     ------

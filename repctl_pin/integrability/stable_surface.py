@@ -261,10 +261,10 @@ def _search(strategy: Inverse, function: _Surface, region: Region, Q: Array) -> 
 
 
 def _improved(strategy: Inverse, function: _Surface, Q: Array, step: Array, size: Array) -> Array:
-    """Move Q (K, n) by 1, 1/2, …, or 1/16 of ``step`` (K, n), to the smallest ‖s‖: (·, n).
+    """Move each row of Q (K, n) by the fraction of its ``step`` (K, n) with the smallest ‖s‖.
 
-    ``size`` (K,) is ‖s‖ at Q, and ``function`` evaluates s. Rows for which no fraction of the step
-    reduces ‖s‖ are left out.
+    The fractions 1, 1/2, 1/4, 1/8 and 1/16 are tried. ``size`` (K,) is ‖s‖ at Q, and ``function``
+    evaluates s. Return the moved rows (·, n), without those for which no fraction reduces ‖s‖.
     """
     trials = Q[:, None] + 0.5 ** np.arange(5)[:, None] * step[:, None]  # (K, 5, n)
     norms = _norms(strategy, function, trials.reshape(-1, Q.shape[1])).reshape(len(Q), -1)
@@ -325,7 +325,7 @@ def _rates(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Arra
 
 
 def _departure(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, Array]:
-    """Follow G from points Q (K, n) with s = 0 in every task direction, and evaluate the final ‖s‖.
+    """Start at points Q (K, n) on s = 0, follow G in every task direction, and evaluate ‖s‖.
 
     The directions are both directions of each task coordinate, and one in which all coordinates
     change equally. Return two numbers per row of Q, (K,) each: the maximum ‖s‖ at the ends of these

@@ -171,9 +171,9 @@ class BodyBounds:
         """Compute lower bounds on the distances of all P pairs at Q (K, N): (K, P), m.
 
         Q has a value per joint of the model. Bounding boxes give tighter bounds than spheres, but
-        take longer. At each configuration, they are used only for pairs whose bound from the
-        spheres is below a limit: half the distance of the two centres of that pair whose centres
-        are closest. The same is written in C, body_bounds.c, which is used if it was built.
+        take longer. So they are used only for pairs whose bound from the spheres is small: less
+        than d/2, where d is the smallest distance between the two centres of any pair at that
+        configuration. The C code in body_bounds.c does the same, and is used if it was built.
         """
         native = library()
         if native is not None:
@@ -401,8 +401,8 @@ class KnownApart:
         Measuring takes longer than a test for contact, but can save further tests. It is worth the
         time if the pair moves little from test to test. So the result is True if two conditions
         hold. By the bounds ``reach``, the distance has changed by less than 5 cm since the pair's
-        last test. And the credit of the pair is above 0: at most eight, it falls by 1 with each
-        measurement, and rises by 1 with each test that a stored distance saved.
+        last test. And the credit of the pair is above 0. The credit begins at 8, its maximum. It
+        falls by 1 when the result is True, and rises by 1 when a stored distance saves a test.
         """
         last, self._tested[pair] = self._tested.get(pair), q
         near = last is not None and float(np.abs(q - last) @ self._reach[pair]) < _NEARBY

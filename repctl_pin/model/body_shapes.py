@@ -193,7 +193,7 @@ def _too_large(size: float) -> str:
 def collide(
     one: BodyShape, here: coal.Transform3s, other: BodyShape, there: coal.Transform3s
 ) -> bool:
-    """Test whether two bodies intersect, or one contains a part of the other.
+    """Test whether two bodies intersect, or one contains a connected part of the other.
 
     ``one`` is placed at ``here``, ``other`` at ``there``.
     """
@@ -207,8 +207,9 @@ def collide(
 def contains(
     outer: BodyShape, here: coal.Transform3s, inner: BodyShape, there: coal.Transform3s
 ) -> bool:
-    """Test whether ``outer`` contains a part of ``inner``; their surfaces must not intersect.
+    """Test whether ``outer`` contains a connected part of ``inner``.
 
+    Call it only for bodies whose surfaces do not intersect: one point of each part then decides.
     ``outer`` is placed at ``here``, ``inner`` at ``there``. The result is False if ``outer`` has no
     interior, see :attr:`BodyShape.interior`.
     """

@@ -193,7 +193,9 @@ class _Search:
 
         ``undecided`` is two index arrays, of the pairs and of the pieces on which bounds do not
         decide. Piece k is the motion from sample ``rows[k]`` to ``rows[k + 1]``. At most 4000
-        distances are measured. After a collision, only an earlier one is sought.
+        distances are measured. After a collision, only an earlier one is sought. The minimum
+        distance, the first collision and the pairs that stay undecided are stored for
+        :meth:`found`.
         """
         self._left, self._undecided = _MOST, []
         pairs, pieces = undecided
@@ -239,11 +241,12 @@ class _Search:
         self._undecided.append(pair)
 
     def test_samples(self, rows: NDArray[np.intp]) -> None:
-        """Measure all pairs at samples ``rows`` (R,), in the cases that pieces do not decide.
+        """Test all pairs at samples ``rows`` (R,) too, if the search on pieces was not complete.
 
-        There are three cases. A collision was found: the search then stopped looking for later
-        ones, and the distances at the samples must show them. A collision-only pair stayed
-        undecided. The motion has one sample, hence no pieces. Otherwise nothing is done.
+        It was not complete in three cases. A collision was found, so that the search skipped later
+        ones. A collision-only pair stayed undecided. Or the motion has one sample, hence no pieces.
+        In other cases nothing is done. The minimum distance, the first collision and the distances
+        at the samples are updated.
         """
         undecided = not self._measured[self._undecided].all()
         if self._touch < np.inf or undecided or len(rows) == 1:
@@ -304,9 +307,10 @@ class _Search:
         return lower > least * measured
 
     def _measure(self, pair: int, at: float) -> float:
-        """Measure the distance of any pair at the position ``at``, m; below 0 in a collision.
+        """Measure and record the distance of a pair at position ``at``, m; negative in a collision.
 
-        A collision-only pair has its exact distance here, too.
+        The pair can be a collision-only pair. Its distance is returned, but only a collision is
+        recorded.
         """
         self._left -= 1
         self._points += 1

@@ -99,11 +99,12 @@ class _CollisionModel:
     pairs : (P, 2) array
         Indices of the two bodies of each checked pair, measured or for collisions only; pairs of
         the robot's own bodies first.
-    measured, only_contact, adjacent, disabled, touching : tuples of (str, str)
-        Pairs of links: with a distance; checked for collisions only; and not checked, because a
-        joint connects them, because the SRDF disables them, or because they collide at every
-        sampled configuration. The details are those of :class:`Bodies`, where ``measured`` is
-        called ``pairs``.
+    measured, only_contact : tuples of (str, str)
+        Pairs of links whose distance is measured, and pairs checked for collisions only.
+    adjacent, disabled, touching : tuples of (str, str)
+        Pairs of links that are not checked. The first tuple has those that a joint connects, the
+        second those that the SRDF disables, and the third those that collide at every sampled
+        configuration. :class:`Bodies` has the details, and calls ``measured`` ``pairs``.
     """
 
     def __init__(self, task: Task) -> None:
@@ -160,9 +161,9 @@ class _CollisionModel:
     def nearer(self, Q: Array, distance: float, among: _Mask | None = None) -> NDArray[np.bool_]:
         """Test at every row of Q (K, N) whether any two bodies are nearer than a distance, m: (K,).
 
-        This takes a fraction of the time of the minimum distances, because the first pair that is
-        nearer ends the test. ``among`` (P,) is a mask of the pairs to test; by default, all are
-        tested.
+        A collision-only pair counts only if it collides. This takes a fraction of the time of the
+        minimum distances, because the first pair that is nearer ends the test. ``among`` (P,) is a
+        mask of the pairs to test; by default, all are tested.
         """
         found = np.zeros(len(Q), bool)
         for start, block, bounds in self._bounded(Q) if len(self.pairs) else ():
@@ -325,11 +326,12 @@ class _CollisionModel:
         return np.where(self._only_contact & (bounds >= 0), np.inf, bounds)
 
     def _least(self, q: Array, bounds: Array, measure: Callable[[int], float]) -> tuple[float, int]:
-        """Compute the minimum distance at q (N,), m, and the index of its pair; else inf and −1.
+        """Compute the minimum distance at q (N,), m, and the index of its pair.
 
         ``measure`` is a function: index of a pair → its distance. Pairs are measured in order of
         their lower ``bounds`` (P,), until no bound is below the minimum found. ``bounds`` is
-        changed: it becomes inf for each pair that is measured.
+        changed: it becomes inf for each pair that is measured. If all distances are inf, return inf
+        and −1.
         """
         self._move(q)
         best, at = np.inf, -1
@@ -540,8 +542,8 @@ class _CollisionModel:
 
         Links joined by a joint are not checked. Pairs that the SRDF disables, or with one joint
         between them, are checked for collisions only. Pairs of these two kinds are not checked at
-        all if they collide at the reference pose or at a quarter of the sampled configurations. See
-        also :class:`Bodies`.
+        all if they collide at the reference pose, or at a quarter or more of the sampled
+        configurations. See also :class:`Bodies`.
         """
         self._measure(self._moving_pairs(task.robot.description.path))
         joined = {frozenset((joint.parent, joint.child)) for joint in task.robot.description.joints}
@@ -619,7 +621,7 @@ class _CollisionModel:
         return np.concatenate([inner, outer]).astype(np.intp)
 
     def _are_in(self, links: set[frozenset[str]]) -> _Mask:
-        """Return a mask (P,): True for two of the robot's bodies on one of the pairs of ``links``.
+        """Return a mask (P,) of the pairs of bodies whose two links are one of the sets ``links``.
 
         It is False for all pairs with the surroundings.
         """
@@ -677,7 +679,8 @@ class _CollisionModel:
         -------
         Three arrays (P,), each with one value per pair of links, repeated for all pairs of bodies
         on these links: whether the links collide at the reference pose, the share of configurations
-        at which they collide, and whether their hulls overlap at all configurations.
+        at which they were found to collide, and whether their hulls overlap at all configurations.
+        For pairs that are not in ``near``, the share says only whether it is 1.
         """
         Q = _sample_configurations(task)
         link_pair = self._link_pairs()

@@ -163,9 +163,9 @@ def arm_ends(description: Description) -> list[_Body]:
 def _ends(root: _Body, *, whole: bool) -> list[_Body]:
     """List the bodies at which a branch of the tree ends, from ``root`` on, in the file's order.
 
-    These are bodies without branches, tools with a hanging load, and hands: bodies with fingers. If
-    the ``whole`` robot is a finger, because every joint is named as one, it has no hand, and ends
-    at its tip.
+    These are bodies without branches, tools with a hanging load, and hands: bodies with fingers.
+    ``whole`` is True if every joint is named as a finger, so that the whole robot is a finger. The
+    search then does not end at hands, but goes on to the tip.
     """
     ends, todo = [], [root]
     while todo:

@@ -116,8 +116,9 @@ class _JointTree:
     base : CarriedFrame or None
         The link relative to which the frames are controlled; None for the root.
     first : (n,) array of int
-        Index of the first joint that each entry of q drives: the joint itself, or one that mimics
-        it. For a task of one frame, only joints on the path to the frame count.
+        Index, in the tree, of one joint that each entry of q drives: the joint itself, or one that
+        mimics it. For a task of one frame, it is the first one on the path from the base to the
+        frame; for several frames, the one with the lowest index.
     riding : dict of str to int
         Index of the joint that carries each link, by link name; −1 for a link fixed to the root.
     """

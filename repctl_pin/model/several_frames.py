@@ -243,10 +243,10 @@ class SeveralFrames(Task):
 
 
 def of_singles(task: Task, q: ArrayLike) -> list[tuple[Task, Array]]:
-    """Split a task into pairs of a task of one frame and the q of the joints that move this frame.
+    """Split a task into tasks of one frame each, and q into the joints that move each frame.
 
-    q (n,) is the configuration of the whole task. A task of one frame is returned unchanged, with
-    q.
+    q (n,) is the configuration of the whole task. Return a list of pairs (task of one frame, its
+    q), in the order of the frames. For a task of one frame, the only pair is (task, q).
     """
     if not isinstance(task, SeveralFrames):
         return [(task, np.asarray(q, float))]

@@ -39,11 +39,11 @@ from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_be
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
-    """Return the remedy in an error message on joint values that may have been given in degrees.
+    """Write a remedy for joint values outside their limits, which may have been given in degrees.
 
-    The remedy is to give ``joints`` (n,), the user's values converted to rad (unchanged for
-    prismatic joints). The text is empty if one of them is outside its limits, ``lower`` and
-    ``upper`` (n,), rad or m.
+    ``joints`` (n,) are the user's values converted from degrees to rad; those of prismatic joints
+    are unchanged. If all converted values are within the limits ``lower`` and ``upper`` (n,), rad
+    or m, the text tells the user to give these values. Otherwise it is empty.
     """
     if not ((joints >= lower) & (joints <= upper)).all():
         return ""

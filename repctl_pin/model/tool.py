@@ -46,7 +46,7 @@ class ToolTask(Task):
     link : str
         Link that carries the tool.
     tool : pinocchio.SE3
-        Placement T of the tool in the link's frame.
+        Placement of the tool in the frame of ``link``.
     """
 
     link: str

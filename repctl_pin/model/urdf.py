@@ -208,9 +208,10 @@ def check_surroundings(description: Description) -> Description:
 
 
 def _still_notes(elements: Mapping[str, etree._Element]) -> list[str]:
-    """Return a list of one note, a text on the joints with the speed limit 0, read as no limit.
+    """Return a note on the joints whose speed limit is 0, which is read as no limit.
 
-    ``elements`` are the XML elements of the joints, by name. The list is empty without such joints.
+    The result is a list of one text; it is empty without such joints. ``elements`` are the XML
+    elements of the joints, by name.
     """
     still = [repr(name) for name, element in elements.items() if _no_speed(element)]
     return [f"speed limit 0 of joint {', '.join(still)} read as no limit"] if still else []
@@ -307,7 +308,10 @@ def _joint(
 
 
 def _no_speed(element: etree._Element) -> bool:
-    """Test whether a moving joint has the speed limit 0, which exporters write for no limit."""
+    """Test whether a joint's speed limit is 0, which exporters write for no limit.
+
+    The result is False for a fixed joint, and for a joint without a speed limit in the file.
+    """
     limit = element.find("limit")
     moves = element.get("type") not in ("fixed", None) and limit is not None
     return moves and limit.get("velocity") is not None and number(limit, "velocity") == 0
@@ -381,7 +385,8 @@ def _fix_still_followers(robot: etree._Element, notes: list[str]) -> None:
 def _degrees(joints: tuple[Joint, ...]) -> list[str]:
     """Return a note on revolute joints with a limit beyond two turns, possibly in degrees.
 
-    The result is a list of one text, on the largest such limit, or of none.
+    The result is a list of one text, which names the largest such limit. It is empty if no limit
+    is beyond two turns.
     """
     far = {}
     for joint in joints:
@@ -401,9 +406,9 @@ def _degrees(joints: tuple[Joint, ...]) -> list[str]:
 def _millimetres(robot: etree._Element, root: str) -> list[str]:
     """Return a note on joints over 20 m from the joint before them, possibly in millimetres.
 
-    The result is a list of one text, on the largest such distance, or of none. A single such joint
-    is ignored, and so are joints on the link ``root``: the robot can stand far from the root of its
-    file.
+    The result is a list of one text, which names the largest such distance. It is empty if there
+    are fewer than two such joints. Joints on the link ``root`` are not counted, because the robot
+    can stand far from the root of its file.
     """
     long = {}
     for joint in robot.findall("joint"):
@@ -425,7 +430,8 @@ def _for_pinocchio(robot: etree._Element, joints: tuple[Joint, ...]) -> str:
 
     ``joints`` are those that were read from the element ``robot``, in the same order; their axes
     and limits replace those of the file, and continuous joints become revolute ones. Visual and
-    collision shapes, materials and dynamics are removed. ``robot`` is changed likewise.
+    collision shapes, materials and dynamics are removed. These changes are made in ``robot``
+    itself.
     """
     for joint, element in zip(joints, robot.findall("joint"), strict=True):
         effort = [float(limit.get("effort") or 0) for limit in element.findall("limit")]
@@ -514,7 +520,10 @@ def _few(joints: Collection[str]) -> str:
 
 
 def _drop_colors(robot: etree._Element, notes: list[str]) -> None:
-    """Remove colours that are not four numbers, which Pinocchio ignores; add a note on each."""
+    """Remove the colours in ``robot`` that are not four numbers; add a note on each.
+
+    Pinocchio ignores such colours.
+    """
     for color in list(robot.iter("color")):
         words = color.get("rgba", "0 0 0 0").split()
         if len(words) != 4 or any(finite(word) is None for word in words):
@@ -589,10 +598,11 @@ def _split_joints(robot: etree._Element, notes: list[str]) -> frozenset[str]:
 
 
 def _planar(axis: tuple[float, float, float]) -> tuple[_Step, ...]:
-    """Return (suffix, type, axis) of the three joints that replace a planar joint.
+    """Return the three joints that replace a planar joint, each as (name suffix, type, axis).
 
-    ``axis`` is the unit normal of the plane. Two joints are prismatic, along directions in the
-    plane (x and y if the normal is z); the third is continuous, about the normal.
+    ``axis`` is the unit normal of the plane. The suffixes are ``x``, ``y`` and ``yaw``, in this
+    order. The first two joints are prismatic, along directions in the plane (x and y if the normal
+    is z); the third is continuous, about the normal.
     """
     a = np.array(axis)
     u = np.eye(3)[(int(np.argmax(np.abs(a))) + 1) % 3]

@@ -215,8 +215,8 @@ def _check_names(elements: Sequence[etree._Element]) -> None:
 def _check_numbers(element: etree._Element) -> None:
     """Check the numbers of an element, and raise UrdfError for the first violated rule.
 
-    Required ones must be present, all must be finite, and sizes, masses and limits of rates must
-    not be negative. A mesh must have a filename.
+    Required numbers must be present, and all must be finite. Sizes, masses, and limits of effort,
+    speed, acceleration, deceleration and jerk must not be negative. A mesh must have a filename.
     """
     for attribute in _NUMBERS.get(element.tag, {}):
         values = numbers(element, attribute)
@@ -232,9 +232,11 @@ def _check_numbers(element: etree._Element) -> None:
 
 
 def _check_body(link: etree._Element) -> None:
-    """Raise UrdfError unless a link's inertia and shapes are complete.
+    """Raise UrdfError if the inertia or a shape of a link lacks a part.
 
-    Pinocchio silently ignores incomplete ones.
+    An ``<inertial>`` must have ``<mass>`` and ``<inertia>``. A visual or collision must have a
+    ``<geometry>`` with a known shape, and a capsule a radius and a length. Pinocchio silently
+    ignores incomplete inertias and shapes.
     """
     for inertial in link.findall("inertial"):
         for tag in ("mass", "inertia"):

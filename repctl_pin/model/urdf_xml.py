@@ -53,13 +53,14 @@ def parse(data: bytes, notes: list[str]) -> etree._Element:
         Content of the file.
     notes
         List to which a text is added per kind of ignored content, which Pinocchio ignores too: an
-        unknown XML version, undeclared prefixes, leftover xacro, zero bytes at the end.
+        unknown XML version, undeclared prefixes, leftover xacro elements, NUL bytes at the end.
 
     Raises
     ------
     UrdfError
-        If the bytes are not XML, are another kind of XML, contain unexpanded xacro, or exceed the
-        limits on nesting and attributes.
+        If the bytes are not XML, are another kind of XML, such as a xacro file, or exceed the
+        limits on nesting and attributes; or if an attribute contains ``${…}`` or ``$(…)``, which
+        xacro would have replaced.
     """
     whole = data.rstrip(b"\0") if not data.startswith(_UTF16) else data
     if whole != data:
@@ -223,7 +224,10 @@ def _plain(element: etree._Element) -> etree._Element:
 
 
 def bad(element: etree._Element, what: str) -> UrdfError:
-    """Create the error ``line N: label: what``: the element, see :func:`label`, and its fault."""
+    """Create the error ``line N: label: what``, where ``what`` is the fault of the element.
+
+    The label is the element's name in messages, such as ``joint 'elbow'``.
+    """
     return UrdfError(f"{line(element)}: {label(element)}: {what}")
 
 

@@ -4,10 +4,10 @@ A self-motion is a curve of configurations with the frame at one pose. A repeata
 potentials h keeps the arm on a leaf, the set h(q) = c. Each start selects a leaf, and so the joint
 path of all cycles. The leaf margin ``σ_min(Nᵀ V̂)`` is the distance from a singularity of the
 inverse: N spans the null space of J, and V̂ the gradients of h, orthonormalised. Ω is the region of
-joint space for which the inverse was designed, and the desired inverse G_d the one that it
-approximates, usually the pseudoinverse J⁺. A cycle has three relative margins, each a minimum over
-the cycle: the smallest, over all joints, of the joint-limit margin divided by half the joint's
-range; the body distance divided by a tenth of the arm length; and the leaf margin.
+joint space for which the inverse was designed. The desired inverse G_d, usually the pseudoinverse
+J⁺, is the one that the repeatable inverse approximates. A cycle has three relative margins, each a
+minimum over the cycle: the smallest, over all joints, of the joint-limit margin divided by half the
+joint's range; the body distance divided by a tenth of the arm length; and the leaf margin.
 
 ``Bounded`` is a region of joint space that computes how far inside or outside configurations lie.
 ``_LeafCandidate`` is a start configuration, with the margins of the cycle that begins there.

@@ -147,9 +147,10 @@ class LinkPoints:
 
     @classmethod
     def of(cls, task: Task, Q: Array) -> LinkPoints:
-        """Choose, on each link, the point that is displaced most at some configuration.
+        """Choose, on each link, the point with the largest displacement in a motion Q (K, n).
 
-        The K configurations Q (K, n) are compared with the first of them.
+        The displacement of a point is the largest distance, over the K configurations, from its
+        position at the first of them.
         """
         visuals = Visuals.of(task.robot)
         own = arm_links(task)

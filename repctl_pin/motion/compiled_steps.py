@@ -41,8 +41,9 @@ def compiled_steps(
 ) -> Steps | None:
     """Create the function that integrates a strategy in C: (step, end, Q, Qdot) → int.
 
-    That function takes the steps from ``step`` on and before ``end``, writes q and q̇ to the rows
-    of Q and Qdot, and returns the first step that was not taken. Row ``step`` of Q is given.
+    That function takes the steps ``step`` to ``end`` − 1, and writes q and q̇ to the rows of Q and
+    Qdot. Row ``step`` of Q must hold the configuration at the start. The result is the number of
+    the first step that was not taken: ``end`` if all were taken.
 
     Return None without the native library, and for a strategy or task that runge_kutta.c does not
     support; :func:`follow` then takes the same steps in Python, more slowly.

@@ -1,6 +1,6 @@
 """Motions as CSV: columns strategy, cycle, time, joints and joint velocities.
 
-``repctl`` writes these files. The animation reads them, and files of other programs.
+``repctl`` writes such files. The animation reads them, also those that other programs wrote.
 
 ``_Recorded`` is a motion as read from a file: joint positions and, if given, times. ``CsvTable`` is
 a CSV file that was read: its header and its lines of cells.
@@ -124,8 +124,8 @@ def with_run(text: str, run: str) -> str:
 def _cells(motion: Motion, most: int | None) -> Iterator[list[str]]:
     """Yield the rows of a motion as texts: cycle, time, positions, velocities.
 
-    ``most`` is the maximum number of steps per cycle, of which the rows are written with 10 digits;
-    None gives all rows, with all digits.
+    ``most`` is the maximum number of steps per cycle: other rows are left out, and the numbers have
+    10 digits. With None, all rows are given, with all digits.
     """
     rows = rows_of(motion, most or motion.steps)
     q = motion.q[rows]
@@ -222,12 +222,14 @@ def _joints(names: Sequence[str], known: Sequence[str], where: str) -> tuple[str
     """Select the names of joints from the column names of a file, in the order of the columns.
 
     ``names`` are the column names, ``known`` the names of the robot's joints, and ``where`` names
-    the file in messages.
+    the file in messages. Columns of velocities and accelerations are skipped, and so are the
+    columns strategy, cycle, time, t and run.
 
     Raises
     ------
     InputError
-        If there is no joint column, or a column has an unknown name: it could be a misspelt joint.
+        If there is no joint column, or a column has any other name, which could be a misspelt
+        joint.
     """
     joints = tuple(name for name in names if name in known)
     beside = {*_BESIDE, *_CLOCKS, _RUN}

@@ -46,14 +46,16 @@ def fitting_circle(
 ) -> TaskPath:
     """Find a circle that a controller can follow for a cycle, within joint limits and a region.
 
-    The circle starts at the frame's position at q0 (n,). It stays away from singularities, and one
-    without collisions is preferred. The motion stays inside ``region``, if one is given.
+    The circle starts at the frame's position at q0 (n,). The motion stays away from singularities,
+    0.02 rad or m away from joint limits, and inside ``region``, if one is given. The result is the
+    first circle tried on which no bodies collide; if bodies collide on all of them, it is the first
+    one with a collision.
 
-    ``control`` is the controller, by default J⁺. ``radius`` is in m; by default 0.5, 0.3, 0.2,
-    0.1 m and so on are tried, the largest first, up to a seventh of the arm's length (strokes of
-    prismatic joints included). ``plane`` is ``"xy"``, ``"yz"`` or ``"xz"``, in base axes; by
-    default all planes of the task are tried. For each radius and plane, four positions of the start
-    on the circle are tried.
+    ``control`` is the controller, by default J⁺. ``radius`` is in m. By default, the radii 0.5,
+    0.3, 0.2, 0.1 m and so on are tried, the largest first; radii over a seventh of the arm's length
+    (strokes of prismatic joints included) are left out. ``plane`` is ``"xy"``, ``"yz"`` or
+    ``"xz"``, in base axes; by default all planes of the task are tried. For each radius and plane,
+    four positions of the start on the circle are tried.
 
     Raises
     ------

@@ -249,12 +249,12 @@ def _locked(
 
 
 def unresolved(strategy: Strategy, motion: Motion) -> str:
-    """Return a text that says in which cycle a motion's drift is not resolved; empty if it is.
+    """Return a text that names the first cycle whose drift is not resolved; empty if all are.
 
     A study shows the text instead of a drift. The motion, which must be without feedback, is
-    integrated again with twice the steps per cycle. The drift is resolved if the two runs differ at
-    the end of each cycle by at most 1 % of the drift, or 1e-5 rad or m. Near a singularity, where
-    J⁺ grows without bound, neither number of steps is enough.
+    integrated again with twice the steps per cycle. The drift of a cycle is resolved if both runs
+    reach its end and differ there by at most 1 % of the drift, or by at most 1e-5 rad or m. Near a
+    singularity, where J⁺ grows without bound, neither number of steps is enough.
     """
     path = motion.path
     task = strategy.task
@@ -429,9 +429,10 @@ def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
 
 @lru_cache(maxsize=4)
 def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
-    """Evaluate a path's twists at the P fractions ``places`` of each step: (steps, P, 6 F).
+    """Evaluate a path's twists at the P fractions ``places`` of each of K steps: (K, P, 6 F).
 
-    A twist is (v, ω) of each of the F frames, m and rad per cycle. At a corner of the path, where
+    K can exceed ``steps`` by a few, because no step extends over a corner. A twist is (v, ω) of
+    each of the F frames, m and rad per cycle. At a corner of the path, where
     the twist jumps, the value inside the step is taken. The last results are cached, because
     several strategies follow the same path. InputError is raised if a twist that the user computes
     is not finite.
@@ -456,9 +457,9 @@ def placements_along(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
 
 @lru_cache(maxsize=4)
 def _placements(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
-    """Evaluate a path's placements at the start of a cycle and at the end of each of its steps.
+    """Evaluate the placements that :func:`placements_along` returns, and cache the last results.
 
-    The last results are cached, because several strategies follow the same path.
+    The cache serves several strategies that follow the same path.
     """
     return tuple(path.placement(s) for s in path_grid(path, steps).tolist())
 

@@ -237,7 +237,7 @@ class JointMotion:
 
     @property
     def broken_cycle(self) -> int:
-        """Number, counted from 1, of the cycle in which a joint first exceeds its limits, or 0."""
+        """Number, from 1, of the first cycle in which a joint exceeds a position limit, or 0."""
         violation = self.first_violation
         return 0 if violation is None else cycle_of(violation[0], self.cycles)
 
@@ -266,14 +266,18 @@ class JointMotion:
 
 
 def cycle_of(moment: float, cycles: int) -> int:
-    """Return the number, counted from 1, of the cycle at a time in cycles: 2.5 is in cycle 3."""
+    """Return the number, counted from 1, of the cycle at a time in cycles: 2.5 is in cycle 3.
+
+    A time between two cycles belongs to the later one: 2.0 is in cycle 3. The end of the motion
+    belongs to its last cycle, the one with the number ``cycles``.
+    """
     return min(int(moment) + 1, cycles)
 
 
 def rows_of(motion: JointMotion, most: int) -> NDArray[np.intp]:
-    """Select rows of a motion, at most ``most`` per cycle, and the last row: their indices.
+    """Return the indices of at most ``most`` samples per cycle, and of the motion's last sample.
 
-    The ends of all cycles are included.
+    The samples are evenly spaced, up to rounding, and include the ends of all cycles.
     """
     cycle = np.rint(np.linspace(0, motion.steps, min(motion.steps, most) + 1)).astype(np.intp)[:-1]
     return np.append(

@@ -125,9 +125,10 @@ def _freed(motion: Motion, given: Motion, kept: float) -> Motion:
 def _along_self_motions(task: Task, path: TaskPath, given: Motion, turn: Array) -> Iterator[Motion]:
     """Yield the closed motions from starts along the self-motions of the start of ``given``.
 
-    The search from each start begins at the motion from the preceding start. The rotation ``turn``
-    (r, r) of a null-space basis gives the r directions of the self-motions. The self-motions are
-    followed beyond joint limits too, because they can come back within the limits.
+    The search from each start begins at the motion from the preceding start. The self-motions
+    begin in r directions and in their opposites; each row of the orthogonal matrix ``turn`` (r, r)
+    has the coordinates of one direction in a null-space basis. The self-motions are followed beyond
+    joint limits too, because they can come back within the limits.
     """
     start = given.q[0]
     target = path.placement(0.0)

@@ -171,8 +171,9 @@ def solve_near(
 
 
 def _starts(task: Task, q0: Array) -> Iterator[Array]:
-    """Yield the 41 starts of :func:`solve_ik`: q0 (n,), then ever farther ones.
+    """Yield the 41 starts (n,) of :func:`solve_ik`: q0, then 40 towards random configurations.
 
+    Start k is at the fraction k / 40 of the line from q0 to a random configuration of its own.
     Starts near q0 come first, because they lead to solutions near q0.
     """
     yield q0

@@ -103,8 +103,9 @@ class TimedMotion:
     def _shortest_part(self) -> tuple[float, str]:
         """Duration, s, of the shortest part that a file must resolve, and the part's name.
 
-        Here, the part is a cycle. In a motion between poses, it is the shortest motion from one
-        rest to the next. The name, such as "cycle", is used in messages.
+        For a motion of cycles, the part is a cycle. For a motion between poses, which is a
+        subclass, it is the shortest motion from one rest to the next. The name, such as "cycle", is
+        used in messages.
         """
         return self.cycle_time, "cycle"
 

@@ -131,8 +131,9 @@ def refuse_timed_violations(motion: TimedMotion, task: Task, remedy: str) -> Non
 def commanded(motion: Motion, strategy: Strategy) -> Motion:
     """Return a motion whose velocities are those that a strategy commands at its samples.
 
-    In a motion with a leaf lock, these velocities replace the mean velocities of the steps. So a
-    file has the commands of the controller itself.
+    The motion must go along its path at constant ds/dt, as :func:`.follow` returns it; a retimed
+    one does not. In a motion with a leaf lock, these velocities replace the mean velocities of the
+    steps. So a file has the commands of the controller itself.
     """
     period = (motion.t[-1] - motion.t[0]) / motion.cycles
     ends = (motion.t - motion.t[0]) / period % 1.0

@@ -137,7 +137,7 @@ def _run(line: list[str], folder: str) -> None:
 
 
 def _speed(name: str) -> str:
-    """Return the optimisation option for a C file of this name: ``-O1``, ``-O2`` or ``-O3``."""
+    """Return the optimisation option for a C file: that of ``_SPEEDS``, else ``-O2``."""
     return next((speed for speed, names in _SPEEDS.items() if name in names), "-O2")
 
 

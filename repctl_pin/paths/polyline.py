@@ -318,7 +318,7 @@ def _blend_radius(blend: float, times: ArrayLike | None) -> float:
 
 
 def _times(times: ArrayLike, count: int) -> Array:
-    """Check the times of ``count`` waypoints, s; return them (count,), less the first time."""
+    """Check the times of ``count`` waypoints, s; return them (count,), counted from the first."""
     t = _doubles(times)
     if t is None or t.shape != (count,) or not np.isfinite(t).all() or not (np.diff(t) > 0).all():
         raise InputError(f"times must be {count} increasing finite numbers, in s, one per waypoint")
@@ -386,9 +386,10 @@ def _rounded(
     messages. The bend at a corner, where the direction turns by φ, cuts ρ tan(φ/2), m, off both
     edges, as an arc of radius ρ does. The path begins at the midpoint of the first corner's bend.
 
-    Returns three results: the lines and half bends in order; the knots at their ends, which begin
-    at 0 and increase by ``sizes`` (P − 1,), m, per full edge, and by the arc length, m, of a bend;
-    and the knots (P,) of the midpoints of the corners' bends.
+    Returns three results: the lines and half bends in order; the knots at their ends, from 0 on;
+    and the knots (P,) of the midpoints of the corners' bends. Over a half bend, the knots increase
+    by its arc length, m. Over the rest of an edge, they increase by the size of the edge, m, from
+    ``sizes`` (P − 1,), times the fraction of the edge that the bends leave.
     """
     at = _Corners.of(corners, radius, name)
     pieces: list[_Curve] = []

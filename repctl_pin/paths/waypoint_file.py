@@ -193,10 +193,11 @@ def _frame_of(text: str, task: Task, file: Path) -> str:
 
 
 def _known(columns: Mapping[str, str], file: Path) -> dict[str, str]:
-    """Check the names of columns, and return ``columns`` with these names in lower case.
+    """Check the quantities of a frame's columns, and return ``columns`` with keys in lower case.
 
-    The names are x, y, z, with or without qx, qy, qz, qw and time, in any order; t becomes time.
-    InputError is raised for other names.
+    ``columns`` maps each quantity to a column of the file, such as X → ``left.X``. The quantities
+    are x, y, z, with or without qx, qy, qz, qw and time, in any order; the key t becomes time.
+    InputError is raised for other quantities.
     """
     named = {_TIMES.get(name.lower(), name.lower()): column for name, column in columns.items()}
     if len(named) < len(columns) or not any(set(named) == set(layout) for layout in _LAYOUTS):

@@ -274,7 +274,8 @@ class PolynomialMap(Potentials):
     def _powers(self, U: Array) -> Array:
         """Evaluate all M monomials u^β of the table at the rows u of U (K, k): (M, K).
 
-        Each is the product of an earlier monomial, its parent, and one of the k coordinates.
+        The first is 1, and their degrees rise. Each further one is the product of an earlier
+        monomial, its parent, and one of the k coordinates.
         """
         M = np.ones((len(self._parent), len(U)))
         factors = U.T
@@ -343,7 +344,8 @@ def _monomials(
 def _lower(beta: _Powers) -> tuple[_Powers, int]:
     """Divide a monomial by its last variable; return the remaining powers and the variable's index.
 
-    ``beta`` has the power of each variable, not all 0.
+    ``beta`` has the power of each variable, not all 0. The last variable is the last one whose
+    power is above 0.
     """
     last = max(i for i, power in enumerate(beta) if power)
     return (*beta[:last], beta[last] - 1, *beta[last + 1 :]), last

@@ -162,8 +162,9 @@ class WeightedFile(Part, tag_field="kind", tag="weighted"):
 class LimitsFile(Part, tag_field="kind", tag="limits"):
     """Desired inverse J⁺_M with a weight M by which joints slow down near their limits.
 
-    ``gain`` is the additional weight at a limit, and ``onset`` the distance from a limit at which
-    the weight rises, as a share of half the joint's range.
+    The weight of a joint is about 1 in the middle of its range, and 1 + ``gain`` at a limit.
+    ``onset`` is the distance from a limit at which the weight rises, as a share of half the joint's
+    range.
     """
 
     gain: float

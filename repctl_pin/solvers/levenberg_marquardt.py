@@ -202,7 +202,7 @@ def levenberg_marquardt(
     rules
         Parameters of the damping, and of the acceptance of steps.
     steps
-        Maximum number of iterations.
+        Maximum number of steps, counted as in :class:`_Solution`.
     tolerance, patience
         The iteration has converged after ``patience`` successive steps that each change the cost by
         at most the fraction ``tolerance``.
@@ -212,7 +212,8 @@ def levenberg_marquardt(
     enough
         The iteration has also converged if the cost is at most ``enough``.
     report : function (steps, cost), optional
-        Progress callback, called before each step.
+        Progress callback, called before each step with the number of steps so far, counted as in
+        :class:`_Solution`, and the present cost.
     """
     here = problem.evaluate(x)
     if not isfinite(here.merit):

@@ -205,9 +205,8 @@ class Elbow:
     def _relative(self) -> tuple[Array, Array]:
         """Return the base's rotation (3, 3), and the elbow's position (3,) in the base frame, m.
 
-        Both are those at the configuration for which the caller has just computed the placements of
-        the frames. The rotation is relative to the root of the robot; it is I if the base is the
-        root.
+        Compute the placements of the model's frames at q (n,) first: both results are those at q.
+        The rotation is relative to the root of the robot; it is I if the base is the root.
         """
         p = self._data.oMf[self._frame].translation
         if self._base is None:
@@ -290,8 +289,9 @@ def _newton_step(
     are the gradient and the second derivatives of half the squared distance by z, and A (3, r) is
     the derivative of the elbow's position by z. ``lower`` and ``upper`` (n,) are the limits of q. A
     joint at or beyond its limit that would move farther outward is moved to the limit. The step is
-    shortened so that no other joint passes its limit, and none moves too far. The second result is
-    False if the minimum is not unique, because slope and curvature vanish along a direction.
+    shortened so that no other joint passes its limit, and no joint moves by more than 0.3 rad or m.
+    The second result is False if the minimum is not unique, because slope and curvature vanish
+    along a direction.
     """
     held = np.zeros(len(q), bool)
     goal = np.clip(q, lower, upper)

@@ -175,10 +175,10 @@ class NativeLaw:
         return self._result.copy()
 
     def report(self) -> tuple[float, float]:
-        """Return the damping λ of the last step, and its speed-limit factor, 0 to 1.
+        """Return (λ, factor) of the last step; (0, 1) if it had no ``bounds``.
 
-        The factor is that by which the step was shortened to the joint speed limits; 1 if it was
-        not. Both are (0, 1) if the step had no ``bounds``.
+        λ is the damping. The factor, 0 to 1, is that by which the step was shortened to the joint
+        speed limits; 1 if it was not.
         """
         return float(self._numbers[3]), float(self._numbers[4])
 

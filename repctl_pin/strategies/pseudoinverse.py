@@ -61,7 +61,10 @@ class Pseudoinverse:
         return self._inverse.own(as_joints(q, self.task.n))
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate J⁺ at every row of Q (K, n): (K, n, m); Jacobians J (K, m, n) are optional."""
+        """Evaluate J⁺ at every row of Q (K, n): (K, n, m).
+
+        J (K, m, n) are the Jacobians at these rows, if they are known already.
+        """
         return self._inverses.own(at_rows(self.task, Q, J)[1])
 
     def velocity(self, q: ArrayLike, xdot: ArrayLike) -> Array:
@@ -129,7 +132,10 @@ class WeightedInverse:
         return self.batch(vector(q, self.task.n, "q")[None])[0]
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate J⁺_M at every row of Q (K, n): (K, n, m); Jacobians J (K, m, n) are optional."""
+        """Evaluate J⁺_M at every row of Q (K, n): (K, n, m).
+
+        J (K, m, n) are the Jacobians at these rows, if they are known already.
+        """
         Q, J = at_rows(self.task, Q, J)
         return weighted_pseudoinverse(J, self._weights(Q))
 

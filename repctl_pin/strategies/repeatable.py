@@ -141,7 +141,10 @@ class RepeatableInverse:
         return self._law.own.inverse(as_joints(q, self.task.n))
 
     def batch(self, Q: ArrayLike, J: ArrayLike | None = None) -> Array:
-        """Evaluate G_r at every row of Q (K, n): (K, n, m); Jacobians J (K, m, n) are optional."""
+        """Evaluate G_r at every row of Q (K, n): (K, n, m).
+
+        J (K, m, n) are the Jacobians at these rows, if they are known already.
+        """
         if J is None:
             return self._law.own.inverses(as_configurations(Q, self.task.n, "batch()"))
         Q, J = at_rows(self.task, Q, J)

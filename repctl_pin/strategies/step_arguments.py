@@ -59,7 +59,7 @@ def as_joints(q: ArrayLike, n: int) -> Array:
 def as_velocity_arguments(q: ArrayLike, xdot: ArrayLike, n: int, m: int) -> tuple[Array, Array]:
     """Check the arguments q (n,) and ẋ (m,) of a controller, and return them as arrays of doubles.
 
-    The values of an array of doubles are not tested here: the solver tests them.
+    Whether the numbers of an array of doubles are finite is not tested here, but by the solver.
     """
     if not (type(q) is ndarray and q.dtype is FLOAT and q.shape == (n,)):
         q = vector(q, n, "q")

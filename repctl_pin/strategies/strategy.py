@@ -75,4 +75,7 @@ class Inverse(Strategy, Protocol):
         """Evaluate the matrix G (n, m) of ``q̇ = G ẋ`` at q (n,)."""
 
     def batch(self, Q: Array, J: Array | None = None) -> Array:
-        """Evaluate G at every row of Q (K, n): (K, n, m); Jacobians J (K, m, n) are optional."""
+        """Evaluate G at every row of Q (K, n): (K, n, m).
+
+        J (K, m, n) are the Jacobians at these rows, if they are known already.
+        """

@@ -64,8 +64,10 @@ def _design_seconds(task: Task, degree: int) -> float:
 def choose_degree(task: Task, degree: int | None) -> tuple[int, list[str]]:
     """Choose the degree of a study's polynomials: as given, else 2, or 1 if 2 would take long.
 
-    Returns the degree, and a list of notes: one on the time if a design takes more than a minute. A
-    study that would take over ten minutes even at degree 1 is refused unless the degree was given.
+    Returns the degree, and a list of notes. There is one note, on the computing time, if a design
+    of the given degree takes more than a minute, or if degree 1 replaces degree 2 for this reason.
+    A study that would take over ten minutes even at degree 1 is refused unless the degree was
+    given.
 
     Raises
     ------

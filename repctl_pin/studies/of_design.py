@@ -38,8 +38,8 @@ def problem_of(
     By default, start and path are those of the design's cycle. If only another start is given, the
     design's path is kept if it begins at the pose of that start; otherwise, and if the design has
     no path, the path is the largest circle, of several radii, on which the motion stays inside the
-    region. With ``path=False``, the problem has no path, and the default start is the centre of the
-    region.
+    region. If the design has no cycle, the default start is the centre of the region. With
+    ``path=False``, the problem has no path, and the default start is this centre, too.
 
     Parameters
     ----------

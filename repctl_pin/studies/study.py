@@ -210,10 +210,10 @@ def _designed(
 def _notes(
     problem: Problem, design: Design, rows: list[Row], long: list[str], slower: list[str]
 ) -> list[str]:
-    """Collect the notes of a study in their order.
+    """Collect the notes of a study, in the order in which they are shown.
 
-    ``long`` are those on the choice of the degree, and ``slower`` those on the period and the
-    start.
+    ``long`` are the notes on the choice of the degree, and ``slower`` those on the period and the
+    start. The others are made here.
     """
     task = problem.task
     return [

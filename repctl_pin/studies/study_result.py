@@ -6,7 +6,7 @@ approximates. A potential is a function of the joints that the repeatable invers
 
 ``Row`` is the result of one strategy in a study: its motion and figures, or why it stopped.
 ``Mechanism`` is the movable joints of a robot and their limits. ``JointMotion`` is a joint motion
-over several cycles: q, q̇ (T, n) at times t, without the path of the frame.
+over several cycles: q, q̇ (T + 1, n) at times t, without the path of the frame.
 """
 
 from __future__ import annotations

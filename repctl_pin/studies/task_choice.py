@@ -112,7 +112,7 @@ def _redundant(robot: Robot, task: Task) -> Task:
 def _redundant_frame(robot: Robot) -> str | None:
     """Find a frame at which a kind of task is redundant, to suggest it in an error message.
 
-    It is the one that is moved by the largest number of joints; None if there is no such frame.
+    If there are several, it is one that the largest number of joints moves; None if there is none.
     """
     chains = {tuple(robot.chain(frame)): frame for frame in robot.frames}
     for chain in sorted(chains, key=len, reverse=True):

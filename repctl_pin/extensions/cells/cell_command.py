@@ -307,7 +307,8 @@ class _Asked(NamedTuple):
     start_is : str
         How the start was found, such as ``as given`` or ``the reference pose``.
     crowded : bool
-        True if the cell fits at none of the default starts; the start is then the best of these.
+        True if the cell fits at none of the default starts. The start is then the one from which J⁺
+        reaches the most corners of the cell.
     placed : tuple of str
         Notes on a cell whose place was searched for: the place, the cause that prevents a larger
         cell, and the approach axis of the tool.
@@ -390,10 +391,11 @@ def _with_choices(
 def _placed(options: Options, at: Any, report: Report) -> _Asked:
     """Find the best place for the box of ``--size``; without ``--size``, the largest sector.
 
-    One function covers the result, within the joint limits and without collisions. If ``at`` (3,),
-    a position in the base frame, m, is not None, the box nearest to it is preferred among boxes of
-    equal size. The rotations of ``--half-angle`` are added to the box after the search; ``posture``
-    of the result is then None, and the design searches for a configuration.
+    One function covers the result, within the joint limits and without collisions. A box that has
+    no place at full size is scaled down, and the place of the largest box is taken. Among places
+    for equally large boxes, the one nearest to ``at`` is preferred, a position (3,) in the base
+    frame, m; None for no preference. The rotations of ``--half-angle`` are added to the box after
+    the search; ``posture`` of the result is then None, and the design searches for a configuration.
     """
     import numpy as np
     import pinocchio as pin
@@ -444,10 +446,11 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
 def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.CellDesign, list[str]]:
     """Choose the design over a whole table, and write the notes on its sector: (design, notes).
 
-    The design is that of ``table``. With ``prove``, and if the sector's range of radius depends on
-    the height, this design is proved here, and returned with its certificate. If this proof is not
-    reached, the design over the largest sector with the same range of radius at all heights is
-    returned instead, without a certificate. ``report`` is the progress callback of the proof.
+    The design is that of ``table``, the result of the search. With ``prove``, it is proved here if
+    the sector's range of radius depends on the height. If this proof is not reached, the design
+    over the largest sector with the same range of radius at all heights is returned instead. A
+    design that is returned without a certificate is proved by the caller. ``report`` is the
+    progress callback of the proof.
     """
     notes = []
     if prove and table.by_height:
@@ -483,11 +486,10 @@ def _approach_note(place: rp.BestCell) -> list[str]:
 
 
 def _oriented_task(options: Options) -> rp.Task:
-    """Make the task of ``--task``, or a default task that fixes the approach axis.
+    """Make the task of the options; without ``--task`` and ``--size``, one with an orientation.
 
-    The default is a pose task if the arm has more than 6 joints, else an axis task, which commands
-    the position and the direction of the tool. With ``--size``, the task is that of
-    :meth:`Options.asked_task`.
+    The latter is a pose task if the arm has more than 6 joints, else an axis task, which commands
+    the position and the direction of the tool.
     """
     if options.task is not None or options.size is not None:
         return options.asked_task()

@@ -229,7 +229,11 @@ class CellDesign:
 
     @property
     def coverage(self) -> float:
-        """Fraction of the held-out poses that F covers, with a configuration inside the limits."""
+        """Fraction of the held-out poses that the function covers, 0 to 1.
+
+        The function covers a pose if it has a configuration inside the limits there, and no fold of
+        its leaf lies between the pose and the middle of the cell.
+        """
         return self.evaluation.coverage
 
     @property
@@ -308,7 +312,7 @@ class CellDesign:
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
 
     def _with_unchecked(self, bodies: str) -> str:
-        """Add to ``bodies``, a text on body distances, a note on bodies that are not checked."""
+        """Return ``bodies``, a text on body distances, with a note on bodies not checked."""
         unchecked = bodies_of(self.task).not_checked
         if unchecked and bodies == _NO_BODIES:
             return f"not checked: {unchecked}"
@@ -361,7 +365,10 @@ class CellDesign:
         return joint_values([names[j] for j in joints], [self.posture[j] for j in joints])
 
     def _degree(self) -> dict[str, str]:
-        """Return the row of the degree of the fit; none with locked joints: nothing was fitted."""
+        """Return the degree of the fit and the number of its terms as text, by display name.
+
+        The dictionary is empty if the function keeps joints constant: then nothing was fitted.
+        """
         terms = self.function.chart.monomials.size
         degree = f"{self.degrees[-1][0]}, evaluated from {terms} terms"
         return {} if self.locked else {"degree": degree}
@@ -419,7 +426,7 @@ def _cell_parts(cell: Cell) -> tuple[Any, ...]:
 
 
 def _left_out(joints: Sequence[str], turns: Sequence[Turn]) -> str:
-    """Write which joints the limit margin leaves out, as lines to append to the margin.
+    """Write which joints the limit margin leaves out, as lines to append to the text of the margin.
 
     ``joints`` are the names of these joints, and ``turns`` the ranges of symmetric coordinates. One
     line names the joints whose limits end a range. A joint that makes a full turn within its limits
@@ -433,7 +440,10 @@ def _left_out(joints: Sequence[str], turns: Sequence[Turn]) -> str:
 
 
 def _unmet(found: float, asked: float) -> str:
-    """Write ``; the requested … is not met`` if found < asked ≠ 0; else an empty text."""
+    """Write ``; the requested 0.1 is not met`` if ``found`` < ``asked``, else an empty text.
+
+    ``found`` is the minimum that was found, and ``asked`` the requested one; 0 stands for none.
+    """
     return f"; the requested {asked:g} is not met" if found < asked and asked else ""
 
 
@@ -455,9 +465,10 @@ class Slice:
         G_d; NaN where the function has no value. Rows are values of the second coordinate, columns
         of the first.
     turn : (C, C) array or None
-        Full width, rad, of the range of a sector's angle, at each radius and height. Within this
-        range, the joint that turns the arm stays within its limits at every tilt. None if the
-        symmetry of the angle is not used.
+        Full width, rad, of the range of a sector's angle at each pose of the grid, in the same
+        order. Within this range, the joint that turns the arm stays within its limits at every
+        tilt. None for a box, for a sector without tilts, or if the symmetry of the angle is not
+        used.
     """
 
     axes: tuple[int, int]

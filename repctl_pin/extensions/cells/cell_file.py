@@ -88,15 +88,16 @@ class _FailureFile(Part):
 class _TurnFile(Part):
     """Range of a function along a symmetric coordinate of its sector, rad.
 
-    All ranges are full widths. Null stands for an unknown number. ``joint_range`` is the range of
-    the joint (null without limits). ``spread`` is the difference between the joint's largest and
-    smallest value over the covered poses. ``reach``, ``nearly`` and ``most`` are the ranges of the
-    coordinate in which the joint stays within its limits at all, at 99.9 % and at 99 % of the
-    covered poses. ``price`` is the extra joint speed that the requested range costs. ``unasked`` is
-    the ``reach`` of a function that was designed without that request. ``covered`` is the fraction
-    of poses that the function covers without regard to the joint's limits; ``as_covered`` is the
-    range in which the joint stays within its limits at this fraction of the covered poses.
-    ``bodies`` are the links that collide beyond the range.
+    All ranges are full widths. ``joint_range`` is the range of the joint, null without limits; in
+    the other numbers, null stands for an unknown one. ``spread`` is the difference between the
+    joint's largest and smallest value over the covered poses. In the range ``reach`` of the
+    coordinate, the joint stays within its limits at every covered pose. In the range ``nearly`` it
+    does so at 99.9 % of the covered poses, in ``most`` at 99 %, and in ``as_covered`` at the
+    fraction ``covered``. ``covered`` is the fraction of the sampled poses that the function covers;
+    limits of joints with the range ``"all"`` do not count. ``price`` is the extra joint speed that
+    the requested range costs, and ``unasked`` the ``reach`` of a function designed without that
+    request. ``bodies`` are the links that collide just beyond the range of the function; empty if
+    no bodies end this range.
     """
 
     coordinate: str

@@ -390,9 +390,11 @@ class InverseFunction:
         return vector(leaf if array is None else np.atleast_1d(array), self.task.r, "the leaf c")
 
     def _refused(self, q: Array, u: Array, *, found: bool) -> InputError:
-        """Create the error at the pose u (k,): F has no configuration there, or violates a limit.
+        """Create the error for a pose u (k,) at which F returns no configuration.
 
-        With ``found``, the error is that the configuration q (n,) violates a limit.
+        With ``found``, q (n,) is the configuration there, and the error names the joint that
+        violates its limit most. Without ``found``, no configuration exists there, and q is not
+        used.
         """
         where = self.cell.where(u)
         if not found:

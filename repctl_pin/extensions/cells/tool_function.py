@@ -116,7 +116,7 @@ class ToolFunction:
     def jacobian(self, target: Placement, *, leaf: ArrayLike | None = None) -> Array:
         """Evaluate ∂F'/∂x (n, m) at a pose of the tool: the joint velocity per task velocity.
 
-        The level is constant: ``leaf``, c (r,), by default 0.
+        ``leaf`` is the level c (r,), by default 0, which stays constant while the tool moves.
         """
         return self.inverse(self(target, leaf=leaf))
 

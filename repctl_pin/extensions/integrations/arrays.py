@@ -789,8 +789,9 @@ def _sector_rates(
     """Compute the time derivatives of radius, angle and height of a sector at the task velocity ẋ.
 
     The result is a list of arrays (K,), in this order, without the height in a planar task.
-    ``xdot`` has the commanded components of the velocity, base axes. ``back`` converts vectors (3,
-    K) from base axes to the directions radial, tangential, and along the axis.
+    ``y`` are the offsets of the pose, and ``xdot`` has the commanded components of the velocity,
+    base axes. ``back`` converts vectors (3, K) from base axes to the directions radial, tangential,
+    and along the axis.
     """
     given = dict(zip(cell.task.kind.rows.tolist(), xdot, strict=True))
     none = xp.zeros_like(xdot[0])
@@ -885,10 +886,10 @@ def _away(xp: Namespace, cell: Cell, away: Numbers) -> Numbers:
 
 
 def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
-    """Test which of K matrices (4, 4) are rigid transforms to 1e-6, as F does: (K,).
+    """Test which of K matrices (4, 4) are rigid transforms, to within 1e-6: (K,).
 
     ``rows`` are the 16 entries of the matrices, row by row, arrays (K,) each. Rotations are tested
-    only if the task commands them, but all numbers must be below 1e7.
+    only if the task commands them. A matrix with an entry of 1e7 or more in size fails the test.
     """
     near = xp.all(xp.abs(xp.stack(rows)) < _FAR, axis=0)
     rows = [xp.where(near, each, 0.0) for each in rows]
@@ -904,9 +905,9 @@ def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
 def _inside(xp: Namespace, cell: Cell, X: list[Numbers]) -> Numbers:
     """Test which of K placements X lie in a cell: (K,).
 
-    ``cell`` is the attribute ``whole`` of a cell, which has all coordinates. So coordinates of
-    width 0, which are constant in the cell, are tested, too. The tolerance depends on the
-    floating-point type.
+    ``cell`` must be a cell whose u includes the symmetric coordinates: the attribute ``whole`` of a
+    chart's cell. Coordinates of width 0, which the cell holds constant, are tested, too. The
+    tolerance depends on the floating-point type.
     """
     y, rounding = _measured(xp, cell, X), 8 * _eps(xp, X[3])
     most = (cell._bounds + max(EDGE, rounding)).tolist()

@@ -352,10 +352,11 @@ def _numbers_of(message: PoseStamped) -> tuple[Sequence[float], Sequence[float]]
 
 
 def _bodies(design: Design | CellDesign, given: dict[str, Any]) -> dict[str, Any]:
-    """Return the bodies that must keep a distance, as arguments of :class:`Servo`; may be empty.
+    """Return the arguments ``bodies``, ``body_distance`` and ``unchecked`` of :class:`Servo`.
 
-    The result is not empty if the parameter ``surroundings``, a URDF, or ``body_distance``, m, is
-    set. Links without a body are refused, unless the parameter ``unchecked`` is ``allow``.
+    The dictionary is empty unless the parameter ``surroundings``, a URDF, or ``body_distance``, m,
+    is set. ``body_distance`` is left out if it is not set. Links without a body are refused, unless
+    the parameter ``unchecked`` is ``allow``.
     """
     around, distance = given["surroundings"], given["body_distance"]
     if around is None and distance is None:

@@ -416,7 +416,11 @@ class Servo:
 
     @property
     def said(self) -> str:
-        """Display text: one line with the state of the servo, and what stops the arm."""
+        """Display text: one line with the state of the servo and, if there is one, the reason.
+
+        The reason is what stops or slows down the arm. The text also states if the commanded pose
+        is beyond the closing radius.
+        """
         reason = self.reason
         if self.stopped_early and not reason:
             does = "stopped" if self.at_rest else "slowing down"
@@ -462,7 +466,10 @@ class Servo:
         return None if self.command is None else self._inverse.leaf(self.command)
 
     def _command(self) -> Array:
-        """Compute and store the next command (n,), by the target or twist, and by the level."""
+        """Compute, store and return the next command (n,), which follows the target or twist.
+
+        It also moves the arm toward the level, if another one is set.
+        """
         twist = self._twist
         if twist is not None and self.tool is not None:
             arm = self._placement().rotation @ self.tool.translation
@@ -487,10 +494,11 @@ class Servo:
         return self.state is State.RUNNING and (self._target is not None or self._twist is not None)
 
     def _start(self, q: Array) -> bool:
-        """Start at rest at the measured joints q (n,), rad or m; False if they are no valid start.
+        """Start at rest at the measured joints q (n,), rad or m; return True if this succeeds.
 
         If the measured joints agree with the last command, the servo continues from that command,
-        so that errors of measurement do not change the level c.
+        so that errors of measurement do not change the level c. If the governor cannot start at q,
+        return False; :attr:`reason` then states the cause.
         """
         command = self.command
         if self._fault or command is None or np.abs(q - command).max() > SAME:
@@ -527,7 +535,7 @@ class Servo:
     # ---- what messages say ---------------------------------------------------------------------
 
     def _usable(self, what: str, frame: str, age: float) -> bool:
-        """Test whether a message is valid: in the base frame, not late, while the arm is running.
+        """Test whether a message can be used: in the base frame, not late, and while RUNNING.
 
         ``what`` is its name in texts, such as "target", ``frame`` the name of its frame, and
         ``age`` the age of its stamp, s. A message that is late or in another frame also stops the
@@ -562,9 +570,9 @@ class Servo:
         self._elbow.drop()
 
     def _replace(self) -> None:
-        """Drop the target and the twist, and release the clutch, before a new one is stored.
+        """Drop the target and the twist, and release the clutch.
 
-        The level and the elbow's point are kept.
+        This comes before a new target or twist is stored. The level and the elbow's point are kept.
         """
         self._target, self._twist, self._heard = None, None, 0.0
         self._hand, self._joined = None, False

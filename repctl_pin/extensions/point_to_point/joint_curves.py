@@ -2,9 +2,9 @@
 
 Joints along a line or blend of poses x(a), a from 0 to 1, are q = F(x(a)), with F the function of a
 cell. They are fitted by piecewise polynomials, because timing requires three derivatives. The
-parameter s of a part, from 0 to approximately the length of its joint path, rad or m, is
-proportional to the length of the tool's path along each line or blend. Letters: P poses, K values
-of s, n joints.
+parameter s of a part goes from 0 to approximately the length of its joint path, rad or m. Each line
+or blend has a share of this range in proportion to the length of the tool's path along it. Letters:
+P poses, K values of s, n joints.
 
 ``JointLimits`` are maximum joint speeds and accelerations (n,) and, if given, torques and jerks, as
 numbers. ``Segment`` is a smooth part of a joint path between two stops, with its speed profile
@@ -229,8 +229,9 @@ def _cut(curve: PPoly, begin: float, end: float) -> PPoly:
 def _joined(curves: Sequence[PPoly], lengths: Sequence[float]) -> tuple[PPoly, Array]:
     """Join C curves q(a) to one curve q(s); return it, and the values s (C + 1,) at their ends.
 
-    ``lengths`` (C,) are those of the tool's path along the curves, m. s is proportional to them,
-    and goes from 0 to the approximate length of the joint path.
+    ``lengths`` (C,) are those of the tool's path along the curves, m. s goes from 0 to the
+    approximate length of the joint path, rad or m. Each curve has a share of this range in
+    proportion to its length.
     """
     from scipy.interpolate import PPoly
 

@@ -130,7 +130,7 @@ class Audit:
 
     @property
     def joints(self) -> Trend | None:
-        """Drift rate of each joint and the error of the rate, rad/s or m/s.
+        """Drift rates of the joints, rad/s or m/s, and half-widths of their confidence intervals.
 
         The result is None for fewer than two returns.
         """

@@ -173,16 +173,17 @@ def _farthest(audit: Audit) -> tuple[str, str]:
 
 
 def _headline(audit: Audit) -> Headline:
-    """Write the headline of the page: the sentence of the audit, and its consequences below it."""
+    """Make the headline of the page: the sentence of the audit, and the remarks below it."""
     notes = [note.removeprefix("! ") for note in _leads(audit)]
     said = tuple(Span(f"{capital(note)}.") for note in notes)
     return Headline(tuple(_audit_sentence(audit)), said, _ABOUT)
 
 
 def _distance(audit: Audit) -> str:
-    """Write the end of the sentence "The log does not repeat": how near the hand came to a return.
+    """Write how near the hand came to a return, as the end of a sentence.
 
-    This sentence is written if there is no verdict, because no pose was visited often enough.
+    The sentence begins with "The log does not repeat". It is written if there is no verdict,
+    because no pose was visited often enough.
     """
     level = " and level" if audit.log.levels.shape[1] else ""
     if audit.returns > 0:
@@ -228,7 +229,7 @@ def _fastest(audit: Audit) -> tuple[str, str, str]:
 
 
 def _part_of(audit: Audit) -> str:
-    """Name the link that differs most between two visits of one pose, such as "elbow"."""
+    """Name the link that is displaced most from the first visit of the pose, such as "elbow"."""
     return part_name(audit.task, audit.visits.q[0], audit.links[audit.part])
 
 

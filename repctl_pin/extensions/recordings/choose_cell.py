@@ -183,7 +183,7 @@ def _sector(recording: Recording, share: float) -> Cell:
     """Make a sector around the base that contains the given share of the frames, with a margin.
 
     The coordinates of a sector depend on its middle. So the middle is first estimated from medians
-    and means, and then improved in two steps. InputError is raised if there is no such sector.
+    and means, and then improved once. InputError is raised if there is no such sector.
     """
     task = recording.task
     p = recording.positions
@@ -271,8 +271,9 @@ def _within(Y: Array, share: float) -> Array:
 def _widths(Y: Array, positions: int) -> Array:
     """Compute half-widths (m,) of a cell that contains poses Y (K, m), relative to its middle.
 
-    The first ``positions`` coordinates are in m, the others in rad; each half-width has a margin. A
-    constant coordinate gets the half-width 0, unless all coordinates are constant.
+    The first ``positions`` coordinates are in m, the others in rad. Each half-width includes a
+    margin. A coordinate that is 0 in all poses gets the half-width 0. If all coordinates are 0 in
+    all poses, the half-widths are the margins.
     """
     reach = np.abs(Y).max(axis=0)
     pad = np.where(np.arange(len(reach)) < positions, _PAD_M, _PAD_RAD)

@@ -169,10 +169,11 @@ def _explanation(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool)
 def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
     """Find a constant offset of the tool or of the base; return its description and the remedy.
 
-    Q are the recorded joints, p and R the recorded poses. Another frame of the tool, a shift of the
-    base, and a shift with a rotation are tried; if several explain the difference equally well, the
-    first is returned. Return None if no offset exceeds the noise, or if there are fewer than four
-    frames.
+    Q are the recorded joints, p and R the recorded poses. Three offsets are fitted: another frame
+    of the tool, a shift of the base, and a shift with a rotation of the base. A later one is used
+    only if it leaves a clearly smaller difference. If it still leaves more than 0.05 m or 0.2 rad,
+    the text says that no offset explains the difference. Return None if the offset does not exceed
+    the noise and the usual corrections by calibration, or if there are fewer than four frames.
     """
     if len(Q) < _FEWEST:
         return None
@@ -279,8 +280,8 @@ def _base_rotation(
 def _orders(n: int) -> list[list[int]]:
     """List orders of n joints to try: reversed, shifted cyclically, and with two joints exchanged.
 
-    These are the usual mistakes. An order, a list of n indices, is right if the joints in that
-    order agree with the recorded poses.
+    These are the usual mistakes. An order is a list of n indices: entry i is the column of the
+    recorded joints that is taken as joint i. It is right if these joints agree with the poses.
     """
     plain = list(range(n))
     orders = [plain[::-1]] + [plain[i:] + plain[:i] for i in range(1, n)]
@@ -324,7 +325,7 @@ def _miss(task: Task, p: Array, R: Array, p_own: Array, R_own: Array) -> tuple[f
 
 
 def _alike(by: tuple[float, float]) -> bool:
-    """Test whether median differences ``by`` (m, rad) are small: joints and poses then agree."""
+    """Test whether joints and poses agree: median differences ``by`` below (0.01 m, 0.05 rad)."""
     return by[0] < _ALIKE_M and by[1] < _ALIKE_RAD
 
 
@@ -332,7 +333,8 @@ def require_increasing(times: Array, sessions: Array, *, split: bool) -> None:
     """Raise an InputError if times (K,) do not increase within each session of the recording.
 
     ``sessions`` (K,) is the index of each frame's session; ``split`` is True if there are several.
-    The error's attribute ``at`` is the index of a frame with such a time.
+    The error's attribute ``at`` is the index of a frame whose time is not later than that of the
+    preceding frame of its session.
     """
     order = np.argsort(sessions, kind="stable")
     late = (np.diff(times[order]) <= 0) & (np.diff(sessions[order]) == 0)

@@ -107,9 +107,9 @@ class JointLog:
 
 
 def read_joint_log(file: Any, task: Task, units: Array, levels: Sequence[str] = ()) -> JointLog:
-    """Read a log of joint positions from a ``.csv``, ``.npz`` or ``.parquet`` file.
+    """Read a log of joint positions from a ``.csv``, ``.npz`` or ``.parquet`` file, or a data set.
 
-    The file has a column of times, named ``time``, ``t`` or ``timestamp``, and a column for each
+    A file has a column of times, named ``time``, ``t`` or ``timestamp``, and a column for each
     joint. The name of the joint may be part of a longer name, such as ``panda_joint1.position``.
     Columns with the same name and a number, such as ``q1`` to ``q7``, are used in the order of the
     numbers. An array ``q`` is used in the order of its columns. Measured positions (actual,
@@ -122,9 +122,9 @@ def read_joint_log(file: Any, task: Task, units: Array, levels: Sequence[str] = 
     Parameters
     ----------
     file
-        The file.
+        The file, or the folder or HDF5 file of a data set.
     task
-        Task; the joints of its robot are read.
+        Task; its joints are read.
     units : (n,) array
         Unit of each position in the file, in rad or m, such as π/180.
     levels
@@ -217,8 +217,11 @@ def _of_data_set(path: Path, task: Task, units: Array, levels: Sequence[str]) ->
 def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
     """Find the unit of the times in the column ``clock``: "s", "ms", "us" or "ns".
 
-    Return also True if the times count from 1970. A unit in which the log exceeds the joints' speed
-    limits ``fastest``, rad/s or m/s, is excluded. InputError is raised if several units remain.
+    Return also True if the times count from 1970. A unit in the name of the column is used, else
+    the only one in which the times are dates from 1990 to 2100. Else units are excluded in which
+    time steps are not those of a log, or joints are over five times faster than their limits
+    ``fastest``, rad/s or m/s. If none remains, the result is "s". InputError is raised if several
+    remain, unless the joints move at a usual speed in the first one only.
     """
     # steps of time, and the fastest joint relative to its limit
     steps = np.diff(log.t)
@@ -335,7 +338,9 @@ def _columns(header: Sequence[str], joints: Sequence[str]) -> tuple[list[str], b
 
     Returns
     -------
-    Names of the columns, empty if not found; and True if these names contain those of the joints.
+    Names of the columns, in the order of ``joints`` or, for numbered columns, of their numbers;
+    empty if not found. Then True if the columns were searched for by the joints' names, False if by
+    number.
 
     Raises
     ------
@@ -420,8 +425,9 @@ def _holds(name: str, joint: str) -> bool:
 def _whole(table: Table, n: int) -> str | None:
     """Find the name of an array (T, n) with the positions of all n joints; None if there is none.
 
-    InputError is raised if all candidates have other widths, because a wider array can begin with
-    the joints of another arm, or if there are several different arrays.
+    The array has one of the usual names, such as ``q`` or ``joints``. InputError is raised if all
+    arrays with such names have another width, because a wider array can begin with the joints of
+    another arm, or if several have this width and different numbers.
     """
     known = [name for name in _TABLES if table.widths.get(name, 0) > 1]
     found = [name for name in known if table.widths[name] == n]

@@ -62,9 +62,10 @@ def unit_notes(task: Task, log: JointLog) -> list[str]:
 
 
 def _refuse_another_order(task: Task, log: JointLog, found: str) -> None:
-    """Raise InputError if the joints of a log fit their limits in another order.
+    """Raise InputError if the joints of a log fit their limits in reversed or alphabetical order.
 
-    ``found`` is the first part of the message: the joint that exceeds its limits, and by how much.
+    Logs whose joints were found by name are not tested. ``found`` is the first part of the message:
+    the joint that exceeds its limits, and by how much.
     """
     orders = {
         "reversed": np.arange(task.n)[::-1],

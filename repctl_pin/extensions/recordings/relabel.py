@@ -443,9 +443,10 @@ def _nearest_leaf(F: InverseFunction, recording: Recording, recorded: Array | No
     """Find the level c (r,) nearest to the median of the recorded levels that is as good as c = 0.
 
     A level is as good as c = 0 if F reaches at least as many of the recorded poses at this level,
-    and if the smallest limit margin there is at least as large, or large enough. Levels between the
-    median of ``recorded`` (K, r) and 0 are tried, the nearest to the median first; the last is
-    c = 0, for which the function was designed. If there are no recorded levels, the result is 0.
+    and if the smallest limit margin at these poses is at least as large, or at least 0.05 rad or m.
+    Levels between the median of ``recorded`` (K, r) and 0 are tried, the nearest to the median
+    first. If none is as good, or there are no recorded levels, the result is 0, the level for which
+    the function was designed.
     """
     zero = np.zeros(F.task.r)
     if recorded is None or np.isnan(recorded).all():

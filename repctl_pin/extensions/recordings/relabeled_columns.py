@@ -155,13 +155,13 @@ def _ranges(at: Sequence[int]) -> str:
 def _copy(
     source: Table, name: str, known: Sequence[tuple[Sequence[int] | None, Array, Array]]
 ) -> tuple[Array, Sequence[int]] | None:
-    """Make new rows for an array of a file that repeats the recorded joints; None if it does not.
+    """Make new numbers for an array that repeats the recorded joints; None if it does not.
 
     ``known`` has three values for each column of joints: the indices of the joints in a row of that
     column, or None; the recorded joints (K, n); and the new joints (K, n). The recorded joints are
     looked for in the array ``name`` at these indices, if any, and then at any n consecutive
-    indices. In a data set, the array can also have the cosines or sines of the joints. Return the
-    new numbers (K, n), and their indices in a row of the array.
+    indices. Return the new joints (K, n), and their indices in a row of the array. If an array of a
+    data set has the cosines or sines of the recorded joints instead, return those of the new ones.
     """
     width = source.widths[name]
     known = [one for one in known if 1 < one[1].shape[1] <= width]
@@ -184,8 +184,9 @@ def _copy(
 def _of_old_joints(name: str, joints: Sequence[str]) -> bool:
     """Test by its name whether a column depends on the recorded joints, and so must be removed.
 
-    The name then contains the name of a joint, or a word such as ``action``, ``qvel`` or
-    ``velocity``, but no word for the hand or the gripper.
+    The result is True if the name contains the name of a joint. It is also True if the name
+    contains a word such as ``action``, ``qvel`` or ``velocity``, and none such as ``gripper``,
+    ``tcp`` or ``object``.
     """
     rest = words_of(name, joints)
     held = rest != words_of(name, ())

@@ -192,9 +192,9 @@ class _Visits(NamedTuple):
         """Find the index of the visit at which a drift begins after equal visits; 0 if none does.
 
         ``groups`` (N,) has the number of each visit's group. The result is the index of the first
-        visit that is not in group 0, if some joint drifts steadily from that visit on. At the same
-        rate, this joint would have left the noise during the equal visits, so its drift cannot have
-        begun earlier.
+        visit that is not in group 0, if two conditions hold for some joint. From that visit on, it
+        drifts steadily. And at the same rate, it would have left the noise by far between the first
+        visit and the last one before the drift, so it cannot have drifted from the beginning.
         """
         head = int(np.argmax(groups != 0))
         if not ENOUGH <= head <= len(self.t) - _LATER:

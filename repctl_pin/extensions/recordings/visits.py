@@ -95,9 +95,9 @@ class Visits:
     noise : (n,) array
         Noise of each joint, standard deviation, rad or m.
     nearest : float
-        Smallest distance, m, within which the hand came back to one of the poses that the search
-        tried, within the tolerance or not. Rotations, and differences of levels, count as in
-        ``tolerance``. It is inf if the hand left none of these poses.
+        How near the hand came a second time to a pose that the search tried: the smallest distance,
+        m, over all these poses. It can be larger than the tolerance. Rotations, and differences of
+        levels, count as in ``tolerance``. It is inf if the hand left none of these poses.
     deviation : (N, n) array
         Standard deviation of the joints at each visit due to the noise of the log, rad or m.
     bias : (N, n) array
@@ -121,8 +121,8 @@ def _most_visited(
 
     The rows of X (T, d) are points in m, ``steps`` (T - 1,) the distances between them; ``whole``
     is False at gaps of the log. Return three values: the index of the row; the passes at which the
-    hand is within the tolerance of the row's pose; and the smallest distance, m, within which the
-    hand returns to one of the up to 65 poses that the search tries, within the tolerance or not.
+    hand is within the tolerance of the row's pose; and how near, m, the hand comes a second time to
+    any of the up to 65 poses that the search tries.
     """
     radius = tolerance + float(np.quantile(steps, 0.95))
     tree = cKDTree(X)

@@ -566,7 +566,7 @@ def _kept_limits(task: Task, limits: Limits) -> JointLimits:
     """Convert limits to one number per joint; raise InputError for limits that are not supported.
 
     A governor does not support limits of torque or of the tool's speed. It requires a speed limit
-    of every joint.
+    of every joint: that of ``limits`` or, by default, that of the URDF.
     """
     kept = joint_limits(task, limits)
     for name, value in (("torque", kept.torque), ("tool_speed", kept.tool)):

@@ -204,7 +204,7 @@ class Run:
         return q, slope * o
 
     def _hold(self, t: float, override: float) -> None:
-        """Set a constant override; the motion's clock shows the time ``t``, s, at present."""
+        """Set the motion's clock to ``t``, s, and the override to a value that stays constant."""
         self._t = t
         self._override = override
         self._rate = 0.0
@@ -239,10 +239,10 @@ class Run:
             self._looked = 0.0
 
     def _quickest(self, goals: Array) -> _Change | None:
-        """Find a short change to one of the overrides ``goals`` (G,) within the limits.
+        """Find the first of the overrides ``goals`` (G,) that can be reached within the limits.
 
-        The goals are tried in turn, each with longer and longer durations; the first change within
-        the limits is returned. Return None if there is none.
+        The goals are tried in their order, each with a few durations, the shortest first. Return
+        the first change within the limits, as a :class:`_Change` with K = 1; None if there is none.
         """
         slope = np.abs(self._trajectory.derivatives(np.array([self._t]))[1, 0])
         far = np.abs(goals - self._override)

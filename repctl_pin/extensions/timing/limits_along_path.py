@@ -27,8 +27,9 @@ def strips(
     """Convert the limits of acceleration and torque to strips ``low ≤ along s̈ + across x ≤ high``.
 
     A strip is the set of points (s̈, x), with x = ṡ², that satisfy this inequality for one joint at
-    one stage. Return (along, across, low, high), each (K, n), or (K, 2 n) with limits of torque.
-    ``Q``, ``slope`` and ``bend`` (K, n) are q, q′ and q″ at the stages.
+    one stage. Return (along, across, low, high), each (K, n). With limits of torque, each is
+    (K, 2 n): the limits of acceleration of all joints, then those of torque. ``Q``, ``slope`` and
+    ``bend`` (K, n) are q, q′ and q″ at the stages.
     """
     ones = np.ones_like(slope)
     kinds = [(slope / limits.acceleration, bend / limits.acceleration, -ones, ones)]

@@ -117,8 +117,8 @@ def timed(
 def _first_cycle(motion: Motion, *, smooth: bool) -> Array:
     """Return the configurations (steps + 1, n) of a motion's first cycle, rad or m.
 
-    ``steps`` is the number of steps per cycle. With ``smooth``, a cycle that closes up to small
-    errors is changed to close exactly.
+    ``steps`` is the number of steps per cycle. With ``smooth``, a cycle whose ends differ by less
+    than 1e-5 rad or m is changed slightly, so that it closes exactly.
     """
     once = motion.q[: motion.steps + 1]
     if smooth and np.linalg.norm(once[-1] - once[0]) < CLOSED:

@@ -9,7 +9,8 @@ with E = ∂x/∂u, scales the coordinates to unit task speed.
 
 Letters: n joints, m task coordinates, r = n − m components of s, k coordinates in u, K poses, N
 monomials. Each of l further coordinates of the cell is symmetric: a single joint moves the frame
-along it, so u leaves it out; :attr:`Cell.along` has these joints. G_d is the desired inverse.
+along it, so u leaves it out. The columns of :attr:`Cell.along` (n, l) are the unit vectors of these
+joints, with a sign. G_d is the desired inverse.
 
 ``_Goals`` are the terms q_ref, n_ref, p and R of the chart's equations at K poses. ``Points`` are
 the configurations Q (K, n) of a function q = F(u) at K poses, with the kinematics there.
@@ -140,7 +141,8 @@ class Chart:
     def locked(self) -> tuple[int, ...]:
         """Indices of the r joints that the function keeps constant; empty for other functions.
 
-        The columns of n_ref are then constant unit vectors, one per joint. Rounding does not count.
+        The columns of n_ref are then constant unit vectors, one per joint. Differences as small as
+        rounding errors are ignored.
         """
         large = np.abs(self.coefficients) > _ROUNDING
         q_ref, n_ref = large[:, :, 0], large[:, :, 1:]
@@ -168,8 +170,8 @@ class Chart:
                   - (\partial n_{ref}^T)(q - q_{ref}) \right] \frac{\partial u}{\partial x} J
 
         ∂ is the derivative with respect to u and the l coordinates that symmetries remove from u;
-        for these l coordinates, the columns of ∂q_ref are :attr:`Cell.along`, and the columns of
-        ∂n_ref are 0.
+        for these l coordinates, the columns of ∂q_ref are those of :attr:`Cell.along`, and the
+        columns of ∂n_ref are 0.
 
         Parameters
         ----------

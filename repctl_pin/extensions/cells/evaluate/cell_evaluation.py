@@ -103,9 +103,10 @@ class Evaluation:
     limit_margin, limit_margin_worst : float
         Minimum distance of a joint from its limit, rad or m: over the held-out poses, and over
         these together with all poses that a search for smaller margins visited. Negative beyond the
-        limit, infinite without limits. The range ``"all"`` of a symmetric coordinate ends only at
-        the limits of the joint that moves the frame along it. This joint is left out. If the range
-        reaches a full turn first, :attr:`Turn.left` is the distance of this joint from its limits.
+        limit, infinite without limits. A joint that moves the frame along a symmetric coordinate
+        with the range ``"all"`` is left out, because this range ends only at the limits of the
+        joint. If the range is a full turn, :attr:`Turn.left` is the distance of the joint from its
+        limits.
     attainable_margin, attainable_margin_worst : float
         Largest limit margin on any leaf, rad or m, at the pose of ``limit_margin`` and at that of
         ``limit_margin_worst``. Each equals the margin at its pose if no leaf with a larger margin
@@ -167,7 +168,11 @@ class Evaluation:
 
     @property
     def covered(self) -> str:
-        """Coverage as text: ``100 %`` only if no evaluated pose fails, except for collisions."""
+        """Coverage as text, such as ``99.95 % of the held-out poses``.
+
+        It is ``100 %`` only if the function covers the corners and the poses found by search, too.
+        Collisions do not reduce it.
+        """
         if self.everywhere:
             return "100 %"
         if self.coverage == 1.0:

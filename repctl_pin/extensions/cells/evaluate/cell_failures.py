@@ -187,7 +187,7 @@ def touching(
 
     ``distances`` (K,) are the body distances, m, at the poses U (K, k). ``links`` are the two links
     with the smallest distance, and ``share`` is the share of poses with a distance below
-    ``required``. Return None if no distance is.
+    ``required``. Return None if no distance is below ``required``.
     """
     at = int(np.argmin(distances))
     least = float(distances[at])

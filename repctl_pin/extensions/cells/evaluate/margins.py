@@ -255,9 +255,10 @@ class _LeafSearch:
             self._keep(np.arange(K), *found)
 
     def refine(self, length: float) -> None:
-        """Try labels at the distance ``length``, rad, from the best one, in 2 r directions in turn.
+        """Try 2 r labels per pose, each at the distance ``length``, rad, from the best so far.
 
-        A direction increases or decreases one component of the label.
+        One after the other, each component of the label is increased and decreased. A label with a
+        larger margin becomes the best one at once, so the next label is tried near it.
         """
         for way in self._ways:
             on = np.flatnonzero(self.most < self._enough)
@@ -380,13 +381,13 @@ def lowest_distances(
 
     Only the smallest distance is exact, as from :meth:`Bodies.distances`. In a row without a
     collision, the distance is a lower bound, such as the distance of convex hulls. In a row where
-    hulls overlap, the bodies themselves must be tested, which takes forty times as long. So only
-    two groups of these rows are tested. The first is a sample, from which the fraction is
-    estimated. The second are the rows with the deepest overlap, until no other row can have a
-    smaller distance. In the other rows with overlap, the distance is set to 0.
+    hulls overlap, the bodies themselves must be tested, which takes forty times as long. So not
+    all of these rows are tested. From a sample of them, the fraction is estimated. Then rows with
+    the deepest overlap are tested, until no other row can have a smaller distance than the smallest
+    one found. In rows with overlap that are not tested, the distance is set to 0.
 
-    With ``quick``, only the 8 rows with the deepest overlap are tested. The fraction leaves out the
-    other rows with overlap, and one of these can have a smaller distance.
+    With ``quick``, only the 8 rows with the deepest overlap are tested. The fraction counts the
+    other rows with overlap as not below ``required``, and the smallest distance may be missed.
     """
     hulls = _nearest_hulls(bodies, Q, required)
     overlap = np.flatnonzero(hulls < 0)

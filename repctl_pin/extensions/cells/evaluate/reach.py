@@ -213,7 +213,7 @@ class Grown(NamedTuple):
 
 
 def drawn(box: Cell, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Draw K = ``count`` random configurations; return positions (K, 3), m, and all q (K, n).
+    """Draw K = ``count`` configurations at random: positions (K, 3), m, configurations (K, n).
 
     The positions are those of the frame; a box of poses is then grown around each. If the task does
     not command a coordinate of the position, that coordinate is taken from the middle of ``box``.

@@ -70,11 +70,11 @@ class Turn:
         ``reach`` of the function designed for the range ``"all"``, rad; NaN if no such function was
         designed.
     covered : float
-        Fraction of 4096 sampled poses at which the function has a configuration inside the limits
-        of all joints but those of symmetric coordinates; NaN in older files.
+        Fraction of 4096 sampled poses at which the function has a configuration inside the joint
+        limits; limits of joints with the range ``"all"`` do not count. NaN in older files.
     as_covered : float
-        Like ``nearly``, with the number ``covered`` as the share of the covered poses, in place of
-        99.9 %; rad. NaN in older files.
+        Range of the coordinate, rad, in which the joint stays within its limits at the fraction
+        ``covered`` of the covered poses; NaN in older files.
     bodies : str
         Links that collide just beyond the range of the function; empty if this range ends at the
         joint's limits.

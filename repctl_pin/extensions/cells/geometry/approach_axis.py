@@ -111,8 +111,8 @@ def _outward(task: Task, origin: Array, axis: Array) -> float:
     """Tell whether the axis (3,) of the last joint points away from the joint before it: 1 or −1.
 
     ``origin`` (3,), m, is the origin of the last joint; it and the axis are in frame axes. The
-    result is −1 if the joint before lies by more than 1 cm on the positive side of this origin
-    along the axis, else 1. Its distance along the axis does not depend on the configuration.
+    vector from this origin to that of the joint before is projected onto the axis. The result is −1
+    if the projection, m, is above 0.01, else 1. It does not depend on the configuration.
     """
     q = np.array(task.reference)
     x = task.placement(q)

@@ -222,7 +222,8 @@ class Cell:
     def _part(self, low: Array, high: Array) -> Cell:
         """Return the part of the cell with low ≤ u ≤ high, for two corners (k,).
 
-        The middle of the rotations stays, so their range becomes narrower on both sides.
+        Rotations keep their middle: their range is first narrowed to the largest interval
+        −a ≤ u_i ≤ a inside it.
         """
         middles, widths = self._middles_and_widths(low, high)
         p, _ = self._placed(middles[None])
@@ -239,7 +240,7 @@ class Cell:
         return range(len(self.half_width))
 
     def _kept_middles(self, low: Array, high: Array) -> tuple[Array, Array]:
-        """Narrow a part of the cell such that its middle differs only in movable coordinates.
+        """Narrow a part of the cell until only :attr:`_movable` coordinates have another middle.
 
         ``low`` and ``high`` (k,) are the corners of the part; return the new corners. The ranges of
         the :attr:`_movable` coordinates are unchanged. The range of any other coordinate becomes
@@ -677,7 +678,10 @@ class Cell:
         return f"{text}, turned by {turn} rad"
 
     def where(self, u: ArrayLike) -> str:
-        """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``."""
+        """Format the pose at u (k,): ``(0.1, 0.2, 0.5) m, turned by (0.3, 0, 0) rad from …``.
+
+        The text ends in "the middle's orientation"; without a rotation, it has the position only.
+        """
         x = self.at(u)
         text = f"({', '.join(f'{v:.3g}' for v in np.round(x.translation, 9) + 0.0)}) m"
         if self.rotation.any():

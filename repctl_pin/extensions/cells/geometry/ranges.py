@@ -200,7 +200,10 @@ def _inward(low: float, high: float) -> str:
 
 
 def _rounded_inward(low: float, high: float) -> tuple[str, str]:
-    """Return both ends of a range that is not empty, m, as :func:`_inward` writes them."""
+    """Format both ends of a range, m, rounded inward: ``0.35`` and ``0.70``; ``low`` < ``high``.
+
+    The step of the rounding is 1 cm, and smaller for ranges below 10 cm.
+    """
     digits = int(-np.floor(np.log10(min(_LARGEST_STEP, (high - low) / 10)) + 1e-9))
     step = 10.0**-digits
     ends = np.ceil(low / step - 1e-6) * step, np.floor(high / step + 1e-6) * step
@@ -209,7 +212,10 @@ def _rounded_inward(low: float, high: float) -> tuple[str, str]:
 
 
 def _pointing(direction: Array) -> str:
-    """Write a direction (3,) in base axes: a word, ``down``, or ``along (0.6, 0, -0.8)``."""
+    """Write a direction (3,), base axes: ``down``, ``up``, or ``along x of the base``.
+
+    Any other direction is written as numbers: ``along (0.6, 0, -0.8)``.
+    """
     named = (name for name, axis in _POINTS if direction @ np.array(axis) > 1 - 1e-6)
     numbers = ", ".join(f"{v:.2g}" for v in np.round(direction, 3) + 0.0)
     return next(named, f"along ({numbers})")

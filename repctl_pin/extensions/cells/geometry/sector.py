@@ -397,7 +397,7 @@ class Sector(Cell):
         return widths
 
     def _middle_of(self, i: int) -> str:
-        """Write `` at its height`` if u_i is a radius whose middle depends on the height.
+        """Write `` at its height`` if u_i is the radius, and its middle depends on the height.
 
         Else the text is empty. Error messages append this text to "from the middle".
         """
@@ -473,7 +473,8 @@ class Sector(Cell):
     def _part(self, low: Array, high: Array) -> Sector:
         """Return the part of the sector with low ≤ u ≤ high, for two corners (k,).
 
-        The middle of the tilts stays, so their range becomes narrower on both sides.
+        Tilts keep their middle, and so does the spin if the tool tilts. Their range is first
+        narrowed to the largest interval −a ≤ u_i ≤ a inside it.
         """
         middles, widths = self._middles_and_widths(low, high)
         p, R = self._placed(middles[None])
@@ -556,7 +557,10 @@ class Sector(Cell):
         return f"radius {', '.join(words)} m at the lowest, middle and highest height"
 
     def _range(self, i: int) -> str:
-        """Format the range of coordinate i, ``±0.3 rad`` or ``as far as the joints go``."""
+        """Format the range of coordinate i, an angle, by its half-width: ``±0.3 rad``.
+
+        A range ``"all"`` with a half-width of π is written as ``as far as the joints go``.
+        """
         if i in self.free and self.widths[i] == np.pi:
             return "as far as the joints go"
         return f"±{self.widths[i]:.3g} rad"

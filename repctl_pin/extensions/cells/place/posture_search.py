@@ -94,12 +94,13 @@ def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
     """Search for configurations in the middle of the cell; return up to four, the best first.
 
     A design tries the configurations in this order. The norm of the difference of any two of them
-    is above 0.3 (rad and m). If some candidates are free of collisions in the middle, the others
-    are dropped. From each remaining candidate, the arm moves along rays to the corners. The
-    criteria are, in this order: most corners reached, no collision at these corners, largest
-    joint-limit margin (up to 0.1 rad or m), smallest joint speed. Among nearly equal candidates,
-    the one nearest to the task's reference configuration is the first. ``seed`` is the random seed
-    of the configurations at which the search begins.
+    is above 0.3 (rad and m). If some of the candidates that are evaluated together are free of
+    collisions in the middle, the others of them are dropped. From each remaining candidate, the arm
+    moves along rays to the corners. The criteria are, in this order: most corners reached, no
+    collision at these corners, largest joint-limit margin, smallest joint speed. Margins above 0.1
+    rad or m count as 0.1. Among nearly equal candidates, the one nearest to the task's reference
+    configuration is the first. ``seed`` is the random seed of the configurations at which the
+    search begins.
 
     Raises
     ------
@@ -202,8 +203,8 @@ class Candidate:
 def judged(desired: Inverse, cell: Cell, Q: Array) -> list[Candidate]:
     """Evaluate configurations Q (K, n) in the middle of a cell by their rays to its corners.
 
-    Return one candidate per configuration, in the order of Q. If some of the configurations are
-    free of collisions, the configurations with collisions are left out.
+    Return the candidates in the order of Q. Configurations in which bodies collide are left out,
+    unless bodies collide in all of them.
     """
     bodies, corners = bodies_of(cell.task), cell.corners()
     distances = bodies.distances(Q)
@@ -263,8 +264,9 @@ def chosen(candidates: list[Candidate], reference: Array) -> Candidate:
     """Choose the best candidate, with which a design begins.
 
     The criteria are, in this order: most corners reached; no collision, or the largest body
-    distance if all collide; joint-limit margin up to 0.1 rad or m; squared joint speed at most
-    20 % above the minimum; smallest distance from the configuration ``reference`` (n,).
+    distance if all collide; largest joint-limit margin, where margins above 0.1 rad or m count as
+    0.1; squared joint speed at most 20 % above the minimum; smallest distance from the
+    configuration ``reference`` (n,).
     """
     most = max(c.share for c in candidates)
     candidates = [c for c in candidates if c.share > most - 1e-9]
@@ -297,7 +299,10 @@ def _unwound(cell: Cell, Q: Array) -> Array:
 
 
 def _regular(cell: Cell, Q: Array) -> NDArray[np.bool_]:
-    """Test which configurations Q (K, n) are far enough from singularities to begin rays: (K,)."""
+    """Test which configurations Q (K, n) are far enough from singularities to begin rays: (K,).
+
+    σ_min / σ_max of J must be above :data:`SINGULAR`.
+    """
     return inverse_condition_number(placed(cell.task, Q)[2]) > SINGULAR
 
 

@@ -63,9 +63,10 @@ class DataSet(Table):
     @property
     @abstractmethod
     def clock(self) -> Array:
-        """Time of each frame, s, from the frame rate: (K,), rising over all demonstrations.
+        """Time of each frame, s, its row number divided by the frame rate: (K,).
 
-        An InputError is raised if the data set gives no rate.
+        The time goes on from one demonstration to the next, without beginning at 0 again. An
+        InputError is raised if the data set gives no rate.
         """
 
     @abstractmethod

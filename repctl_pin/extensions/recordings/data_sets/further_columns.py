@@ -48,14 +48,15 @@ def further_joints(
     Returns
     -------
     A dict from the name of each further column to the indices of the joints in a row and their
-    positions (K, n), rad or m; and the names of the columns of actions that stay unchanged.
+    positions (K, n), rad or m; and the names of the columns of actions that stay unchanged. Both
+    leave out columns of actions whose meaning is not known. :func:`.relabeled_columns` removes
+    these, unless their names say that they belong to the hand.
 
     Raises
     ------
     InputError
-        If it is not known what the columns ``action`` or ``actions`` are, or if actions are not
-        positions near the recorded joints. Other columns of actions of unknown meaning are in
-        neither result; :func:`.relabeled_columns` removes them, unless their names are of the hand.
+        If it is not known whether a column named ``action`` or ``actions`` has joint positions, if
+        it has too few numbers per row, or if its positions are far from the recorded joints.
     """
     assert table.joints is not None
     commands, actions = action or table.commands, table.actions()
@@ -78,11 +79,12 @@ def further_joints(
 def require_positions(
     table: DataSet, labels: Sequence[str] | None, places: tuple[int, ...], task: Task
 ) -> None:
-    """Raise InputError if the column of joints has other numbers of a joint, such as its speed.
+    """Raise InputError if the column of joints also has other data of the joints, such as speeds.
 
-    Such a number has the name of the joint in its own name. ``labels`` are the names of the numbers
-    in a row of the column ``table.joints``. Without names, ``labels`` is None and no error is
-    raised. ``places`` are the indices of the joints in a row.
+    Relabelling would leave such numbers unchanged, although they depend on the joints. A number is
+    found by its name, which contains the name of a joint, and by its index, which is not one of
+    ``places``, the indices of the joint positions in a row. ``labels`` are the names of the numbers
+    in a row of the column ``table.joints``. If it is None, no error is raised.
     """
     for at, label in enumerate(labels or ()):
         if at not in places and any(joint in label for joint in task.joint_names):

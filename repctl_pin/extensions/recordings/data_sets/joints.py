@@ -18,11 +18,11 @@ from .robomimic import RobomimicData
 def open_data_set(
     path: Path, task: Task, joints: Sequence[str] | None = None
 ) -> tuple[DataSet, Sequence[str] | None]:
-    """Open a data set; return it, and the names of the numbers in a row of its joints, or None.
+    """Open a data set, and return it with the names of the numbers in its column of joints.
 
-    The names are the argument ``joints``, unchanged. One case differs: for an HDF5 file and an arm
-    of several joints, a single name is that of the array of joints. The file is then opened with
-    this array, and the second result is None.
+    The names are those given as ``joints``; None if none are given. Exception: for an HDF5 file and
+    an arm of several joints, a single name in ``joints`` is that of the array of joints. The file
+    is then opened with this array, and None is returned instead of names.
     """
     if path.is_dir():
         return LeRobotData(path), joints

@@ -143,9 +143,10 @@ class LeRobotData(DataSet):
 
     @property
     def clock(self) -> Array:
-        """Time of each frame, s, from the frame rate: (K,), rising over all demonstrations.
+        """Time of each frame, s, its row number divided by the frame rate: (K,).
 
-        An InputError is raised if the data set gives no rate.
+        The time goes on from one demonstration to the next, without beginning at 0 again. An
+        InputError is raised if the data set gives no rate.
         """
         fps = self._info.get("fps")
         if isinstance(fps, bool) or not isinstance(fps, (int, float)) or not fps > 0:
@@ -250,16 +251,21 @@ def _opened(file: Path) -> Any:
 
 
 def _part(new: Mapping[str, NewCells], rows: slice) -> dict[str, NewCells]:
-    """Select rows, such as those of one file, from every new column; return them by column name."""
+    """Select consecutive rows, such as those of one file, from the new numbers of each column.
+
+    Return the selected numbers by name of the column. ``rows`` are counted as in ``new``; in the
+    result, the first of them is row 0.
+    """
     return {name: NewCells(c.values[rows], c.at, c.rows[rows]) for name, c in new.items()}
 
 
 def _rewrite(
     file: Path, target: Path, new: Mapping[str, NewCells], removed: Collection[str]
 ) -> None:
-    """Write a copy of a Parquet file with the columns ``new`` and without those ``removed``.
+    """Write a copy of a Parquet file with changed columns, and without the columns ``removed``.
 
-    Row groups and compression stay as they are.
+    ``new`` has the changed numbers by name of their column, with a row per row of this file. Row
+    groups and compression stay as they are.
     """
     import pyarrow.parquet
 

@@ -80,10 +80,11 @@ class Vector:
 
 
 def vectors(inverse: RepeatableInverse, region: Bounded | None, start: Array) -> list[Vector]:
-    """Sample 48 test vectors with configurations in the region, and some outside it.
+    """Sample 48 test vectors, most of them with a configuration in the region.
 
-    Without a region, the configurations lie around ``start`` (n,). Optional inputs are None in some
-    vectors, and a few vectors are invalid. Every call gives the same vectors.
+    In the others, the configuration is outside the region, or an input is invalid. Without a
+    region, or if it is a cell, the configurations lie around ``start`` (n,). Optional inputs are
+    None in some vectors. Every call gives the same vectors.
     """
     task, rng = inverse.task, np.random.default_rng(0)
     near_start = start + rng.uniform(-0.2, 0.2, (_COUNT, task.n))
@@ -129,10 +130,10 @@ def _valid(inverse: RepeatableInverse, k: int, q: Array, rng: np.random.Generato
 
 
 def _moved(inverse: RepeatableInverse, q: Array, rng: np.random.Generator) -> Array:
-    """Add normal random numbers of standard deviation 1 rad or m to the joints q (n,).
+    """Return q (n,) plus normal random numbers of standard deviation 1 rad or m.
 
-    They are drawn anew while J_V is ill-conditioned there, so that C and Python, which round
-    differently, agree to the tolerance of the vectors; after too many draws, q is not moved.
+    The numbers are drawn anew while J_V is ill-conditioned at the new configuration, because C and
+    Python, which round differently, would disagree at it. After 100 draws, q is returned unchanged.
     """
     for _ in range(_DRAWS):
         moved = q + rng.normal(size=len(q))
@@ -169,10 +170,11 @@ def answers(inverse: RepeatableInverse, region: Bounded | None, vector: Vector) 
 
     Five keys have statuses: ``usable``, OK if q is finite; ``inside``, OUTSIDE if q is outside the
     region; ``velocity`` and ``step``, the status of these methods of the inverse; and ``torque``,
-    that of the torque law. The outputs are ``placement``, ``J`` and the level ``c`` at q; ``qdot``
-    from ``velocity``; ``q_next`` from ``step``; and from the torque law ``tau`` and the new state
-    of the ``observer``. The output of a method that raises an error is 0. If q is not finite, all
-    statuses are BAD_NUMBER, and only ``qdot``, ``q_next`` and ``tau`` are there, all 0.
+    that of the torque law. With ``stay_inside``, ``step`` can also be OUTSIDE. The outputs are
+    ``placement``, ``J`` and the level ``c`` at q; ``qdot`` from ``velocity``; ``q_next`` from
+    ``step``; and from the torque law ``tau`` and the new state of the ``observer``. The output of a
+    method that raises an error is 0. If q is not finite, all statuses are BAD_NUMBER, and only
+    ``qdot``, ``q_next`` and ``tau`` are there, all 0.
     """
     task, q = inverse.task, vector.q
     # numbers that are not finite are refused by all functions
