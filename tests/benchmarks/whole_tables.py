@@ -37,15 +37,20 @@ def on_a_lift(file: Path) -> str:
     return f"{file}@nozzle"
 
 
-def line(name: str) -> list[str]:
-    """Find the whole table of one arm; return the entries of its line."""
+def task_of(name: str) -> rp.Task:
+    """Load the task of an arm: a pose task, or an axis task if it has at most six joints."""
     file, _, given = name.partition("@")
     robot = rp.Robot.load(file)
     frame = given or robot.default_frame
-    kind = "pose" if len(robot.chain(frame)) > 6 else "axis"
+    return robot.task(frame, "pose" if len(robot.chain(frame)) > 6 else "axis")
+
+
+def line(name: str) -> list[str]:
+    """Find the whole table of one arm; return the entries of its line."""
+    task = task_of(name)
     begin = time.process_time()
     try:
-        found = rp.best_cell(robot.task(frame, kind), orientation="down")
+        found = rp.best_cell(task, orientation="down")
     except rp.InputError as error:
         return [name, f"refused: {error}"]
     seconds = time.process_time() - begin
@@ -55,7 +60,7 @@ def line(name: str) -> list[str]:
     widths = dict(zip(found.cell.coordinate_names, found.cell.widths, strict=True))
     turns = [f"{np.degrees(2 * widths[way]):.0f}" for way in ("angle", "spin") if way in widths]
     return [
-        f"{robot.name}, {kind}",
+        f"{task.robot.name}, {task.kind}",
         *(f"{area:.3f}" for area in (table.reach, table.rectangle, straight)),
         f"{table.area:.3f}" if table.by_height else "–",
         ", ".join(turns),
