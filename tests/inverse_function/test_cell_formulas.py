@@ -3,9 +3,11 @@ penalties, the searches for poses and postures. Only this file imports them."""
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,9 @@ from repctl_pin.extensions.cells.fit.cost import Cost, Penalty, descend, predict
 from repctl_pin.extensions.cells.fit.penalty import ActiveConstraint, PenaltyMethod
 from repctl_pin.extensions.cells.geometry import kinematics
 from repctl_pin.extensions.cells.place.posture_search import Candidate, chosen, judged, searched
+
+cell_fit = sys.modules[CellFit.__module__]
+"""The module of fits, whose steps are tested one by one."""
 
 
 @pytest.mark.parametrize("n, columns", [(1, 1), (7, 7), (9, 2)])
@@ -1197,6 +1202,86 @@ def test_a_fit_has_three_nodes_for_each_term(kind: str, half_angle: Any, count: 
     fit = fit_of(rp.Pseudoinverse(cell.task), degree="auto")
     assert isinstance(fit.design(cell, q), tuple)
     assert [len(U) for U in drawn] == [count]
+
+
+def test_a_cost_has_at_least_256_nodes_and_three_for_each_term() -> None:
+    """As many as the fit has, if these are fewer."""
+    terms, U = [cell_fit.Monomials(6, degree) for degree in (1, 3, 4)], np.zeros((4096, 6))
+    assert [len(cell_fit._nodes(U, each)) for each in terms] == [256, 256, 1024]
+    assert len(cell_fit._nodes(U[:100], terms[0])) == 100
+
+
+def test_the_first_chart_has_the_degree_at_which_its_directions_follow(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """In cells of two coordinates; elsewhere, or if none up to 14 does, it is the usual one."""
+    task, q = planar_task([1.0, 0.9, 0.8], tmp_path), np.array([0.6, -1.2, 1.4])
+    flat, solid = WatchedCell(task, task.placement(q), 0.1), cell_of("position")
+    follows, tried = cell_fit._follows, []
+
+    def degree_of(cell: rp.Cell, q: np.ndarray, enough: int) -> int:
+        tried.clear()
+        monkeypatch.setattr(
+            cell_fit,
+            "_follows",
+            lambda chart, *_: tried.append(chart.monomials.degree) or tried[-1] >= enough,
+        )
+        fit = fit_of(rp.Pseudoinverse(cell.task))
+        ends = cell_fit.rays(fit.desired, cell, q, cell.sample(128))
+        return int(fit._first_chart(cell, q, ends, quick=True).monomials.degree)
+
+    assert degree_of(flat, q, 4) == 4 and degree_of(flat, q, 6) == 6
+    assert degree_of(flat, q, 99) == 4 and max(tried) == 14
+    assert len(drawn[-1]) == 512  # a quarter of the poses of a full design
+    assert degree_of(solid, rp.solve_ik(solid.task, Q_PANDA, solid.placement), 6) == 4
+    # the cosine of the angle must exceed 0.4 at every pose
+    chart, U = chart_of(flat, q, degree=4, count=64), flat.sample(16)
+    N = kinematics.null_bases(chart.solve(U).J, chart.reference(U)[1])
+    n_ref, across = N[3], np.linalg.svd(N[3])[0][:, 1:2]
+    for cosine, result in ((1.0, True), (0.45, True), (0.35, False), (0.0, False)):
+        N[3] = cosine * n_ref + np.sqrt(1 - cosine**2) * across
+        assert follows(chart, U, N) is result
+
+
+def test_the_last_chart_has_at_most_as_many_terms_as_allowed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Three coordinates have 56 terms of degree 5, and 84 of degree 6."""
+    cell = cell_of("position")
+    q = rp.solve_ik(cell.task, Q_PANDA, cell.placement)
+    counts, dense = [], rp.Cell._dense_at_edges
+    monkeypatch.setattr(
+        rp.Cell, "_dense_at_edges", lambda *given: counts.append(given[1]) or dense(*given)
+    )
+    monkeypatch.setattr(cell_fit, "_MOST_TERMS", 60)
+    monkeypatch.setattr(cell_fit, "_CLOSE", 0.0)
+    chart = chart_of(cell, q, degree=4, count=128)
+    terms = cell_fit.Monomials(3, 2)
+    none = SimpleNamespace(a=np.zeros((terms.size, cell.task.r)))
+    for quick, degree in ((False, 5), (True, 4)):
+        last = cell_fit._recharted(cell, chart, none, terms, quick)
+        assert last.monomials.degree == degree
+    assert max(counts) == 256  # three for each term: directions of degree 4 are not steep
+
+
+def test_poses_that_rays_miss_are_tried_from_the_ends_of_the_longest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """From eight of them."""
+    tried: list[tuple[Any, ...]] = []
+    monkeypatch.setattr(cell_fit, "unreached", lambda *given: tried.append(given) or [])
+    monkeypatch.setattr(cell_fit, "rays", lambda *given: stopped(given[-1]))
+    cell = cell_of("position")
+
+    def stopped(U: np.ndarray) -> Any:
+        reached = np.linspace(1.0, 0.0, len(U))
+        Q = Q_PANDA - 0.01 * (1 - reached[:, None])
+        return cell_fit.Rays(U, Q, np.zeros((len(U), 7, 4)), reached, reached)
+
+    assert fit_of(rp.Pseudoinverse(cell.task), samples=64).design(cell, Q_PANDA) == ()
+    ((_, U, near, _),) = tried
+    assert len(U) == 64 + len(cell.corners()) - 1
+    assert np.allclose(near, Q_PANDA - 0.01 * np.arange(8)[:, None] / len(U), rtol=0, atol=1e-12)
 
 
 def test_a_quick_design_has_a_lower_degree_and_fewer_poses(tmp_path: Path) -> None:

@@ -114,6 +114,40 @@ def test_a_slide_beyond_its_limits_moves_the_hand_further(tmp_path: Path) -> Non
     assert motion.clearance.touch is not None or not motion.clearance.between
 
 
+def test_the_minimum_between_two_samples_is_found_to_a_tenth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The tip passes a ball at 10 cm, half-way between two samples at 15 cm.
+
+    The bounds at the samples exclude a collision, so only the minimum is sought."""
+    gap, turn = 0.1, 0.09
+    reach = LINKS.sum() + 0.01
+    task = beside(tmp_path, reach + gap + 0.01, 0.0, 0.0, '<sphere radius="0.01"/>')
+    bodies = rp.Bodies(task)
+    model, measured = type(bodies._model), []
+    some_distances = model.some_distances
+    monkeypatch.setattr(
+        model,
+        "some_distances",
+        lambda *given, **more: measured.append(given) or some_distances(*given, **more),
+    )
+    ends = np.array([[-turn, 0.0, 0.0], [turn, 0.0, 0.0]])
+    found = bodies._along(ends, np.array([0, 1]))
+    assert found.distances.min() > 1.4 * gap
+    assert gap - 1e-9 <= found.distance <= gap / 0.9 and found.at == pytest.approx(0.5, abs=0.2)
+    assert found.links == ("l2", "thin") and found.between and found.touch is None
+    assert found.points == 2 + len(measured) > 2
+
+
+def test_a_piece_is_as_long_as_its_longer_half(tmp_path: Path) -> None:
+    """The arm moves slowly, then fast past a pin: its middle sample is far from the pin."""
+    x, y = LINKS.sum() * np.array([np.cos(0.47), np.sin(0.47)])
+    task = beside(tmp_path, x, y, 0.0, '<cylinder radius="0.001" length="0.2"/>')
+    Q = np.array([[angle, 0.0, 0.0] for angle in (0.0, 0.01, 0.02, 0.32, 0.62)])
+    found = rp.Bodies(task)._along(Q, np.array([0, 4]))
+    assert found.touch is not None and 3.4 < found.touch[0] < 3.6
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("count", some([10, 20, 100], 10))
 def test_never_clean_where_a_dense_check_finds_a_collision(count: int, tmp_path: Path) -> None:

@@ -115,6 +115,7 @@ def test_hulls_that_overlap_are_no_touch(chain: rp.Task, tmp_path: Path) -> None
     bodies = rp.Bodies(rp.Robot.load(tmp_path / "chain.urdf").task("tip", "position"))
     touching = bodies.nearest(np.zeros(3))
     assert (touching.distance, touching.links) == (0.0, ("base", "tip"))
+    assert bodies.hull_distances(np.zeros((1, 3)))[0] < -0.1
     on_it = bodies.nearest(np.array([0.4 / 3, 0.0, 0.0]))
     assert on_it.links == ("base", "tip") and on_it.distance < 0
     assert bodies.nearest(np.array([0.7 / 3, 0.0, 0.0])).distance > 0
@@ -610,6 +611,35 @@ def test_a_joint_moves_a_body_by_the_distance_of_its_corners_from_the_axis(tmp_p
     np.testing.assert_allclose(model.reach(), [rates], rtol=1e-12)
 
 
+def test_a_slide_moves_a_body_by_its_own_motion(tmp_path: Path) -> None:
+    text = TWO_BOXES.replace('"lift" type="revolute"', '"lift" type="prismatic"')
+    (tmp_path / "boxes.urdf").write_text(text)
+    model = rp.Bodies(rp.Robot.load(tmp_path / "boxes.urdf").task("arm", "position"))._model
+    assert model.reach()[:, 1].tolist() == [1.0]
+
+
+def test_a_pair_that_moves_little_is_measured_until_its_credit_is_spent(chain: rp.Task) -> None:
+    """5 cm since the last test is little. Eight measurements in a row that save no test are the
+    last; each saved test allows one more."""
+    still, q = np.full(2, np.inf), np.array([2.0, -1.0])
+    known = type(rp.Bodies(chain)._model._known)(np.array([[1.0, 0.5]]), still)
+    assert not known.pays(0, q)
+    assert not known.pays(0, q + [0.04, 0.03])
+    assert [known.pays(0, q + [0.0, 0.03]) for _ in range(10)] == [True] * 8 + [False] * 2
+    known.note(0, q, 0.1)
+    assert known.knows(0, q + [0.05, 0.05]) and not known.knows(0, q + [0.1, 0.05])
+    assert [known.pays(0, q + [0.0, 0.03]) for _ in range(2)] == [True, False]
+
+
+def test_no_distance_is_stored_where_a_slide_is_beyond_its_strokes(chain: rp.Task) -> None:
+    """The bounds on the rates of a pair do not hold there."""
+    known = type(rp.Bodies(chain)._model._known)(np.ones((1, 2)), np.array([np.inf, 0.2]))
+    known.note(0, np.array([0.0, 0.3]), 9.0)
+    assert not known.knows(0, np.array([0.0, 0.1]))
+    known.note(0, np.array([0.0, 0.1]), 9.0)
+    assert known.knows(0, np.array([0.0, 0.15])) and not known.knows(0, np.array([0.0, 0.3]))
+
+
 def spatial_with_balls(folder: Path) -> str:
     """Write an arm of revolute and prismatic joints of any direction; return its file."""
     ball = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
@@ -754,6 +784,48 @@ def test_the_pandas_elbow_comes_near_its_body_under_the_pseudoinverse(
 def test_an_arm_without_bodies() -> None:
     bodies = rp.Bodies(rp.Robot.load("planar3r").task())
     assert bodies.pairs == () and bodies.nearest(np.zeros(3)).distance == np.inf
+    assert bodies._pair_bounds(np.zeros((2, 3))).shape == (2, 0)
+
+
+def test_a_pair_is_moved_by_either_of_two_coupled_joints(chain: rp.Task, tmp_path: Path) -> None:
+    """The last joint repeats the first one; only the first one moves b."""
+    text = (tmp_path / "chain.urdf").read_text()
+    at = text.index('name="j2"')
+    text = text[:at] + text[at:].replace("</joint>", '<mimic joint="j0"/></joint>', 1)
+    (tmp_path / "coupled.urdf").write_text(text)
+    bodies = rp.Bodies(rp.Robot.load(tmp_path / "coupled.urdf").task("tip", "xy"))
+    assert set(bodies.pairs) == {("base", "b"), ("base", "tip")}
+    assert bodies._moved_by(0).tolist() == [True, True]
+
+
+def test_bodies_are_described_in_words(chain: rp.Task, tmp_path: Path) -> None:
+    """How many pairs are checked, and what is not; of several meshes, the first is named."""
+    bodies = rp.Bodies(chain)
+    counts = "2 pairs measured, 0 for collisions only; not checked: 1 adjacent"
+    assert repr(bodies) == f"<Bodies of chain: {counts}, 0 disabled by the SRDF, 0 overlapping>"
+    assert bodies.not_checked.startswith("1 body without a collision shape")
+    assert "more like it" not in bodies.notes[0]
+    text = (tmp_path / "chain.urdf").read_text()
+    (tmp_path / "two.urdf").write_text(
+        text.replace('<sphere radius="0.1"/>', LOST.replace("lost", "gone"), 1)
+    )
+    two = rp.Bodies(rp.Robot.load(tmp_path / "two.urdf").task("tip", "position"))
+    assert two.notes[0].endswith(" (and 1 more like it)")
+    assert two.not_checked.startswith("2 bodies without")
+    (tmp_path / "all.urdf").write_text(text.replace(LOST, '<sphere radius="0.1"/>'))
+    whole = rp.Bodies(rp.Robot.load(tmp_path / "all.urdf").task("tip", "position"))
+    assert whole.not_checked == "" and whole.notes == []
+    whole.touching = (("a", "b"),) * 3
+    whole.disabled = (("a", "b"),)
+    assert whole.notes == [
+        "a and b, a and b, a and b overlap at every sampled configuration; they are not checked",
+        "1 pair of links overlaps and is not checked: the SRDF disables it",
+    ]
+    whole.touching = (("a", "b"),) * 4
+    assert whole.notes[0].startswith("a and b, a and b, a and b and 1 more pair overlap")
+
+
+LOST = '<mesh filename="lost.stl"/>'
 
 
 TWO_SHAPES = """<robot name="capsules"><link name="l0">{body}</link>

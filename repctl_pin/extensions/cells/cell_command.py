@@ -222,25 +222,9 @@ def run(options: Options) -> int:
     require_proofs(options.prove)
     # the cell: as given, or the best one
     asked = _asked(options, in_percent(say))
-    cell = asked.cell
-    try:
-        design = (
-            asked.design
-            if asked.design is not None
-            else rp.nearest_inverse_function(
-                rp.Pseudoinverse(cell.task),
-                cell,
-                posture=asked.posture,
-                degree=options.asked_degree(),
-                incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
-                **options.of("limit_margin", "body_distance", "sigma_min"),
-                options=rp.FitOptions(**options.of("held_out", "seed")),
-                progress=in_percent(say),
-            )
-        )
-    except rp.NoFunctionError as error:
-        error.remedy = _remedy(error, asked)
-        raise
+    design = asked.design
+    if design is None:
+        design = _designed(options, asked, in_percent(say))
     # the proof, and the files: all or none
     if options.prove and design.proof is None:
         design = proved(design, say)
@@ -253,22 +237,44 @@ def run(options: Options) -> int:
 
     notes = _with_choices(notes, options, asked, design)
 
-    def text() -> list[Span]:
-        from .show.cell_page import cell_headline
-
-        lines = ["", "", design.summary(), ""]
-        if design.proof is not None:
-            lines += [design.proof.summary(), ""]
-        lines += [*map(noted, [*notes, _MEANING]), ""]
-        lines += page_lines(files)
-        said = cell_headline(design)
-        sentences = [Span(f"{span.text} ", span.tone) for span in said.notes]
-        return [*wrapped([*said.sentence, *sentences]), Span(fitted("\n".join(lines)))]
-
     said = {"start_is": asked.start_is, "notes": notes}
     listed = files if options.json else []  # the answer names them itself
-    print_result(options, lambda: _as_dict(design) | said, text, listed)
+    print_result(
+        options, lambda: _as_dict(design) | said, lambda: _text(design, notes, files), listed
+    )
     return proof_code(design.proof)
+
+
+def _designed(options: Options, asked: _Asked, report: Report) -> rp.CellDesign:
+    """Design the function over the cell that the options describe; remedies name options."""
+    try:
+        return rp.nearest_inverse_function(
+            rp.Pseudoinverse(asked.cell.task),
+            asked.cell,
+            posture=asked.posture,
+            degree=options.asked_degree(),
+            incomplete="shrink" if options.shrink else "keep" if options.keep else "refuse",
+            **options.of("limit_margin", "body_distance", "sigma_min"),
+            options=rp.FitOptions(**options.of("held_out", "seed")),
+            progress=report,
+        )
+    except rp.NoFunctionError as error:
+        error.remedy = _remedy(error, asked)
+        raise
+
+
+def _text(design: rp.CellDesign, notes: Sequence[str], files: Sequence[Path]) -> list[Span]:
+    """Write what the command prints: the headline, the tables, the notes and the files."""
+    from .show.cell_page import cell_headline
+
+    lines = ["", "", design.summary(), ""]
+    if design.proof is not None:
+        lines += [design.proof.summary(), ""]
+    lines += [*map(noted, [*notes, _MEANING]), ""]
+    lines += page_lines(files)
+    said = cell_headline(design)
+    sentences = [Span(f"{span.text} ", span.tone) for span in said.notes]
+    return [*wrapped([*said.sentence, *sentences]), Span(fitted("\n".join(lines)))]
 
 
 _MEANING = (
@@ -398,16 +404,8 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     the search; ``posture`` of the result is then None, and the design searches for a configuration.
     """
     import numpy as np
-    import pinocchio as pin
 
-    # orientation of the tool, and what the options limit
-    task = _oriented_task(options)
-    orientation: Any = None
-    if options.rpy is not None:
-        angles = np.radians(_numbers(options.rpy, "--rpy", 3))
-        orientation = pin.rpy.rpyToMatrix(*angles)
-    elif options.down or options.forward:
-        orientation = "down" if options.down else "forward"
+    # what the options limit
     more: dict[str, Any] = {}
     if options.heights is not None:
         more["heights"] = _numbers(options.heights, "--heights", 2)
@@ -415,9 +413,9 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
         more["most_extra"] = np.array(_numbers(options.most_extra, "--most-extra", 2)) / 100
     # the largest sector, or the best place for the box
     place = rp.best_cell(
-        task,
+        _oriented_task(options),
         None if options.size is None else _numbers(options.size, "--size"),
-        orientation=orientation,
+        orientation=_orientation(options),
         approach=options.approach,
         yaw=float(np.radians(options.yaw)),
         at=at,
@@ -434,13 +432,25 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
     posture: Any = place.posture
     if options.half_angle != "0":
         angle = _numbers(options.half_angle, "--half-angle")
-        cell, posture = rp.Cell(task, cell.placement, cell.half_width, angle), None
+        cell, posture = rp.Cell(cell.task, cell.placement, cell.half_width, angle), None
     note = f"placed at {cell.where(np.zeros(cell.k))}, where J⁺ reaches every corner"
     if place.factor < 1:
         share = f"{100 * place.factor:.0f} % of the size that was asked for"
         note += f"; {share}, because at full size, {place.reason}"
     notes = (note, *_approach_note(place))
     return _Asked(cell, posture, "searched for the cell", False, notes)
+
+
+def _orientation(options: Options) -> Any:
+    """Return the orientation of the tool: a rotation matrix, ``"down"``, ``"forward"`` or None."""
+    import numpy as np
+    import pinocchio as pin
+
+    if options.rpy is not None:
+        return pin.rpy.rpyToMatrix(*np.radians(_numbers(options.rpy, "--rpy", 3)))
+    if options.down or options.forward:
+        return "down" if options.down else "forward"
+    return None
 
 
 def _whole_table(table: WholeTable, prove: bool, report: Report) -> tuple[rp.CellDesign, list[str]]:

@@ -257,36 +257,9 @@ class CellDesign:
 
         The table of ``repctl cell`` and the page of the design show them.
         """
-        j, unit = self.evaluation, self.task._joint_unit
-        most = (
-            "best possible there by self-motion:"
-            if self.task.r == 1
-            else "best found there on other leaves:"
-        )
-        # limits, and what self-motion could reach there
-        margin = (
-            f"{j.limit_margin_worst:.3g} {unit} at the worst pose found by search "
-            f"({most} {j.attainable_margin_worst:.3g})"
-            f"{_unmet(j.limit_margin_worst, self.requested_limit_margin)}\n"
-            f"{j.limit_margin:.3g} {unit} at the worst held-out pose "
-            f"({most} {j.attainable_margin:.3g})"
-            f"{_unmet(j.limit_margin, self.requested_limit_margin)}"
-        )
-        margin += _left_out(self.function.chart.cell.excepted, j.turns)
-        # bodies and singularities
-        bodies = _NO_BODIES
-        if np.isnan(j.body_distance):
-            bodies = "not known: the bodies have changed since it was evaluated"
-        elif np.isfinite(j.body_distance):
-            near = j.body_distance
-            short = abs(near) < 0.01
-            bodies = f"{1e3 * near:.3g} mm" if short else f"{100 * near:.3g} cm"
-            bodies += f", {' and '.join(j.nearest_bodies)}"
-            bodies += _unmet(j.body_distance, self.requested_body_distance)
+        j = self.evaluation
         sigma = f"{j.smallest_singular_value:.3g}"
         sigma += _unmet(j.smallest_singular_value, self.requested_sigma_min)
-        speed = self._speed_words()
-        # the function itself
         leaf = (
             "not known: evaluated by an older version"
             if np.isnan(j.leaf_margin)
@@ -301,15 +274,46 @@ class CellDesign:
             "posture": ", ".join(f"{v:.4g}" for v in np.round(self.posture, 4) + 0.0)
             + f" {self.task._joint_unit}",
             **self._degree(),
-            "extra joint speed": speed,
+            "extra joint speed": self._speed_words(),
             "mean ‖∂F − G_d‖²": f"{cost} (on {self.held_out} held-out poses)",
-            "limit margin": margin if np.isfinite(j.limit_margin) else "no limits",
-            "body distance": self._with_unchecked(bodies),
+            "limit margin": self._limit_margin_words(),
+            "body distance": self._with_unchecked(self._body_distance_words()),
             "σ_min(J)": sigma,
             "leaf margin": f"{leaf}, {proved_words(self.proof)}",
             "residual": f"{j.residual:.1g} m or rad",
             "coverage": j.covered,
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
+
+    def _limit_margin_words(self) -> str:
+        """Write the smallest limit margins, and what self-motion could reach at the same poses."""
+        j, unit = self.evaluation, self.task._joint_unit
+        if not np.isfinite(j.limit_margin):
+            return "no limits"
+        most = (
+            "best possible there by self-motion:"
+            if self.task.r == 1
+            else "best found there on other leaves:"
+        )
+        return (
+            f"{j.limit_margin_worst:.3g} {unit} at the worst pose found by search "
+            f"({most} {j.attainable_margin_worst:.3g})"
+            f"{_unmet(j.limit_margin_worst, self.requested_limit_margin)}\n"
+            f"{j.limit_margin:.3g} {unit} at the worst held-out pose "
+            f"({most} {j.attainable_margin:.3g})"
+            f"{_unmet(j.limit_margin, self.requested_limit_margin)}"
+            f"{_left_out(self.function.chart.cell.excepted, j.turns)}"
+        )
+
+    def _body_distance_words(self) -> str:
+        """Write the minimum body distance, such as ``3.2 mm, link5 and link7``."""
+        j, near = self.evaluation, self.body_distance
+        if np.isnan(near):
+            return "not known: the bodies have changed since it was evaluated"
+        if np.isinf(near):
+            return _NO_BODIES
+        length = f"{1e3 * near:.3g} mm" if abs(near) < 0.01 else f"{100 * near:.3g} cm"
+        bodies = " and ".join(j.nearest_bodies)
+        return f"{length}, {bodies}{_unmet(near, self.requested_body_distance)}"
 
     def _with_unchecked(self, bodies: str) -> str:
         """Return ``bodies``, a text on body distances, with a note on bodies not checked."""

@@ -394,7 +394,14 @@ def _cell(content: _CellFile, task: Task) -> Cell:
         "half_angle": w[3:5],
         "spin": w[5],
     }
-    sector = Sector(task, pin.SE3(at), **names, axis=data.axis)
+    return _as_stored(Sector(task, pin.SE3(at), **names, axis=data.axis), data)
+
+
+def _as_stored(sector: Sector, data: _SectorFile) -> Sector:
+    """Restore the profile, the symmetries and the middle of the spin of a sector from its file.
+
+    InputError is raised if these do not fit the sector.
+    """
     if not isinstance(data.profile, msgspec.UnsetType):
         sector = sector._profiled_by(np.array(data.profile))
     used = [one for one in sector.symmetries if one.coordinate in data.symmetric]
@@ -416,7 +423,7 @@ def _cell(content: _CellFile, task: Task) -> Cell:
             "the middle of the spin must be from −2π to 2π rad, and is stored only for a sector "
             "with tilts and the spin range 'all'; design the cell again"
         )
-    return sector.turned({SPIN: middle}, {SPIN: w[SPIN]})
+    return sector.turned({SPIN: middle}, {SPIN: float(sector.widths[SPIN])})
 
 
 def cell_of(content: _CellFile, task: Task) -> CellDesign:

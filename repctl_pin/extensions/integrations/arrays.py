@@ -25,7 +25,7 @@ with the coordinates that it commands. ``FourierMap`` is r potentials h(q) as Fo
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from inspect import signature
 from itertools import count
 from math import prod
@@ -124,13 +124,8 @@ def inverse_function(F: InverseFunction, xp: Namespace) -> Callable[..., Numbers
         lead = _broadcast(x.shape[:-2], c.shape[:-1])
         rows = _last(xp, xp.broadcast_to(x, (*lead, 4, 4)), 2)
         c = _last(xp, xp.broadcast_to(xp.astype(c, x.dtype), (*lead, r)), 1)
-        # Solve at poses of the cell; the others are replaced by its middle
-        X = [xp.stack([rows[j], rows[4 + j], rows[8 + j]]) for j in range(4)]
         good = _rigid(xp, task.kind, rows) & xp.all(xp.abs(xp.stack(c)) < _FAR, axis=0)
-        middle = _middle(xp, F.cell, X)
-        X = [xp.where(good, *pair) for pair in zip(X, middle, strict=True)]
-        good = good & _inside(xp, F.cell, X)
-        X = [xp.where(good, *pair) for pair in zip(X, middle, strict=True)]
+        X, good = _within_cell(xp, F.cell, rows, good)
         q, found = solve(X, xp.where(good, xp.stack(c), 0.0))
         # Check the limits
         within = _within(xp, task, q)
@@ -533,26 +528,37 @@ def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[list[Num
     S, offset = np.pad(chain.S, ((0, 1), (0, 0))), np.pad(chain.offset, (0, 1))
     turns = np.append(chain.revolute, True)
 
-    def link(at: tuple[Numbers, Numbers], table: Numbers, slide: Numbers, angle: Numbers) -> Any:
-        R, p = at
-        x, y, z, step = _unstack(
-            xp.reshape(table @ xp.reshape(R, (3, 3 * R.shape[-1])), (4, 3, R.shape[-1]))
-        )
-        cos, sin, o = xp.cos(angle), xp.sin(angle), p + step
-        R = xp.stack([cos * x + sin * y, cos * y - sin * x, z])
-        return (R, o + slide * z), (z, o)
-
     def kinematics(q: Numbers) -> tuple[list[Numbers], Numbers]:
         theta = _like(xp, S, q) @ q + _like(xp, offset[:, None], q)
         angles = theta * _like(xp, turns[:, None], q)
         R = xp.broadcast_to(_like(xp, np.eye(3)[:, :, None], q), (3, 3, q.shape[1]))
         at = R, xp.zeros_like(R[0, ...])
-        (R, p), (z, o) = _scanned(xp, link, at, _like(xp, links, q), theta - angles, angles)
+        (R, p), (z, o) = _scanned(
+            xp, partial(_next_link, xp), at, _like(xp, links, q), theta - angles, angles
+        )
         columns = _unstack(R)
         J = _jacobian(xp, task.kind, chain, columns, z[:-1, ...], p - o[:-1, ...])
         return [*columns, p], J
 
     return kinematics
+
+
+def _next_link(
+    xp: Namespace, at: tuple[Numbers, Numbers], table: Numbers, slide: Numbers, angle: Numbers
+) -> Any:
+    """Go from one link of a chain to the next: (R, p) → (R, p), (z axis of the joint, its origin).
+
+    R (3, 3, K) has the axes of the link as its first axis, p (3, K) is its origin, in the root
+    frame. The rows of ``table`` (4, 3) are the axes and the origin of the joint in the link before.
+    The joint slides along z by ``slide`` (K,), m, and rotates about z by ``angle`` (K,), rad.
+    """
+    R, p = at
+    x, y, z, step = _unstack(
+        xp.reshape(table @ xp.reshape(R, (3, 3 * R.shape[-1])), (4, 3, R.shape[-1]))
+    )
+    cos, sin, o = xp.cos(angle), xp.sin(angle), p + step
+    R = xp.stack([cos * x + sin * y, cos * y - sin * x, z])
+    return (R, o + slide * z), (z, o)
 
 
 def _jacobian(
@@ -900,6 +906,21 @@ def _rigid(xp: Namespace, kind: Kind, rows: list[Numbers]) -> Numbers:
         off += _unstack(_cross(xp, a, b) - c)
     limit = max(ROTATION, 8 * _eps(xp, rows[0]))
     return near & xp.all(xp.abs(xp.stack(off)) < limit, axis=0)
+
+
+def _within_cell(
+    xp: Namespace, cell: Cell, rows: list[Numbers], good: Numbers
+) -> tuple[list[Numbers], Numbers]:
+    """Replace poses outside the cell, and poses that are not ``good`` (K,), by its middle.
+
+    ``rows`` are the numbers of homogeneous matrices, 16 arrays (K,). Return the placements, with
+    which the equations can be solved, and a mask (K,) of the poses that were kept.
+    """
+    X = [xp.stack([rows[j], rows[4 + j], rows[8 + j]]) for j in range(4)]
+    middle = _middle(xp, cell, X)
+    X = [xp.where(good, *pair) for pair in zip(X, middle, strict=True)]
+    good = good & _inside(xp, cell, X)
+    return [xp.where(good, *pair) for pair in zip(X, middle, strict=True)], good
 
 
 def _inside(xp: Namespace, cell: Cell, X: list[Numbers]) -> Numbers:

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import Array, as_numbers, positive, progress_option, read_only, require_type
 from ...base.errors import InputError
@@ -206,12 +206,11 @@ def between(
         segments, durations = _timed_parts(parts, kept, report)
     require_samples(sum(durations) * rate, sum(durations), rate)
 
-    # each part takes a whole number of samples, and the poses at rest are met exactly
-    samples = np.maximum(1, np.ceil(np.array(durations) * rate - 1e-6)).astype(int)
-    rows = np.concatenate([[0], np.cumsum(samples)])
+    rows = _rows_at_rest(durations, rate)
     t = np.arange(rows[-1] + 1) / rate
     course = Course(segments, t[rows[:-1]], np.diff(t[rows]))
     q, qdot, qddot, _ = course.derivatives(t)
+    # the poses at rest are met exactly
     rests = [0, *(part.last for part in parts)]
     q[rows], qdot[rows], qddot[rows] = ends[rests], 0.0, 0.0
     return MotionBetween(
@@ -221,7 +220,7 @@ def between(
         qdot=qdot,
         qddot=qddot,
         starts=t[[0, -1]],
-        length=np.insert(np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1)), 0, 0.0),
+        length=_length(q),
         speed=np.linalg.norm(qdot, axis=1),
         velocity=kept.velocity,
         acceleration=kept.acceleration,
@@ -234,6 +233,20 @@ def between(
         times=_times_at_poses(parts, segments, t[rows]),
         rests=tuple(rests),
     )
+
+
+def _rows_at_rest(durations: Sequence[float], rate: float) -> NDArray[np.intp]:
+    """List the samples at rest: the first, and the last of each part.
+
+    Each part takes a whole number of samples, at least its duration, s.
+    """
+    samples = np.maximum(1, np.ceil(np.array(durations) * rate - 1e-6)).astype(int)
+    return np.concatenate([[0], np.cumsum(samples)])
+
+
+def _length(q: Array) -> Array:
+    """Compute the length of the joint path from its first sample to each of T samples: (T,)."""
+    return np.insert(np.cumsum(np.linalg.norm(np.diff(q, axis=0), axis=1)), 0, 0.0)
 
 
 def _timed_parts(

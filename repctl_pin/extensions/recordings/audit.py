@@ -348,25 +348,34 @@ def audit(
         given = joint_log(log[0], log[1], units, *log[2:])
     else:
         given = read_joint_log(log, task, units, levels)
-    notes = [given.read] if given.read else []
-    if given.levels.shape[1]:
-        named = f" in {', '.join(levels)}" if levels else ""
-        notes.append(f"a return is to the same hand pose and the same commanded levels{named}")
-    notes += unit_notes(task, given)
-    if given.dropped:
-        notes.append(
-            f"{given.dropped} rows were left out: a number is missing, or the time is that before"
-        )
+    notes = _notes(task, given, levels)
     endless = np.isinf(task.upper)
     given = replace(given, q=np.where(endless, np.unwrap(given.q, axis=0), given.q))
     every = -(-len(given.t) // _MOST_ROWS)
     t, q, c = given.t[::every], given.q[::every], given.levels[::every]
     visits = find_visits(task, t, q, tolerance, c)
     if len(visits.t) < _FEWEST:
-        return Audit(task, given, visits, np.empty((0, 0, 3)), notes=tuple(notes))
+        return Audit(task, given, visits, np.empty((0, 0, 3)), notes=notes)
     # full turns of a joint without limits do not count
     same = np.where(endless, np.unwrap(visits.q, axis=0), visits.q)
-    return _measured(task, given, replace(visits, q=same), tuple(notes))
+    return _measured(task, given, replace(visits, q=same), notes)
+
+
+def _notes(task: Task, log: JointLog, levels: Sequence[str]) -> tuple[str, ...]:
+    """Write the notes on a log: how it was read, and which of its rows and columns count.
+
+    ``levels`` are the names of its columns of levels; without names, the levels are unnamed.
+    """
+    notes = [log.read] if log.read else []
+    if log.levels.shape[1]:
+        named = f" in {', '.join(levels)}" if levels else ""
+        notes.append(f"a return is to the same hand pose and the same commanded levels{named}")
+    notes += unit_notes(task, log)
+    if log.dropped:
+        notes.append(
+            f"{log.dropped} rows were left out: a number is missing, or the time is that before"
+        )
+    return tuple(notes)
 
 
 def _task(robot: Any, frame: Any, kind: str | None) -> Task:

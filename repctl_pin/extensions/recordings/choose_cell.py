@@ -199,15 +199,20 @@ def _sector(recording: Recording, share: float) -> Cell:
         probe = _wide_sector(task, pin.SE3(turned, point), 0.5 * rho)
         Y = _within(_measured(probe, p, R), share)
         between = (Y.max(axis=0) + Y.min(axis=0)) / 2
-        found, middle = probe, _widths(Y, 3)
         rho, mean = rho + between[RADIUS], mean + between[ANGLE]
         z += between[HEIGHT] if task.m > 2 else 0.0
-        turned = pin.exp3(between[ANGLE] * np.array([0.0, 0.0, 1.0])) @ turned
-        if task.m > 3:
-            turned = turned @ pin.exp3(np.append(between[3:5], 0.0))
-        if task.m > SPIN:
-            turned = turned @ pin.exp3(np.array([0.0, 0.0, between[SPIN]]))
-    return _sector_of(found, middle)
+        turned = _turned(turned, between)
+    return _sector_of(probe, _widths(Y, 3))
+
+
+def _turned(R: Array, y: Array) -> Array:
+    """Turn the rotation R (3, 3) of a sector's middle by coordinates y (m,) of the sector, rad."""
+    R = pin.exp3(y[ANGLE] * np.array([0.0, 0.0, 1.0])) @ R
+    if len(y) > 3:
+        R = R @ pin.exp3(np.append(y[3:5], 0.0))
+    if len(y) > SPIN:
+        R = R @ pin.exp3(np.array([0.0, 0.0, y[SPIN]]))
+    return R
 
 
 def _wide_sector(task: Task, middle: pin.SE3, radius: float) -> Sector:

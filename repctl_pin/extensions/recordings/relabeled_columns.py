@@ -12,9 +12,9 @@ a row, at which they replace the old ones.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -87,15 +87,14 @@ def relabeled_columns(
     """
     task, old, source = recording.task, recording.joints, recording.source
     assert source is not None
-    # joints by column, and what was recorded in place of them
+    # joints by column
     found = np.isfinite(Q[:, 0])
     every = np.ones_like(found)
     joints = {
         name: NewCells(q[:, None], (0,), every)
         for name, q in zip(task.joint_names, Q.T, strict=True)
     }
-    known = [] if old is None else [(recording.places, old, Q)]
-    known += [(*recording.further[name], made) for name, made in further.items()]
+    known = _known_joints(recording, Q, further)
     # each column of the file: new, removed, or as it was
     poses = _pose_columns(recording, Q, source.widths)
     new = dict[str, NewCells]()
@@ -117,9 +116,7 @@ def relabeled_columns(
             recomputed.append(name)
         elif old is not None and _of_old_joints(name, task.joint_names):
             removed.append(name)
-    # a file without a column of joints gets them
-    whole = (*JOINTS, *([str(source.joints)] if isinstance(source, DataSet) else []))
-    if not (set(joints) <= set(new) or any(name in new for name in whole)):
+    if not _has_joints(new, source, task.joint_names):
         new |= joints
     return Columns(new, tuple(removed), tuple(recomputed))
 
@@ -152,16 +149,34 @@ def _ranges(at: Sequence[int]) -> str:
     return ", ".join(f"{one[0]}–{one[-1]}" if len(one) > 1 else str(one[0]) for one in parts)
 
 
-def _copy(
-    source: Table, name: str, known: Sequence[tuple[Sequence[int] | None, Array, Array]]
-) -> tuple[Array, Sequence[int]] | None:
+_Known: TypeAlias = tuple[Sequence[int] | None, Array, Array]
+"""A column of joints: their indices in a row of it, or None; the recorded joints (K, n); the new
+joints (K, n)."""
+
+
+def _known_joints(recording: Recording, Q: Array, further: Mapping[str, Array]) -> list[_Known]:
+    """List the columns of joints of a recording, with the new configurations Q (K, n).
+
+    ``further`` are the new configurations of further columns of joints, by name.
+    """
+    old = recording.joints
+    known: list[_Known] = [] if old is None else [(recording.places, old, Q)]
+    return known + [(*recording.further[name], made) for name, made in further.items()]
+
+
+def _has_joints(columns: Collection[str], source: Table, joints: Sequence[str]) -> bool:
+    """Test by name whether a file's ``columns`` include the ``joints``, in one column or in n."""
+    whole = (*JOINTS, *([str(source.joints)] if isinstance(source, DataSet) else []))
+    return set(joints) <= set(columns) or any(name in columns for name in whole)
+
+
+def _copy(source: Table, name: str, known: Sequence[_Known]) -> tuple[Array, Sequence[int]] | None:
     """Make new numbers for an array that repeats the recorded joints; None if it does not.
 
-    ``known`` has three values for each column of joints: the indices of the joints in a row of that
-    column, or None; the recorded joints (K, n); and the new joints (K, n). The recorded joints are
-    looked for in the array ``name`` at these indices, if any, and then at any n consecutive
-    indices. Return the new joints (K, n), and their indices in a row of the array. If an array of a
-    data set has the cosines or sines of the recorded joints instead, return those of the new ones.
+    The recorded joints of each column that is ``known`` are looked for in the array ``name`` at
+    the indices of that column, if any, and then at any n consecutive indices. Return the new joints
+    (K, n), and their indices in a row of the array. If an array of a data set has the cosines or
+    sines of the recorded joints instead, return those of the new ones.
     """
     width = source.widths[name]
     known = [one for one in known if 1 < one[1].shape[1] <= width]

@@ -527,10 +527,8 @@ def _rows(
         # jerk, at the stages only
         if share in (0.0, 1.0):
             x = (near[1:-2] if share == 0 else near[2:-1])[:, None]
-            scale = np.sqrt(x) / limits.jerk * tight
-            A = stages.rows(share, scale * path.third[1:-1], scale * 1.5 * q2, scale * q1 / 2)
-            tangent = stages.rows(share, np.broadcast_to(0.5 / x, q1.shape), np.zeros_like(q1))
-            yield from stages.both_signs(A, tangent, np.full(len(A), 1.5))
+            third = path.third[1:-1]
+            yield from stages.jerk_rows(share, x, (q1, q2, third), np.sqrt(x) / limits.jerk * tight)
 
 
 class _Stages:
@@ -559,6 +557,20 @@ class _Stages:
         """
         for sign in (1, -1):
             yield sign * A + more, self.columns, bounds
+
+    def jerk_rows(
+        self, share: float, x: Array, slopes: tuple[Array, Array, Array], scale: Array
+    ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
+        """Yield the two blocks of rows for the limits of jerk, linearised at x̄ = ``x`` (I, 1).
+
+        ``slopes`` are q′, q″ and q‴ (I, n) at the fraction ``share`` of each interval, and
+        ``scale`` (I, n) is √x̄ divided by the limits. With ``q⃛ = √x (q‴ x + 3/2 q″ x′ + 1/2 q′
+        x″)``, the rows are ``√x̄ |q‴ x + …| ≤ limit (3/2 − x/(2 x̄))``.
+        """
+        q1, q2, q3 = slopes
+        A = self.rows(share, scale * q3, scale * 1.5 * q2, scale * q1 / 2)
+        tangent = self.rows(share, np.broadcast_to(0.5 / x, q1.shape), np.zeros_like(q1))
+        yield from self.both_signs(A, tangent, np.full(len(A), 1.5))
 
     def rows(self, share: float, a: Array, b: Array, c: Array | float = 0.0) -> Array:
         """Express ``a x + b x′ + c x″`` at one point of each interval in the unknowns at its ends.

@@ -28,6 +28,7 @@ from .speed_profile import (
     MOST_SAMPLES,
     SHARP,
     STAGES,
+    Course,
     Profile,
     Segment,
     Trajectory,
@@ -304,9 +305,7 @@ def sampled_profile(
     # the joints and their rates, by central differences
     clock = np.arange(-lead, samples - lead, dtype=float) * dt
     course = profile.course.stretched(factor)
-    back, before, q, after, beyond = (course.positions(clock + k * moment) for k in range(-2, 3))
-    qdot = (after - before) / (2 * moment)
-    qddot = (beyond - 2 * q + back) / (4 * moment**2)
+    q, qdot, qddot = _differentiated(course, clock, moment)
 
     # the second cycle, again and again
     rows, starts = np.arange(samples + more * period), marks
@@ -330,6 +329,15 @@ def sampled_profile(
         jerk=limits.jerk,
         trajectory=Trajectory(course, lead * dt, float(marks[1]), period * dt, more),
     )
+
+
+def _differentiated(course: Course, t: Array, h: float) -> tuple[Array, Array, Array]:
+    """Evaluate a course at times t (T,), s: q, and q̇, q̈ by central differences; (T, n) each.
+
+    ``h`` is the half-width of the differences of q̇, s, and a quarter of the width of those of q̈.
+    """
+    back, before, q, after, beyond = (course.positions(t + k * h) for k in range(-2, 3))
+    return q, (after - before) / (2 * h), (beyond - 2 * q + back) / (4 * h**2)
 
 
 def _whole_period(profile: Profile, dt: float, rate: float) -> tuple[int, float]:

@@ -439,7 +439,26 @@ def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) ->
     cell = candidate.chart.cell
     bodies, rng = bodies_of(cell.task), np.random.default_rng(seed)
     at, inside = _inside(candidate, with_edges(cell, _SAMPLED, seed, rng))
-    at = rows_of(at, inside)
+    best, which = _starts_by_pair(bodies, rows_of(at, inside), distance)
+    least = np.full(len(best), np.inf)
+    tried = best[:, None]
+    for width in (*_BESIDE, 0.0):
+        found = _distances_of_pairs(candidate, tried, which)
+        row = np.arange(len(best)), found.argmin(axis=1)
+        better = found[row] < least
+        best[better], least[better] = tried[row][better], found[row][better]
+        step = width * rng.standard_normal((len(best), _TRIED * cell.k, cell.k))
+        step *= rng.random(step.shape) < 0.5  # some coordinates stay, such as those at an edge
+        tried = np.clip(best[:, None] + step, -1, 1)
+    return best[least < np.inf]
+
+
+def _starts_by_pair(bodies: Bodies, at: Points, distance: float) -> tuple[Array, NDArray[np.intp]]:
+    """Select, from sampled points, poses at which pairs of bodies are near: (L, k) and pairs (L,).
+
+    Each pair that can come nearer than ``distance``, m, has up to three poses, far from each other;
+    the index of the pair stands in the same row of the second array.
+    """
     bounds = bodies._pair_bounds(at.Q)
     starts, pairs = [at.U[:0]], []
     for pair in np.flatnonzero(bounds.min(axis=0, initial=np.inf) < distance):
@@ -450,21 +469,20 @@ def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) ->
         if found.min() < distance + _FARTHER:
             starts.append(at.U[likely][unlike_rows(at.U[likely], _SPREAD, _STARTS)])
             pairs += [pair] * len(starts[-1])
-    best, which = np.concatenate(starts), np.array(pairs, int)
-    least = np.full(len(best), np.inf)
-    tried = best[:, None]
-    for width in (*_BESIDE, 0.0):
-        at, inside = _inside(candidate, tried.reshape(-1, cell.k))
-        found = np.full(len(at.Q), np.inf)
-        found[inside] = bodies._of_pairs(at.Q[inside], which.repeat(tried.shape[1])[inside])
-        found = found.reshape(tried.shape[:2])
-        row = np.arange(len(best)), found.argmin(axis=1)
-        better = found[row] < least
-        best[better], least[better] = tried[row][better], found[row][better]
-        step = width * rng.standard_normal((len(best), _TRIED * cell.k, cell.k))
-        step *= rng.random(step.shape) < 0.5  # some coordinates stay, such as those at an edge
-        tried = np.clip(best[:, None] + step, -1, 1)
-    return best[least < np.inf]
+    return np.concatenate(starts), np.array(pairs, int)
+
+
+def _distances_of_pairs(candidate: CandidateFunction, U: Array, pairs: NDArray[np.intp]) -> Array:
+    """Compute the distance of one pair of bodies per row of poses U (L, M, k): (L, M), m.
+
+    ``pairs`` (L,) has the index of the pair of each row. The distance is inf where the function
+    does not exist inside the joint limits.
+    """
+    at, inside = _inside(candidate, U.reshape(-1, U.shape[-1]))
+    found = np.full(len(at.Q), np.inf)
+    bodies = bodies_of(candidate.chart.cell.task)
+    found[inside] = bodies._of_pairs(at.Q[inside], pairs.repeat(U.shape[1])[inside])
+    return found.reshape(U.shape[:2])
 
 
 def with_edges(cell: Cell, count: int, seed: int, rng: np.random.Generator) -> Array:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.arguments import Array
+from ....model.task import Task
 from ....motion.solve_ik import random_configurations
 from ....redundancy import nullspace
 from ....solvers import newton_rows
@@ -158,9 +159,7 @@ def rays(desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int 
         Number of points on each ray.
     """
     task, K = cell.task, len(U)
-    starts, ray = np.unique(np.broadcast_to(q_middle, (K, task.n)), axis=0, return_inverse=True)
-    Q = starts[ray]
-    N = np.array([nullspace(task.jacobian(q)) for q in starts])[ray]
+    Q, N = _starts_of_rays(task, np.broadcast_to(q_middle, (K, task.n)))
     reached, least = np.zeros(K), np.full(K, np.inf)
     on = np.arange(K)
     for ahead in [*np.linspace(0, 1, steps + 1)[1:], 1.0, 1.0, 1.0]:
@@ -181,6 +180,16 @@ def rays(desired: Inverse, cell: Cell, q_middle: Array, U: Array, *, steps: int 
     missed = np.abs(cell.errors(*cell.placements(U), p, R)).max(axis=1) > 1e-6
     reached[missed] = np.minimum(reached[missed], 1 - 1 / steps)
     return Rays(U, Q, N, reached, least)
+
+
+def _starts_of_rays(task: Task, Q: Array) -> tuple[Array, Array]:
+    """Return the first configurations Q (K, n) of rays, and bases of the null space (K, n, r).
+
+    Rays with the same configuration have the same basis.
+    """
+    starts, ray = np.unique(Q, axis=0, return_inverse=True)
+    N = np.array([nullspace(task.jacobian(q)) for q in starts])
+    return starts[ray], N[ray]
 
 
 class Grown(NamedTuple):
@@ -236,48 +245,69 @@ def grown(box: Cell, p: Array, Q: Array) -> Grown:
     growing if, at one of these points, the arm is singular, a joint leaves its limits, the point is
     not reached, or a joint would move by more than 0.4 rad or m in one step.
     """
-    task, n = box.task, box.task.n
+    n, rim = box.task.n, _Rim(box)
     p, Q = _middles(box, p, Q)
-    rim, R = box.placements(box.rim())
-    offsets, C = rim - box.placement.translation, len(rim)
-    step_of_all = offsets[:, task.rows[: len(box.half_width)]] / STEPS
-    near = _NEAR * np.linalg.norm(offsets, axis=1).max() / STEPS
     steps, margin = np.zeros(len(p), int), np.full(len(p), np.inf)
-    ends = np.repeat(Q[:, None], C, axis=1)
+    ends = np.repeat(Q[:, None], rim.C, axis=1)
     on, now = np.arange(len(p)), ends.reshape(-1, n)
     jumps = np.zeros(len(now), bool)
     for step in range(STEPS + 1):
         # where the whole rim is reached, regular and inside the limits
-        aims = (p[on, None] + step / STEPS * offsets).reshape(-1, 3)
-        G, error, least, good = _rim(box, aims, np.tile(R, (len(on), 1, 1)), now)
-        good &= ~jumps & (np.linalg.norm(error, axis=1) < near)
-        together = good.reshape(-1, C).all(axis=1)
-        rows = together.repeat(C)
+        G, error, least, good = rim.evaluated(p[on], step / STEPS, now)
+        together = (good & ~jumps).reshape(-1, rim.C).all(axis=1)
+        rows = together.repeat(rim.C)
         on, now = on[together], now[rows]
         if not len(on):
             break
-        ends[on], steps[on] = now.reshape(-1, C, n), step
-        margin[on] = np.minimum(margin[on], least[rows].reshape(-1, C).min(axis=1))
+        ends[on], steps[on] = now.reshape(-1, rim.C, n), step
+        margin[on] = np.minimum(margin[on], least[rows].reshape(-1, rim.C).min(axis=1))
         # one step outward
-        error[:, : step_of_all.shape[1]] += np.tile(step_of_all, (together.size, 1))
-        dQ = np.einsum("Knm,Km->Kn", G[rows], error[rows])
+        dQ = rim.outward(G[rows], error[rows])
         jumps = np.abs(dQ).max(axis=1) > _LONGEST
         now = now + dQ
     return Grown(p, Q, steps, margin, ends, np.full(len(p), np.inf))
 
 
-def _rim(box: Cell, p: Array, R: Array, Q: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Evaluate how well configurations Q (K, n) reach poses p (K, 3), m, and R (K, 3, 3).
+class _Rim:
+    """The C corners, edge middles and face centres of a box that grows around K middles.
 
-    ``box`` has the task, and the coordinates in which task errors are measured; the poses need not
-    lie in ``box``. Return J⁺ (K, n, m), task errors (K, m), limit margins (K,), and whether J has
-    full rank and all joints are within their limits: (K,), True or False.
+    ``box`` has the full size, the orientation and the task. Arrays over all points of all rims have
+    K C rows: the C points around the first middle, then those around the second one, and so on.
     """
-    p_now, R_now, J = placed(box.task, Q)
-    G, s = inverses(J)
-    least = box.task.limit_margin(Q).min(axis=1)
-    good = (s[:, -1] > SINGULAR * s[:, 0]) & (least > 0)
-    return G, box.errors(p, R, p_now, R_now), least, good
+
+    def __init__(self, box: Cell) -> None:
+        self._box = box
+        p, self._R = box.placements(box.rim())
+        self.C = len(p)
+        self._offsets = p - box.placement.translation
+        self._step = self._offsets[:, box.task.rows[: len(box.half_width)]] / STEPS
+        self._near = _NEAR * np.linalg.norm(self._offsets, axis=1).max() / STEPS
+
+    def evaluated(
+        self, p: Array, share: float, Q: Array
+    ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+        """Evaluate how well configurations Q (K C, n) reach the rims around p (K, 3), m.
+
+        The rims have the given share of their full size. Return J⁺ (K C, n, m), task errors (K C,
+        m), limit margins (K C,), and a mask (K C,) of the points that are reached inside the joint
+        limits, where J has full rank.
+        """
+        aims = (p[:, None] + share * self._offsets).reshape(-1, 3)
+        p_now, R_now, J = placed(self._box.task, Q)
+        G, s = inverses(J)
+        error = self._box.errors(aims, np.tile(self._R, (len(p), 1, 1)), p_now, R_now)
+        least = self._box.task.limit_margin(Q).min(axis=1)
+        good = (s[:, -1] > SINGULAR * s[:, 0]) & (least > 0)
+        return G, error, least, good & (np.linalg.norm(error, axis=1) < self._near)
+
+    def outward(self, G: Array, error: Array) -> Array:
+        """Compute the motion Δq (K C, n) of J⁺ to the rims that are one step larger.
+
+        ``G`` and ``error`` are J⁺ and the task errors at the rims of now.
+        """
+        ahead = error.copy()
+        ahead[:, : self._step.shape[1]] += np.tile(self._step, (len(error) // self.C, 1))
+        return np.einsum("Knm,Km->Kn", G, ahead)
 
 
 def _middles(box: Cell, p: Array, Q: Array) -> tuple[Array, Array]:

@@ -189,9 +189,7 @@ class CellFit:
         which the fit with penalties begins; by default none.
         """
         self.report("the reference", 0.1)
-        count = self.samples or (
-            128 if quick else max(256, _power_of_two(3 * _terms(cell, self._highest(cell))))
-        )
+        count = self.samples or (128 if quick else self._enough(cell))
         U, edge = cell.sample(count, self.seed + 1), cell.corners()
         ends = rays(self.desired, cell, q, np.concatenate([U, edge]))
         good = ends.reached == 1
@@ -203,9 +201,7 @@ class CellFit:
         if len(U) < count / 4:
             return _why(cell, ends, count)
         rounds = 0 if hopeless else 3 if quick else 7
-        descent, terms, degrees = self._descended(
-            cell, chart, U, edge, quick or hopeless, rounds, guess
-        )
+        descent, terms, degrees = self._descended(chart, U, edge, quick or hopeless, rounds, guess)
         if not np.isfinite(descent.value.cost):
             return _why(cell, ends, count)
         self.report("the last chart", 0.7)
@@ -327,25 +323,22 @@ class CellFit:
             d += 1
         return d
 
+    def _enough(self, cell: Cell) -> int:
+        """Compute the default number of poses for a fit: 3 per term, at least 256, a power of 2."""
+        return max(256, _power_of_two(3 * _terms(cell, self._highest(cell))))
+
     def _descended(
-        self,
-        cell: Cell,
-        chart: Chart,
-        U: Array,
-        edge: Array,
-        quick: bool,
-        rounds: int,
-        guess: _Found,
+        self, chart: Chart, U: Array, edge: Array, quick: bool, rounds: int, guess: _Found
     ) -> tuple[Descent, Monomials, tuple[tuple[int, float], ...]]:
         """Minimise the cost with rising degree, then with penalties on small margins.
 
         The unknowns are the coefficients of s(u), the position of the function along the
-        self-motion at each pose u. The degree rises until a higher degree is not worthwhile.
+        self-motion at each pose u.
 
         Parameters
         ----------
-        cell, chart
-            The cell, and the chart in which the function is written.
+        chart
+            The chart, over the cell, in which the function is written.
         U, edge : (K, k) and (L, k) arrays
             Nodes of the cost, and corners at which margins are also checked.
         quick
@@ -362,18 +355,37 @@ class CellFit:
             The final coefficients, their monomials, and the degrees that were tried, each with the
             cost without penalties.
         """
-        highest = min(2, self._highest(cell)) if quick else self._highest(cell)
+        descents, terms, degrees = self._of_rising_degree(chart, U, quick)
+        nodes, most = _nodes(U, terms), self.most_extra
+        if np.isfinite(most):
+            nodes = np.concatenate([nodes, edge])
+        constraints = self._constraints(chart.cell, edge, quick)
+        penalties = PenaltyMethod(self.desired, chart, nodes, constraints, rounds, most)
+        enough, start = 1e-2 if quick else 1e-3, _labels(guess, chart, U)
+        kept = penalties.kept(descents, terms, self.report, enough=enough, guess=start)
+        return kept, terms, degrees
+
+    def _of_rising_degree(
+        self, chart: Chart, U: Array, quick: bool
+    ) -> tuple[list[Descent], Monomials, tuple[tuple[int, float], ...]]:
+        """Minimise the cost at nodes U (K, k), with a degree that rises while this is worthwhile.
+
+        With ``quick``, only one degree is tried, at most 2. Return the coefficients for each degree
+        that was tried, the monomials of the last one, and pairs (degree, cost).
+        """
+        highest = self._highest(chart.cell)
+        highest = min(2, highest) if quick else highest
         best: list[Descent] = []
         tried: list[tuple[int, float]] = []
 
         def cost_of(degree: int) -> Cost:
-            terms = Monomials(cell.k, degree)
+            terms = Monomials(chart.cell.k, degree)
             return Cost(self.desired, chart, terms, _nodes(U, terms))
 
         richest = None
         for d in [highest] if self.degree != "auto" or quick else range(1, highest + 1):
             self.report(f"degree {d}", 0.2 + 0.3 * d / highest)
-            below = best[-1].a if best else np.zeros((0, cell.task.r))
+            below = best[-1].a if best else np.zeros((0, chart.cell.task.r))
             cost = richest if richest and d == highest else cost_of(d)
             best.append(_fit(cost, padded(below, cost.terms)))
             tried.append((d, best[-1].value.nearness))
@@ -383,16 +395,7 @@ class CellFit:
                 richest = richest or cost_of(highest)
                 if predicted_gain(richest, padded(best[-1].a, richest.terms)) < _WORTHWHILE:
                     break
-        terms = cost.terms
-        nodes, most = _nodes(U, terms), self.most_extra
-        if np.isfinite(most):
-            nodes = np.concatenate([nodes, edge])
-        constraints = self._constraints(cell, edge, quick)
-        penalties = PenaltyMethod(self.desired, chart, nodes, constraints, rounds, most)
-        kept = penalties.kept(
-            best, terms, self.report, enough=1e-2 if quick else 1e-3, guess=_labels(guess, chart, U)
-        )
-        return kept, terms, tuple(tried)
+        return best, cost.terms, tuple(tried)
 
     def _constraints(self, cell: Cell, edge: Array, quick: bool) -> list[ActiveConstraint]:
         """Make one constraint per kind of margin, at sampled poses and at corners ``edge`` (L, k).

@@ -13,6 +13,7 @@ from __future__ import annotations
 import io
 from collections.abc import Sequence
 from math import ceil
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -84,21 +85,10 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
     task = design.task
     title = f"{task.robot.name}, {task.frame}, {task.kind}: slices of one function"
     drawn = [what for what in _WHAT if getattr(cuts[0], what) is not None]
-    one = len(cuts) == 1
-    if one:  # side by side
-        figure = titled((1.8 + 2.4 * shares[0]) * len(drawn), 3.7, title)
-        grid = figure.subplots(1, len(drawn), squeeze=False).T
-    else:
-        figure = titled(2.0 + 2.7 * sum(shares), 0.7 + 3.0 * len(drawn), title)
-        grid = figure.subplots(len(drawn), len(cuts), squeeze=False, width_ratios=shares)
+    figure, grid = _panels(title, len(drawn), shares)
     for row, what in zip(grid, drawn, strict=True):
-        label, _, scale = _WHAT[what]
-        every = scale * np.concatenate([getattr(cut, what).ravel() for cut in cuts])
-        ends = (
-            (float(np.nanmin(every)), float(np.nanmax(every)))
-            if np.isfinite(every).any()
-            else (0.0, 1.0)
-        )
+        label = _WHAT[what][0]
+        ends = _scale_ends(cuts, what)
         for ax, cut, share in zip(row, cuts, shares, strict=True):
             _slice_of_cell(ax, design, cut, what, ends)
             ax.locator_params("x", nbins=round(2 + 2 * share))
@@ -107,6 +97,27 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
             label, color=INK
         )
     return figure
+
+
+def _panels(title: str, quantities: int, shares: Sequence[float]) -> tuple[Figure, Any]:
+    """Create the figure and its axes: an array with a row per quantity, and a column per slice.
+
+    ``shares`` are the ratios of width to height of the slices. The quantities of a single slice
+    are side by side in the figure.
+    """
+    if len(shares) == 1:
+        figure = titled((1.8 + 2.4 * shares[0]) * quantities, 3.7, title)
+        return figure, figure.subplots(1, quantities, squeeze=False).T
+    figure = titled(2.0 + 2.7 * sum(shares), 0.7 + 3.0 * quantities, title)
+    return figure, figure.subplots(quantities, len(shares), squeeze=False, width_ratios=shares)
+
+
+def _scale_ends(cuts: Sequence[Slice], what: str) -> tuple[float, float]:
+    """Return the minimum and maximum of a quantity over all slices; 0 and 1 if it has no values."""
+    every = _WHAT[what][2] * np.concatenate([getattr(cut, what).ravel() for cut in cuts])
+    if not np.isfinite(every).any():
+        return 0.0, 1.0
+    return float(np.nanmin(every)), float(np.nanmax(every))
 
 
 def map_pictures(figure: Figure, picture: bytes) -> list[tuple[bytes, str, str]]:

@@ -197,16 +197,7 @@ class LeRobotData(DataSet):
 
         # the statistics of the changed columns, from the numbers as they are stored
         columns = {name: new_column(self.column(name), cells) for name, cells in new.items()}
-        wide = {name: np.asarray(x, float).reshape(len(x), -1) for name, x in columns.items()}
-        episodes = np.asarray(self.column(self.sessions)).ravel()
-        of_all, of_each = (path / name for name in _OF_STATISTICS)
-        if of_all.is_file():
-            stats = _json(of_all)
-            write_whole(of_all, json.dumps(_updated(stats, wide, removed, of_all), indent=4))
-        if of_each.is_file():
-            write_whole(of_each, _lines(of_each, wide, episodes, removed))
-        for file in sorted(path.glob("meta/episodes/*/*.parquet")):
-            _update_episodes(file, wide, episodes, removed)
+        _update_statistics(path, columns, np.asarray(self.column(self.sessions)).ravel(), removed)
 
         # the description of what is left, where integers may have become doubles
         features = {k: v for k, v in self._info["features"].items() if k not in removed}
@@ -226,6 +217,25 @@ class LeRobotData(DataSet):
                     f"{file} may have statistics of the old joint values",
                     remedy="move it out of the folder; compute the statistics of the new data set",
                 )
+
+
+def _update_statistics(
+    folder: Path, columns: Mapping[str, Column], episodes: Array, removed: Collection[str]
+) -> None:
+    """Compute the statistics of changed columns again, in all files of a folder that have them.
+
+    ``columns`` are the changed columns by name, ``episodes`` (K,) has the number of the
+    demonstration of each frame, and ``removed`` the names of the columns that are left out.
+    """
+    wide = {name: np.asarray(x, float).reshape(len(x), -1) for name, x in columns.items()}
+    of_all, of_each = (folder / name for name in _OF_STATISTICS)
+    if of_all.is_file():
+        stats = _json(of_all)
+        write_whole(of_all, json.dumps(_updated(stats, wide, removed, of_all), indent=4))
+    if of_each.is_file():
+        write_whole(of_each, _lines(of_each, wide, episodes, removed))
+    for file in sorted(folder.glob("meta/episodes/*/*.parquet")):
+        _update_episodes(file, wide, episodes, removed)
 
 
 def _in_tables(feature: Mapping[str, Any]) -> bool:
