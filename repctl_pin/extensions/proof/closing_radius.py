@@ -203,10 +203,8 @@ def _clearance(region: Region, Q: Array) -> Array:
     if isinstance(region, Box):
         return np.minimum(Q - region.lower, region.upper - Q)
     assert isinstance(region, Tube), "regions of other shapes were refused"
-    away = np.abs(Q[:, None] - region.samples)  # (K, samples, n)
-    nearest = (away / region.radius).max(axis=2).argmin(axis=1)
-    clearance = region.radius - away[np.arange(len(Q)), nearest]
-    return np.asarray(clearance, float)
+    nearest, _ = region.nearest(Q)
+    return np.asarray(region.radius - np.abs(Q - region.samples[nearest]), float)
 
 
 def _places(Q: Array, clearance: Array, half: Array) -> Places:
