@@ -39,7 +39,7 @@ from .lifts import Places, Reach, bound_reach
 _POSES = 100
 """Number of poses of a path to which a distance is compared; more where the radius is small."""
 
-_MOST = {"start": 250_000, "path": 20_000}
+_MOST = {"start": 250_000, "path": 5_000}
 """Number of boxes after which the largest radius found so far is taken."""
 
 
