@@ -32,7 +32,10 @@ MUTANTS = {
         "return low, (low + high) / 2, self.place",
     ),
     "half of the first box": ("-half.reshape(K * M, n)", "0 * half.reshape(K * M, n)"),
-    "boxes of the wrong places": ("np.divmod(np.arange(K * M), M)", "np.divmod(np.arange(K * M), K)"),
+    "boxes of the wrong places": (
+        "np.divmod(np.arange(K * M), M)",
+        "np.divmod(np.arange(K * M), K)",
+    ),
     "no extent of a place": (
         "half = self.widths + self.places.extent[:, None] * (1 + 1e-12)",
         "half = self.widths",
