@@ -100,12 +100,12 @@ class Tube(Region):
 
         The scale is a factor of the radius: below 1 for a row inside, above 1 outside.
         """
-        return self._nearest(Q)[1]
+        return self.nearest(Q)[1]
 
     def clip(self, Q: ArrayLike) -> Array:
         """Move the rows of Q (K, n) that lie outside into the box of the nearest sample: (K, n)."""
         Q = as_configurations(Q, self.n, "this tube")
-        nearest = self.samples[self._nearest(Q)[0]]
+        nearest = self.samples[self.nearest(Q)[0]]
         return np.clip(Q, nearest - self.radius, nearest + self.radius)
 
     def shrunk(self, factor: float) -> Tube:
@@ -114,7 +114,7 @@ class Tube(Region):
             self.samples, self.radius * positive(factor, "the factor"), density=self.density
         )
 
-    def _nearest(self, Q: ArrayLike) -> tuple[NDArray[np.intp], Array]:
+    def nearest(self, Q: ArrayLike) -> tuple[NDArray[np.intp], Array]:
         """Find the sample nearest to each row of Q (K, n): its index (K,) and its distance (K,).
 
         The distance is ``max_i |q_i − s_i| / radius_i``, at most 1 inside the tube.

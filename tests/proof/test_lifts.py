@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from arms import sliding_task, spatial_task
+from inside import lifts
 from mutants import wrong
 from proofs import design_of, near_null_space, regular_start
 from test_closing_radius import problem_of
@@ -30,10 +31,10 @@ MUTANTS = {
         "return low, high, self.place",
         "return low, (low + high) / 2, self.place",
     ),
-    "a shell without a joint": ("for j in range(n):", "for j in range(n - 1):"),
-    "a shell without a side": (
-        "(a if side else b)[:, j] = (2 * side - 1) * half",
-        "a[:, j] = (b[:, j] if not side else 1) * half",
+    "half of the first box": ("-half.reshape(K * M, n)", "0 * half.reshape(K * M, n)"),
+    "boxes of the wrong places": (
+        "np.divmod(np.arange(K * M), M)",
+        "np.divmod(np.arange(K * M), K)",
     ),
     "no extent of a place": (
         "half = self.widths + self.places.extent[:, None] * (1 + 1e-12)",
@@ -157,3 +158,15 @@ def test_a_wrong_term_of_a_lift_is_noticed(
 ) -> None:
     module = wrong(monkeypatch, "lifts.py", *MUTANTS[name])
     assert not is_sound(module, cases(tmp_path))
+
+
+def test_boxes_that_suffice_are_evaluated_whole(tmp_path: Path) -> None:
+    """Near the start, where rates hardly change, one evaluation decides each S_k."""
+    (design, ratio), *_ = cases(tmp_path)
+    n, q = design.task.n, design.region.center
+    places = lifts.Places(q + np.array([[0.0], [0.05]]), np.zeros((2, n)), np.full((2, n), 1e-3))
+    task, potentials = design.task, design.inverse.potentials
+    args = problem_of(design), task, potentials, places, ratio, None
+    found = lifts.bound_reach(*args, 60, np.inf)
+    assert found.complete and found.radius > 0
+    assert found.boxes == lifts._Search(*args).widths[..., 0].size

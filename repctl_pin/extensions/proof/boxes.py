@@ -24,9 +24,10 @@ def cover(region: Region) -> tuple[Array, Array]:
     """Cover a region Ω of joint space by boxes: return their lower and upper corners, (K, n) each.
 
     A tube is the set of configurations near a sampled motion. Its samples are divided into
-    sections, a few successive samples each, and one box covers each section. Where two of these
-    boxes overlap, the later box is reduced. A workspace box is the part of a box of joints whose
-    poses lie in a box of poses. The whole box of joints covers it.
+    sections, on which the joints move little compared with the tube's radius, and one box covers
+    each section. These boxes overlap: without the overlap, each would be divided into many that are
+    about as wide as the whole box, and as hard to bound. A workspace box is the part of a box of
+    joints whose poses lie in a box of poses. The whole box of joints covers it.
 
     Raises
     ------
@@ -35,26 +36,16 @@ def cover(region: Region) -> tuple[Array, Array]:
     """
     if isinstance(region, Box):
         return region.lower[None].copy(), region.upper[None].copy()
-    if isinstance(region, Tube):
-        return _without_overlap(*_stretches(region))
     if isinstance(region, WorkspaceBox):
         return cover(region.within)
-    raise InputError(
-        f"nothing can be proved over a {type(region).__name__}: its shape is not known; prove the "
-        "design over a box or a tube that contains it: rp.prove(design, region=...)"
-    )
-
-
-def _stretches(tube: Tube) -> tuple[Array, Array]:
-    """Enclose a tube in boxes: return their lower and upper corners, (K, n) each.
-
-    Each box contains all configurations of the tube near one section of its samples. On a section,
-    a slice of the samples, the joints move little compared with the tube's radius. The boxes are
-    enlarged by a bound on the rounding errors.
-    """
-    Q = tube.samples
-    wide = tube.radius + 4 * U * np.abs(Q).max(axis=0)
-    parts = [Q[part] for part in sections(Q, np.tile(tube.radius, (len(Q), 1)))]
+    if not isinstance(region, Tube):
+        raise InputError(
+            f"nothing can be proved over a {type(region).__name__}: its shape is not known; prove "
+            "the design over a box or a tube that contains it: rp.prove(design, region=...)"
+        )
+    Q = region.samples
+    wide = region.radius + 4 * U * np.abs(Q).max(axis=0)  # rounding included
+    parts = [Q[part] for part in sections(Q, np.tile(region.radius, (len(Q), 1)))]
     low = np.array([part.min(axis=0) for part in parts])
     high = np.array([part.max(axis=0) for part in parts])
     return low - wide, high + wide
@@ -113,50 +104,6 @@ def halved(
     middle = (low[first, joint] + high[first, joint]) / 2
     high[first, joint] = low[second, joint] = middle
     return low, high, parents
-
-
-def _without_overlap(low: Array, high: Array) -> tuple[Array, Array]:
-    """Reduce boxes so that they overlap less but still cover the same union; return new corners.
-
-    Arguments and results are lower and upper corners, (K, n) each; the number K of boxes may
-    change. The part of each box outside the preceding box is divided into smaller boxes, which
-    replace the box. If such a smaller box overlaps another earlier box, the overlap is cut off,
-    too, but only if the remainder is one box or empty.
-    """
-    boxes = list(zip(low, high, strict=True))
-    pieces = boxes[:1]
-    for i in range(1, len(boxes)):
-        for piece in _outside(boxes[i], boxes[i - 1]):
-            left = [piece]
-            meets = (piece[0] < high[: i - 1]) & (piece[1] > low[: i - 1])
-            for k in np.flatnonzero(meets.all(axis=1)):
-                if left and len(rest := _outside(left[0], boxes[k])) <= 1:
-                    left = rest
-            pieces += left
-    return np.array([a for a, _ in pieces]), np.array([b for _, b in pieces])
-
-
-def _outside(box: tuple[Array, Array], other: tuple[Array, Array]) -> list[tuple[Array, Array]]:
-    """Divide the part of ``box`` that is outside ``other`` into boxes, at most two per joint.
-
-    A box is the pair (lower corner, upper corner), (n,) each. The list is empty if ``other``
-    contains ``box``.
-    """
-    if ((box[1] <= other[0]) | (box[0] >= other[1])).any():
-        return [box]
-    pieces, (low, high) = [], (box[0].copy(), box[1].copy())
-    for j in range(len(low)):
-        for beyond, end, at in (
-            (low[j] < other[0][j], high, other[0][j]),
-            (high[j] > other[1][j], low, other[1][j]),
-        ):
-            if beyond:
-                corner = end[j]
-                end[j] = at
-                pieces.append((low.copy(), high.copy()))
-                end[j] = corner
-                (low if end is high else high)[j] = at
-    return pieces
 
 
 def enclosing(low: Array, high: Array) -> Box:

@@ -24,6 +24,10 @@ from .boxes import centered, halved
 from .leaf_margin_bounds import LeafMarginBounds, LeafMarginProblem
 
 _BATCH = 4096
+
+_NEWEST = 1024
+"""Size of a batch with a goal: few, because the search can stop only between two batches."""
+
 _MOST = 4_000_000
 """Maximum number of undecided boxes; the search stops beyond it."""
 
@@ -146,10 +150,10 @@ class _Search:
         bounds.
         """
         count = len(self.low)
+        if self.goal is not None:
+            return np.arange(max(0, count - _NEWEST), count)
         if count <= _BATCH:
             return np.arange(count)
-        if self.goal is not None:
-            return np.arange(count - _BATCH, count)
         return np.argpartition(self.bound, _BATCH)[:_BATCH]
 
     def _enough(self, found: LeafMarginBounds, Q: Array, half: Array) -> float:

@@ -39,7 +39,7 @@ from .lifts import Places, Reach, bound_reach
 _POSES = 100
 """Number of poses of a path to which a distance is compared; more where the radius is small."""
 
-_MOST = {"start": 250_000, "path": 20_000}
+_MOST = {"start": 250_000, "path": 5_000}
 """Number of boxes after which the largest radius found so far is taken."""
 
 
@@ -203,10 +203,8 @@ def _clearance(region: Region, Q: Array) -> Array:
     if isinstance(region, Box):
         return np.minimum(Q - region.lower, region.upper - Q)
     assert isinstance(region, Tube), "regions of other shapes were refused"
-    away = np.abs(Q[:, None] - region.samples)  # (K, samples, n)
-    nearest = (away / region.radius).max(axis=2).argmin(axis=1)
-    clearance = region.radius - away[np.arange(len(Q)), nearest]
-    return np.asarray(clearance, float)
+    nearest, _ = region.nearest(Q)
+    return np.asarray(region.radius - np.abs(Q - region.samples[nearest]), float)
 
 
 def _places(Q: Array, clearance: Array, half: Array) -> Places:

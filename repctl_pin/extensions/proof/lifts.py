@@ -158,10 +158,11 @@ class _Search:
     ``widths`` (K, M, n) are the half-widths of the boxes S_k around K places, without the place's
     own half-widths; ``rates`` (K, M, n) are the rates to prove in them.
 
-    An undecided box is a part of some S_k. Other arrays have one row per undecided box: ``low`` and
-    ``high`` are its corners relative to the place's centre, ``place`` is the index of its place,
-    and ``within`` is the number k − 1 of the smallest S_k that contains it. ``bound`` has the
-    bounds of its rates, and ``split`` the joint along which to halve it.
+    An undecided box is some S_k, or a part of it. Small S_k are mostly decided as a whole, so
+    nothing is saved by leaving S_(k−1) out of S_k. Other arrays have one row per undecided box:
+    ``low`` and ``high`` are its corners relative to the place's centre, ``place`` is the index of
+    its place, and ``within`` is the number k − 1 of its S_k. ``bound`` has the bounds of its rates,
+    and ``split`` the joint along which to halve it.
     """
 
     def __init__(
@@ -181,39 +182,13 @@ class _Search:
             slack = _largest_slack(task, field, places, ratio, goal)
             goal = None if slack is _SLACK else goal  # the largest radius may be larger
         self.widths, self.rates, _ = _sampled(task, field, places, ratio, goal, slack)
-        self.low, self.high, self.place, self.within = self._layers()
+        K, M, n = self.widths.shape
+        half = self.widths + self.places.extent[:, None] * (1 + 1e-12)
+        self.low, self.high = -half.reshape(K * M, n), half.reshape(K * M, n)
+        self.place, self.within = np.divmod(np.arange(K * M), M)
         self.split = np.full(len(self.low), -1, np.int32)  # −1: not evaluated yet
         self.bound = np.full(self.low.shape, np.inf)
         self.boxes = 0
-
-    def _layers(self) -> tuple[Array, Array, NDArray[np.intp], NDArray[np.intp]]:
-        """Divide S_1, and each S_k without S_(k−1), into L boxes that branch and bound can halve.
-
-        Return the lower and upper corners of the L boxes, (L, n) each, relative to the centre of
-        the place; the index (L,) of the place of each box; and the number k − 1 (L,) of the S_k
-        that contains it.
-        """
-        K, M, n = self.widths.shape
-        half = self.widths + self.places.extent[:, None] * (1 + 1e-12)
-        lows, highs, sets = [-half[:, 0]], [half[:, 0]], [0]
-        for k in range(1, M):
-            low, high = -half[:, k], half[:, k].copy()
-            for j in range(n):
-                for side in (0, 1):
-                    a, b = low.copy(), high.copy()
-                    (a if side else b)[:, j] = (2 * side - 1) * half[:, k - 1, j]
-                    lows.append(a)
-                    highs.append(b)
-                    sets.append(k)
-                low[:, j], high[:, j] = -half[:, k - 1, j], half[:, k - 1, j]
-        low, high = np.array(lows), np.array(highs)
-        place = np.tile(np.arange(K), len(sets))
-        return (
-            low.reshape(-1, n),
-            high.reshape(-1, n),
-            place,
-            np.repeat(np.array(sets, np.intp), K),
-        )
 
     def advance(self) -> None:
         """Halve one batch of undecided boxes, and bound the rates of the joints on the halves.
@@ -253,7 +228,7 @@ class _Search:
         """Halve the undecided boxes with the indices ``take``, each along one joint.
 
         Return the lower and upper corners of the L halves, (L, n) each, the index (L,) of the place
-        of each half, and the number k − 1 (L,) of the S_k that contains it.
+        of each half, and the number k − 1 (L,) of its S_k.
         """
         low, high, parents = halved(self.low[take], self.high[take], self.split[take])
         order = take[parents]
@@ -264,7 +239,7 @@ class _Search:
 
         They become slightly larger than that rate, because a bound over the box is above it.
         ``value`` (L, n) are the rates at the centres of L boxes. ``place`` (L,) are the indices of
-        their places, and ``within`` (L,) the numbers k − 1 of the smallest S_k that contain them.
+        their places, and ``within`` (L,) the numbers k − 1 of their S_k.
         Rates of larger S_k are raised as well.
         """
         over = np.flatnonzero((value > self.rates[place, within]).any(axis=1))

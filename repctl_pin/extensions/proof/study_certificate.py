@@ -21,7 +21,7 @@ from .potentials import features_of
 _PROVED = 0.9
 """Leaf margin that a study tries to prove, as a fraction of the smallest one found by sampling."""
 
-_PROVING, _LEAST_PROVING = 0.05, 0.3
+_PROVING, _LEAST_PROVING = 0.05, 0.2
 """Processor time for that proof: as a fraction of the time spent so far, and its minimum, s."""
 
 _CLOSING = 5.0
@@ -34,7 +34,7 @@ def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -
     If Ω, the region of joint space of the design, is a tube, the certificate has a closing radius:
     the distance from the path within which closed paths end in their start configuration. ``spent``
     is the processor time of the study so far, s. The proof of the leaf margin may take 5 % of
-    ``spent``, or 0.3 s if that is longer. ``say(text)`` displays to the user what is being done.
+    ``spent``, or 0.2 s if that is longer. ``say(text)`` displays to the user what is being done.
     """
     say("proving its leaf margin and closing radius")
     seconds = max(_LEAST_PROVING, _PROVING * spent)
