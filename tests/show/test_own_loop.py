@@ -385,7 +385,7 @@ def test_a_loop_is_drawn_by_a_pointer(
     again = "repctl.placed(); repctl.own.repeat(); return repctl.time"
     assert driver.execute_script(again) == 1, "on from the end of cycle 1"
     driver.execute_script("repctl.seek(10); repctl.own.report.say(10)")
-    told += " Collisions not checked."
+    told += " Limits are checked, collisions are not."
     assert said(driver).partition(". ")[2] == told
     notes = driver.execute_script("return document.getElementById('notes').textContent")
     # the same words; samples differ, and with them the last digit
@@ -570,7 +570,7 @@ def test_every_kind_of_robot_follows_a_drawn_loop(driver: Any, tmp_path: Path, n
         "return all.slice(0, plain + 1).map((note) => note.textContent).join('')"
     )
     answer = driver.execute_script(note) if failed else said(driver)
-    caution = "" if failed else " Collisions not checked."
+    caution = "" if failed else " Limits are checked, collisions are not."
     assert drift_of(answer) == drift_of(told) + caution and drift_of(told)
     broken = [re.findall(r"(\w+) leaves its range in cycle (\d+)", one) for one in (answer, told)]
     assert broken[0] == broken[1]
@@ -1522,7 +1522,7 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
         r"The arm cannot follow all of your loop\. "
         r"After its first \d[\d.]*.c?m, at the red ball, (.*)\. "
         r"The solid line, \d[\d.]*.c?m long, leaves that part out\. "
-        r"Collisions not checked\.",
+        r"Limits are checked, collisions are not\.",
         told,
     )
     assert found, told

@@ -21,7 +21,7 @@ _OF_A_SECTOR = {
     "tilt about x": "turn of the tool about its x axis, from the middle",
     "tilt about y": "turn of the tool about its y axis, from the middle",
     "spin": "turn of the tool about its z axis, from the middle",
-    "orientation": "direction of the tool's z axis in the middle",
+    "orientation": "direction of the tool in the middle",
 }
 """Meanings of the rows of a sector."""
 

@@ -79,6 +79,12 @@ export function inEachScheme(colour) {
   colour();
 }
 
+// Do this when a node gets another size, in the next picture: what is done may resize it again,
+// which a browser would report as an error.
+export function whenResized(node, does) {
+  new ResizeObserver(() => requestAnimationFrame(does)).observe(node);
+}
+
 // The size of a canvas in CSS pixels, and em, the page's own measure of size: to ask lays the page
 // out.
 export function sizeOf(canvas) {
