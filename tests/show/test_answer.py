@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import planar_urdf
 from commands import printed
 from controls import some
-from arms import planar_urdf
 from page_file import Drawn
 from said import reads, value_of
 from shown import answered

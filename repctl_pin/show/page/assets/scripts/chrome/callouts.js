@@ -90,7 +90,7 @@ export class Callouts {
       boxes: hands.map(({ box }) => size(box)),
       marked: size(mark.box),
     }));
-    const pressed = size(byId("below"));
+    const [foot, slider] = ["below", "elbow-box"].map((id) => size(byId(id)));
     this.rooms = this.sets.map(({ arm, part, hands, mark, gap }, k) => {
       const { left: beside, top: above, width, height } = panes.place(k);
       const { label, box, boxes, marked } = sizes[k];
@@ -102,7 +102,6 @@ export class Callouts {
       // what stands where it is
       drawLine(gap, from, at, width, height);
       room.box(label);
-      room.box({ ...pressed, x: pressed.x - beside, y: pressed.y - above }, false, PRESSED);
       if (from) room.line(from, at);
       for (const spot of (spots && spots[k]) || tips || []) room.ring(spot, spots ? RIM : 3);
       // what is said finds its place: the part's has its row, so those of the hands come first
@@ -127,6 +126,12 @@ export class Callouts {
       const corner = { ...box, x: width - box.w - 8, y: 8, start: 0.5 };
       const places = at && [...aboveArm(box, at, left, row, width), corner];
       putCallout(part, box, at, 0, room, places);
+      // before the words at a ring
+      room.box(
+        { ...slider, x: foot.x + slider.x - beside, y: foot.y + slider.y - above },
+        false,
+        PRESSED,
+      );
       return room;
     });
   }
