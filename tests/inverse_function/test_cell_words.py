@@ -15,6 +15,7 @@ import repctl_pin as rp
 
 PAGE = import_module("repctl_pin.extensions.cells.show.cell_page")
 BEST_CELL = import_module(rp.best_cell.__module__)
+RANGES = import_module("repctl_pin.extensions.cells.geometry.ranges")
 
 
 def numbers(text: str) -> list[float]:
@@ -137,6 +138,9 @@ def test_the_sentence_says_where_the_tool_points(name: str, kind: str, axis: str
     """By the rule with which ``best_cell`` points it, also in a frame turned by it."""
     robot = rp.Robot.load(name)
     task = robot.task(robot.default_frame, kind)
+    row: dict[str, str] = {}
+    # the table said "z axis of the frame" of a frame whose x axis was called the approach axis
+    named = f"{axis} axis of {task.frame}"
 
     def told(up: float, approach: str = axis, **more: float) -> str:
         """Of a frame that is turned such that this axis is z, which points up or down."""
@@ -146,6 +150,7 @@ def test_the_sentence_says_where_the_tool_points(name: str, kind: str, axis: str
         at_flange = pin.SE3(R @ tool.rotation.T, place.translation)
         turned = BEST_CELL.with_approach(task, tool)
         said = []
+        row.update(RANGES.range_rows(rp.Sector(turned, place, radius=0.05, angle=0.5)))
         for one, placement in ((turned, place), (task, at_flange)):
             sector = rp.Sector(one, placement, radius=0.05, angle=0.5, **more)
             said.append(PAGE.range_phrase(sector, tool=PAGE.tool_direction(sector)))
@@ -153,6 +158,7 @@ def test_the_sentence_says_where_the_tool_points(name: str, kind: str, axis: str
         return said[0]
 
     assert told(-1).endswith(", tool down") and told(1).endswith(", tool up")
+    assert row["orientation"].startswith(f"{'z axis of the frame' if axis == 'z' else named} up")
     assert "tool" not in told(-1, half_angle=0.1)
     # the user, who says otherwise, may know better
     assert "tool" not in told(-1, f"-{axis}")

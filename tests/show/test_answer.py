@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import planar_urdf
 from commands import printed
 from controls import some
 from page_file import Drawn
@@ -17,6 +18,7 @@ from store import study_of
 from terminals import terminal_of
 
 import repctl_pin as rp
+from repctl_pin.show.text.answer import study_answer
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +35,24 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def answer(study: rp.Study, folder: Path) -> str:
     return printed(study, folder)[0]
+
+
+def test_what_breaks_a_limit_stands_in_the_first_lines(tmp_path: Path) -> None:
+    """A speed limit, too: of the answer, of the full table and of the page."""
+    fast = rp.study("planar3r", cycles=2, steps=100, degree=1, period=0.5)
+    words = "Under either control, theta2 reaches 1.5 times its speed limit in cycle 1."
+    short, _ = printed(fast, tmp_path)
+    assert short.startswith(words) and first_of(fast, tmp_path).startswith(words)
+    page = (tmp_path / "animation.html").read_text("utf-8")
+    assert f'<p id="verdict"><b class="bad">{words} </b>' in page
+    assert "limits are kept" not in page.partition("<script")[0]
+    urdf = re.sub(r'velocity="[^"]*"', 'velocity="0"', planar_urdf([0.4, 0.3, 0.2]))
+    (tmp_path / "arm.urdf").write_text(urdf)  # read as no limit
+    blind = rp.study(str(tmp_path / "arm.urdf"), cycles=2, steps=100, degree=1)
+    told = "Joint limits are kept; joint speeds are not checked."
+    assert told in rp.animation(blind).page and told in first_of(blind, tmp_path)
+    answer = "".join(span.text for span in study_answer(blind))
+    assert "\nnote: no speed limit in the model, so speeds are not checked: theta1, " in answer
 
 
 def first_of(study: rp.Study, folder: Path) -> str:

@@ -359,4 +359,4 @@ def test_a_loop_beyond_f_is_told_the_range_that_ends_it(
         assert found[4] is None
     else:
         assert float(found[4]) == pytest.approx((low + high) / 2 + 0.4, abs=0.006)
-    assert told.endswith(" Collisions not checked.")
+    assert told.endswith(" Limits are checked, collisions are not.")

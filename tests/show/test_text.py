@@ -294,6 +294,13 @@ def test_what_breaks_a_limit_or_collides_is_said_first(
     assert ("Joint limits are kept." in words(told)[1]) == (not broken)
 
 
+def test_limits_of_speed_that_are_not_known_are_not_said_to_be_kept() -> None:
+    """Of a model without them, it was said that limits are kept, and no more."""
+    blind = replace(USUAL, speeds_checked=False)
+    told = words(headline_of([blind, CLOSED], 10))[1]
+    assert "Joint limits are kept; joint speeds are not checked. " in told
+
+
 def test_one_motion_and_arms_that_are_back_break_limits_too() -> None:
     alone = words(headline_of([replace(USUAL, limit_violation=(7, "joint 2"))], 10))[0]
     assert alone.startswith("In this motion, joint 2 leaves its range in cycle 7. " + BEYOND)
@@ -308,7 +315,8 @@ def test_one_motion_and_arms_that_are_back_break_limits_too() -> None:
 LOOP = """
 import { readFileSync } from "node:fs";
 import { answer } from "./own/sentence.js";
-const chain = { frames: [{}], links: [["l4", "elbow"]], names: ["joint 2"], axis: {}, ends: [] };
+const chain = { frames: [{}], links: [["l4", "elbow"]], names: ["joint 2"], axis: {}, ends: [],
+  fastest: [1] };
 const run = ({ under, broken, off, turned, cycles }) => ({
   data: { under, broken, lost: Infinity }, margin: 0.9, speeds: Array(cycles).fill(1),
   ends: Array(cycles).fill([off]), turned: Array(cycles).fill([turned]),

@@ -480,6 +480,7 @@ def _summary(
         path_loss=in_cycle(loss, track.cycles),
         limit_violation=min(violations, default=None),
         overspeed=max(overspeeds, key=lambda one: one[2], default=None),
+        speeds_checked=bool(timed) and all(summary.speeds_checked for summary in timed),
         joint_displacement=max(summary.joint_displacement for summary in summaries),
         winding=(0, "") if whole is None else winding(whole.task, whole.path),
     )

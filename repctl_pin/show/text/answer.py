@@ -39,9 +39,10 @@ _FIRST = (
     "on a circle of the same size ",
     "collisions of ",
     "the model has no collision geometry",
+    "no speed limit in the model",
 )
-"""Beginnings of the notes on an old report, on a circle on which J⁺ drifts more, and on bodies that
-are not checked, which come first."""
+"""Beginnings of the notes on an old report, on a circle on which J⁺ drifts more, and on bodies and
+joint speeds that are not checked, which come first."""
 
 _LAST = ("the start is ", "joint speed: ", "another elbow position ")
 """Beginnings of the notes that follow the explanations of terms, and are left out first."""

@@ -487,12 +487,14 @@ def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     """State that the joint limits are kept, and when they will not be if the drift continues.
 
     ``cycles`` is the number of cycles of each motion. If a limit is violated in these cycles, the
-    first statement is left out, because the sentence of the headline names the violation.
+    first statement is left out, because the sentence of the headline names the violation. It says
+    if joint speeds are not checked.
     """
     broken = any(one.limit_violation or one.overspeed for one in summaries)
     later = _outlook(summaries, cycles)
     times = "this cycle" if cycles == 1 else f"these {cycles} cycles"
-    kept = f"Joint limits are kept{f' in {times}' if later else ''}."
+    blind = "" if all(one.speeds_checked for one in summaries) else "; joint speeds are not checked"
+    kept = f"Joint limits are kept{f' in {times}' if later else ''}{blind}."
     return [*([] if broken else [Span(kept)]), *later]
 
 

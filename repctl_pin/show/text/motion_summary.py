@@ -89,6 +89,8 @@ class MotionSummary:
         The two links with the minimum body distance; empty without bodies.
     winding : (int, str)
         Number of turns of the path around the axis of the first joint, and that joint.
+    speeds_checked : bool
+        True if every joint has a speed limit in the model, and the times of the motion are known.
     """
 
     label: str
@@ -111,6 +113,7 @@ class MotionSummary:
     leaves: tuple[int, str] | None = None
     near: tuple[str, ...] = ()
     winding: tuple[int, str] = (0, "")
+    speeds_checked: bool = True
 
     @property
     def back(self) -> bool:
@@ -169,6 +172,7 @@ def motion_summary(
         checked=checked_words(motion) if bodies else "",
         unchecked=bodies_of(task).not_checked if bodies else "",
         winding=winding(task, motion.path) if isinstance(motion, Motion) else (0, ""),
+        speeds_checked=bool(np.isfinite(task.velocity_limit).all()),
     )
 
 

@@ -92,10 +92,10 @@ def tool_axis(task: Task) -> Approach | None:
     far = float(np.linalg.norm(away))
     along = float(axis @ away) / far if far > _SHORT else _outward(task, origin, axis)
     if abs(along) > _ACROSS and np.abs(axis).max() > _STRAIGHT:
-        return Approach(_named(axis if along > 0 else -axis), f"the axis of {name}")
+        return Approach(named_axis(axis if along > 0 else -axis), f"the axis of {name}")
     if far > _SHORT and np.abs(away).max() > _ROUGHLY * far:
         end = task.frame if fingers is None else "the fingers"
-        return Approach(_named(away), f"the direction from {name} to {end}")
+        return Approach(named_axis(away), f"the direction from {name} to {end}")
     return None
 
 
@@ -120,7 +120,7 @@ def _outward(task: Task, origin: Array, axis: Array) -> float:
     return -1.0 if float(axis @ before) > _SHORT else 1.0
 
 
-def _named(direction: Array) -> str:
+def named_axis(direction: Array) -> str:
     """Return the name, such as ``-z``, of the frame axis nearest to a direction (3,)."""
     i = int(np.argmax(np.abs(direction)))
     return f"{'-' if direction[i] < 0 else ''}{'xyz'[i]}"

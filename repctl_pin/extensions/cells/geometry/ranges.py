@@ -14,8 +14,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from ....base.arguments import Array
+from ....model.task import Task
 from ....model.tool import ToolTask
-from .approach_axis import tool_axis
+from .approach_axis import named_axis, tool_axis
 from .cell import Cell
 from .cell_arguments import VERTICAL
 from .sector import HEIGHT, RADIUS, Sector
@@ -56,7 +57,7 @@ def range_rows(cell: Cell) -> dict[str, str]:
     rows = {name: text.replace("-", "−") for name, text in rows.items()}
     if cell.task.kind.turns:
         where = _pointing(cell.placement.rotation[:, 2])
-        rows["orientation"] = f"z axis of the frame {where}, turns with the angle"
+        rows["orientation"] = f"{_pointing_axis(cell.task)} {where}, turns with the angle"
     return rows
 
 
@@ -209,6 +210,19 @@ def _rounded_inward(low: float, high: float) -> tuple[str, str]:
     ends = np.ceil(low / step - 1e-6) * step, np.floor(high / step + 1e-6) * step
     first, last = (f"{end + 0.0:.{digits}f}".replace("-", "−") for end in ends)
     return first, last
+
+
+def _pointing_axis(task: Task) -> str:
+    """Name the z axis of a task's frame: ``z axis of the frame``.
+
+    The frame of a ``ToolTask`` is no link frame of the URDF. Its z axis is named as the axis of its
+    link with the same direction, such as ``-z axis of tool0``, or without one, of the tool.
+    """
+    if not isinstance(task, ToolTask):
+        return "z axis of the frame"
+    direction = task.tool.rotation[:, 2]
+    along = np.abs(direction).max() > 1 - 1e-6
+    return f"{named_axis(direction)} axis of {task.link}" if along else "z axis of the tool"
 
 
 def _pointing(direction: Array) -> str:

@@ -21,7 +21,7 @@ _OF_A_SECTOR = {
     "tilt about x": "turn of the tool about its x axis, from the middle",
     "tilt about y": "turn of the tool about its y axis, from the middle",
     "spin": "turn of the tool about its z axis, from the middle",
-    "orientation": "direction of the tool's z axis in the middle",
+    "orientation": "direction of the tool in the middle",
 }
 """Meanings of the rows of a sector."""
 
@@ -47,7 +47,8 @@ def cell_uses(design: CellDesign) -> dict[str, str]:
     size = "--down" if shape_word(design) == "sector" else "--half-width 0.1"
     return {
         "Your own arm": f"`repctl cell my_arm.urdf {size}`, on Linux or macOS, after `pip install` "
-        "of the folder of repctl_pin",
+        "of the folder of repctl_pin; `--frame LINK` chooses the link to move, `--task KIND` what "
+        "of it is commanded, such as `pose` or `position`",
         "ROS 2": "`repctl ros2 cell.json --ros-args -p acceleration:=5.0` (rad/s²): a node that "
         "turns hand poses into joint commands by cell.json, the file of the function beside its "
         "page. With your own arm, add `--robot my_arm.urdf`.",

@@ -79,6 +79,21 @@ export function inEachScheme(colour) {
   colour();
 }
 
+// Do this when a node gets another size. What is done may resize it again: that is seen in the next
+// picture, as a browser reports it as an error in this one.
+export function whenResized(node, does) {
+  let before = "";
+  const observer = new ResizeObserver(() => {
+    const size = `${node.clientWidth} ${node.clientHeight}`;
+    if (size === before) return;
+    before = size;
+    observer.disconnect();
+    does();
+    requestAnimationFrame(() => observer.observe(node));
+  });
+  observer.observe(node);
+}
+
 // The size of a canvas in CSS pixels, and em, the page's own measure of size: to ask lays the page
 // out.
 export function sizeOf(canvas) {

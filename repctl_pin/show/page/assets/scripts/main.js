@@ -7,7 +7,7 @@ import { Chart } from "./chrome/chart.js";
 import { Clock } from "./chrome/clock.js";
 import { openConsole } from "./chrome/console.js";
 import { connect, rule } from "./chrome/controls.js";
-import { byId, finished, forgetTones, setText } from "./dom.js";
+import { byId, finished, forgetTones, setText, whenResized } from "./dom.js";
 import { follow } from "./live/live.js";
 import { formatLength } from "./numbers.js";
 import { Own } from "./own/own.js";
@@ -238,10 +238,11 @@ async function main() {
       show();
     },
   };
+  // beside a pane, or under the row of what is said in it
   const isOutside = (p) => {
     const { x, y } = panes.seen(0, p);
     const { width, height } = panes.place(0);
-    return !(x >= 0 && y >= 0 && x <= width && y <= height);
+    return !(x >= 0 && y >= panes.size.above && x <= width && y <= height);
   };
   const offerEnlarge = () => {
     const most = Math.max(...scene.arms.flatMap(({ off }) => off.flat()));
@@ -338,7 +339,7 @@ async function main() {
   const paper = () => still(viewer, clock, arms, panes, resize);
   printable(paper);
   if (address.time !== null) clock.time = Math.min(Math.max(address.time, 0), clock.cycles);
-  new ResizeObserver(resize).observe(byId("panes"));
+  whenResized(byId("panes"), resize);
   resize();
   if (address.view) eye.stand(address.view);
   if (own && address.own) {

@@ -9,7 +9,9 @@ const PHONE = "(max-width: 640px)"; // where what a number is measured from has 
 const SHORT = 420; // px, width of a pane below which these have fewer words, too
 const NOW = "now, from the grey arm";
 const RIM = 13; // px from the hand to the rim of its ring
-const BALL = 20; // px from the middle of a red ball to its rim, at most
+const BALL = 26; // px from the middle of a red ball to its rim, at most
+const PRESSED = 5; // how much worse it is to cover what is pressed
+const FOOT_ROW = 34; // px, of what stands at the foot of a pane
 
 export class Callouts {
   constructor(panes, scene) {
@@ -88,8 +90,9 @@ export class Callouts {
       boxes: hands.map(({ box }) => size(box)),
       marked: size(mark.box),
     }));
+    const [foot, slider] = ["below", "elbow-box"].map((id) => size(byId(id)));
     this.rooms = this.sets.map(({ arm, part, hands, mark, gap }, k) => {
-      const { width, height } = panes.place(k);
+      const { left: beside, top: above, width, height } = panes.place(k);
       const { label, box, boxes, marked } = sizes[k];
       const room = new Room(width, height);
       const at = arm.lost || this.scene.failure ? null : panes.seen(k, arm.partSpot());
@@ -111,16 +114,24 @@ export class Callouts {
       };
       const stopped = isStopped(this, k);
       const ball = mark.on ? panes.seen(k, markedSpot(arm, stopped)) : null;
+      // what stops a loop has many words: in a corner they cover neither arm nor ball; the part has
+      // none then
+      if (ball && stopped) room.ring(ball, BALL);
+      if (stopped) putCallout(mark, marked, ball, 3, room, inCorners(marked, label, room));
       room.reserved({ x: left, y: row, w: width - left, h: box.h }, () => {
-        // what stops a loop has many words: in a corner they cover neither arm nor ball
-        const ways = stopped ? inCorners(marked, label, room) : null;
-        if (ball && stopped) room.ring(ball, BALL);
-        putCallout(mark, marked, ball, 3, room, ball && (ways || aroundHand(marked, ball, room)));
+        if (!stopped)
+          putCallout(mark, marked, ball, 3, room, ball && aroundHand(marked, ball, room));
         hands.forEach(put);
       });
       const corner = { ...box, x: width - box.w - 8, y: 8, start: 0.5 };
       const places = at && [...aboveArm(box, at, left, row, width), corner];
       putCallout(part, box, at, 0, room, places);
+      // before the words at a ring
+      room.box(
+        { ...slider, x: foot.x + slider.x - beside, y: foot.y + slider.y - above },
+        false,
+        PRESSED,
+      );
       return room;
     });
   }
@@ -181,14 +192,16 @@ function aboveArm({ w, h }, at, left, y, width) {
   );
 }
 
-// Corners of a pane: the upper right one, in the row of its label or below it, and the left one
-// below the label.
-function inCorners({ w, h }, label, { width }) {
+// Corners of a pane: the upper right one, in the row of its label or below it, the left one below
+// the label, and the lower right one.
+function inCorners({ w, h }, label, { width, height }) {
   const beside = label.x + label.w + w + 16 <= width;
   const below = label.y + label.h + 4;
+  const right = Math.max(width - w - 8, 0);
   return [
-    { x: Math.max(width - w - 8, 0), y: beside ? 8 : below, w, h },
+    { x: right, y: beside ? 8 : below, w, h },
     { x: 8, y: below, w, h },
+    { x: right, y: height - h - FOOT_ROW, w, h },
   ];
 }
 
@@ -209,7 +222,7 @@ function aroundHand({ w, h }, { x, y }, { width, height }) {
   const within = (v, low, high) => Math.max(Math.min(v, high), low);
   return places.map(([left, top]) => ({
     x: within(left, 8, width - w - 8),
-    y: within(top, 4, height - h - 34),
+    y: within(top, 4, height - h - FOOT_ROW),
     w,
     h,
   }));

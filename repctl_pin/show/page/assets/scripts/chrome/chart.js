@@ -5,6 +5,7 @@ import { byId, element, setAttribute, setColor, setText, sharp, sizeOf, tone } f
 import { formatLength, formatNumber } from "../numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
+const DOT = 2; // px, of a dotted bar
 const CONTRAST = 3; // of a bar to the paper, at least, as WCAG 2 measures it
 const TEXT_CONTRAST = 5; // of words to it
 
@@ -163,7 +164,7 @@ export class Chart {
       textWithHalo(draw, words, INSET + 2, y, em);
       return;
     }
-    let open = false;
+    const open = new Set(); // how those to come are drawn
     let fails = "";
     for (let c = 0; c < count; c++) {
       const finished = c < cycle || (c === cycle && part >= 1);
@@ -182,12 +183,12 @@ export class Chart {
         const tall = Math.max(off < 1e-4 ? 1 : 2, Math.round(foot - level(off)));
         const across = Math.max(Math.floor(wide) - (wide > 4 ? 1 : 0), 1);
         draw.fillStyle = legible(arm.data.color, CONTRAST);
-        draw.fillRect(x, foot - tall, across, tall);
-        if (!finished && hollow(draw, x, foot - tall, across, tall)) open = true;
+        if (finished) draw.fillRect(x, foot - tall, across, tall);
+        else open.add(outline(draw, x, foot - tall, across, tall));
       });
     }
     this.number({ draw, height, em, count, pitch, at }, group);
-    if (open) legend += " · hollow: still to come";
+    if (open.size) legend += ` · ${[...open].sort().reverse().join(" or ")}: to come`;
     legend += fails;
     const words = room > 0.8 * em ? formatLength(top) + legend : "";
     const y = Math.max(level(top) + (inLine ? 0.3 : -0.3) * em, 0.75 * em);
@@ -338,10 +339,16 @@ function textWithHalo(draw, words, x, y, em) {
   draw.fillText(words, x, y);
 }
 
-// Empty a bar but for its edge, if it is wide enough to have an inside; whether it is.
-function hollow(draw, x, y, width, height) {
-  if (width < 4 || height < 3) return false;
+// Draw a bar that is still to come: hollow, or dotted if it is too thin to have an inside; which.
+function outline(draw, x, y, width, height) {
+  if (width < 4 || height < 4) {
+    for (let at = 0; at < Math.max(width, height); at += 2 * DOT)
+      if (width > height) draw.fillRect(x + at, y, Math.min(DOT, width - at), height);
+      else draw.fillRect(x, y + at, width, Math.min(DOT, height - at));
+    return "dotted";
+  }
+  draw.fillRect(x, y, width, height);
   draw.fillStyle = tone("--paper");
   draw.fillRect(x + 1, y + 1, width - 2, height - 1);
-  return true;
+  return "hollow";
 }

@@ -45,6 +45,18 @@ export class Clock {
     this.changed();
   }
 
+  // Whether nothing moves at the end: what is pressed there plays anew.
+  get ended() {
+    return this.time >= this.cycles && (this.opening || !this.playing);
+  }
+
+  // Play from here, or at the end from the start; or pause.
+  press() {
+    if (!this.ended || !this.playing) return this.play(!this.playing);
+    this.hold();
+    this.seek(0);
+  }
+
   play(on) {
     if (on === this.playing) return;
     if (!on) this.hold();

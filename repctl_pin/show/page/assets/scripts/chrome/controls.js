@@ -10,7 +10,7 @@ export function connect(clock, view) {
     clock.play(false);
     clock.seek(time);
   };
-  byId("play").addEventListener("click", () => clock.play(!clock.playing));
+  byId("play").addEventListener("click", () => clock.press());
   byId("scrub").addEventListener("input", (event) => seek(event.target.value));
   byId("speed").addEventListener("change", (event) => {
     clock.speed = Number(event.target.value);
@@ -69,7 +69,7 @@ export function connect(clock, view) {
       event.shiftKey && turns[key]
         ? () => view.turn(...turns[key])
         : {
-            " ": () => clock.play(!clock.playing),
+            " ": () => clock.press(),
             ArrowRight: () => seek(whole(clock.time) + hop),
             ArrowLeft: () => seek(whole(clock.time) - hop),
             PageDown: () => seek(Math.floor(clock.time + 1)),
@@ -95,8 +95,10 @@ export function connect(clock, view) {
     const ends = stepped ? `end of cycle ${done}` : `after ${done} of ${last}`;
     const after = whole ? ends : "as far as it goes";
     const words = inside ? within : done ? after : "start";
-    document.body.classList.toggle("playing", clock.playing);
-    setAttribute(byId("play"), "aria-label", clock.playing ? "Pause" : "Play");
+    const { ended } = clock;
+    document.body.classList.toggle("playing", clock.playing && !ended);
+    document.body.classList.toggle("ended", ended);
+    setAttribute(byId("play"), "aria-label", ended ? "Replay" : clock.playing ? "Pause" : "Play");
     byId("stepping").checked = clock.stepping;
     setText(byId("clock"), words);
     byId("scrub").value = clock.time;

@@ -90,7 +90,7 @@ export class Head {
       node.replaceChildren(...words.map((text) => element("span", {}, text)));
       let height = Math.max(before, node.clientHeight);
       if (id === "verdict") {
-        node.replaceChildren(...children, this.more);
+        node.replaceChildren(...children, element("b", { class: "aside" }, this.more));
         height = Math.max(height, node.clientHeight);
       }
       node.replaceChildren(...children);

@@ -2,7 +2,7 @@
 // and at the end, and the chart.
 
 import { Chart } from "./chart.js";
-import { byId, element, sharp, sizeOf, summed, tone, unpack } from "../dom.js";
+import { byId, element, sharp, sizeOf, summed, tone, unpack, whenResized } from "../dom.js";
 import { formatLength } from "../numbers.js";
 
 export async function drawPlain(scene, reason) {
@@ -78,7 +78,7 @@ export async function drawPlain(scene, reason) {
     chart.show(scene.cycles.at(-1), scene.cycles.length - 1, 1);
     canvases.forEach((canvas, k) => drawArm(canvas, arms[k], arms, paths, scene.planar));
   };
-  new ResizeObserver(draw).observe(byId("panes"));
+  whenResized(byId("panes"), draw);
   draw();
 }
 

@@ -8,10 +8,11 @@ export class Room {
   }
 
   // Take the room of a box, of a ring around a point, of a line; of a box only while others are
-  // put by `does`.
-  box({ x, y, w, h }, thin = false) {
+  // put by `does`. What is covered of a box counts `weight` times.
+  box({ x, y, w, h }, thin = false, weight = 1) {
     if (!w || !h) return;
-    this.taken.push({ x: x - CLEAR, y: y - CLEAR, w: w + 2 * CLEAR, h: h + 2 * CLEAR, thin });
+    const [wide, high] = [w + 2 * CLEAR, h + 2 * CLEAR];
+    this.taken.push({ x: x - CLEAR, y: y - CLEAR, w: wide, h: high, thin, weight });
   }
   ring({ x, y }, radius, thin = false) {
     this.box({ x: x - radius, y: y - radius, w: 2 * radius, h: 2 * radius }, thin);
@@ -26,12 +27,13 @@ export class Room {
     for (const at of along(from, to)) this.ring(at, 3, true);
   }
 
-  // What a box would cover of what stands here, px².
+  // What a box would cover of what stands here, px² times weight.
   covers({ x, y, w, h }) {
     return this.taken.reduce(
       (sum, one) =>
         sum +
-        Math.max(Math.min(x + w, one.x + one.w) - Math.max(x, one.x), 0) *
+        one.weight *
+          Math.max(Math.min(x + w, one.x + one.w) - Math.max(x, one.x), 0) *
           Math.max(Math.min(y + h, one.y + one.h) - Math.max(y, one.y), 0),
       0,
     );

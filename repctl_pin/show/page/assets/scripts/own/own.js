@@ -19,7 +19,7 @@ import { largestLoop } from "./presets.js";
 import { CYCLES, Report } from "./report.js";
 import { Rings } from "./rings.js";
 import { computed } from "./run.js";
-import { stated, UNCHECKED } from "./sentence.js";
+import { CHECKED, stated } from "./sentence.js";
 import { Steps } from "./steps.js";
 import { failedStrokes } from "./strokes.js";
 import { Workpiece } from "./workpiece.js";
@@ -46,7 +46,7 @@ export class Own {
     const studied = data.path && data.path.map((k) => k !== null && piece.points(paths[k]));
     const loops = new HandLoops(chain, studied);
     const steps = new Steps(chain, laws, loops, scene.cover);
-    const head = new Head(scene.title.split(":")[0], LEAD_WORDS, UNCHECKED);
+    const head = new Head(scene.title.split(":")[0], LEAD_WORDS, CHECKED);
     const ledArms = new LedArms({
       ...{ arms, chain, clock, player, scene },
       begun: () => {

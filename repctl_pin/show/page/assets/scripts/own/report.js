@@ -6,7 +6,7 @@ import { byId } from "../dom.js";
 import { formatLength } from "../numbers.js";
 import { enclosing, lengthOf, normalOf, planeWords } from "./loops.js";
 import { proofNote } from "./proof.js";
-import { answer, edgeWords, failureWords, lineWords, UNCHECKED } from "./sentence.js";
+import { answer, CHECKED, edgeWords, failureWords, lineWords } from "./sentence.js";
 
 export const CYCLES = 10;
 const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
@@ -46,7 +46,7 @@ export class Report {
       const words = atEdge ? edgeWords(failure) : failureWords(chain, arms, failure);
       sentence.splice(0, Infinity, ...words, lineWords(this.length, shape));
     }
-    sentence.push([UNCHECKED]);
+    sentence.push([CHECKED, "aside"]);
     this.head.write(sentence, notes, path + moved);
     byId("again").textContent =
       cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";

@@ -2,6 +2,9 @@
 
 import { element } from "../dom.js";
 
+const CUT = 1000; // how much worse it is to be cut than to cover something
+const CROWDED = 400; // px² that these words cover at most, at the first hand
+
 export class Rings {
   // `parts`: {arms, chain, clock, extent, gesture, loops, panes, piece}
   constructor(parts) {
@@ -93,13 +96,13 @@ export class Rings {
     const beside = (v, size, all) => Math.max(-v, v + size - all, 0);
     const cost = (place) =>
       room.covers(place) +
-      place.h * beside(place.x, place.w, room.width) +
-      place.w * beside(place.y, place.h, room.height);
+      CUT * place.h * beside(place.x, place.w, room.width) +
+      CUT * place.w * beside(place.y, place.h, room.height);
     ring.side = room.best(places, cost, ring.side);
     const place = places[ring.side];
     for (const side of ["left", "under", "above"]) ring.classList.toggle(side, place.side === side);
     ring.classList.toggle("short", Boolean(place.short));
-    ring.classList.toggle("mute", f > 0 && cost(place) > 0);
+    ring.classList.toggle("mute", cost(place) > (f ? 0 : CROWDED));
     if (!ring.matches(".mute, .away")) room.box(place);
   }
 

@@ -8,8 +8,8 @@ const TURNED = 0.1; // rad, from which a joint is named although no part is off
 const FAR = 0.5; // leaf margin from which the repeatable control is far from where it fails
 const FROM = " from its start";
 const WHERE = "close to a singularity, at the red ball";
-// stands under every loop, whatever is said of it
-export const UNCHECKED = " Collisions not checked.";
+// stands after every loop, whatever is said of it
+export const CHECKED = " Limits are checked, collisions are not.";
 const HANDS = { 1: "the hand is", 2: "both hands are" };
 
 // {sentence, notes, part} after a number of cycles, in pieces [words, tone]; a number has for its
@@ -21,7 +21,7 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   const kept = arms.flatMap((_, k) => (lost.includes(k) ? [] : [k]));
   if (!kept.length) {
     const sentence = [[noneWords(runs, shape), "bad"]];
-    return { sentence, notes: [...notesOf(arms, runs, cycles), notKnown("")], part: "hand" };
+    return { sentence, notes: [...notesOf(chain, arms, runs, cycles), notKnown("")], part: "hand" };
   }
   const sentence = lost.flatMap((k) => lostWords(arms[k], runs[k].data));
   const context = {
@@ -39,7 +39,7 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   return {
     sentence: [...sentence, ...violations, ...found.sentence],
     notes: [
-      ...notesOf(context.arms, context.runs, cycles),
+      ...notesOf(chain, context.arms, context.runs, cycles),
       ...lost.map((k) => notKnown(` under ${aloneUnder(arms[k])}`)),
     ],
     part: found.part,
@@ -259,11 +259,12 @@ function mostOff(chain, arm, off) {
   return { off: off[k], part: chain.links[place.shape][1] || "hand" };
 }
 
-function notesOf(arms, runs, cycles) {
+function notesOf(chain, arms, runs, cycles) {
   const notes = runs.length > 1 ? [[speedWords(runs.at(-1), runs[0], cycles)]] : [];
   const later = brokenLimits(runs).flatMap((data) => laterWords(data, cycles));
   const kept = runs.every(({ data }) => !data.broken || data.lost < Infinity);
-  notes.push(...(kept && !later.length ? [[" Joint limits are kept."]] : later));
+  const blind = chain.fastest.includes(null) ? "; joint speeds are not checked" : "";
+  notes.push(...(kept && !later.length ? [[` Joint limits are kept${blind}.`]] : later));
   const margin = Math.min(...runs.map((run) => run.margin));
   const where = margin >= FAR ? "stays far from" : "comes near to";
   const scale = `${margin.toFixed(2)} (1 is best, 0 fails)`;
