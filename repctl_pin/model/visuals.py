@@ -168,15 +168,15 @@ class Visuals:
         collision shapes.
         """
         found = _corners(self.shapes, surfaces)
-        hulls: dict[str, Array | None] = {}
+        solids: dict[str, Array | None] = {}
         for k, (shape, place) in enumerate(zip(self.shapes, self._on_frame, strict=True)):
             if shape.kind != "mesh" or shape.standing or len(found[k]) < 4:
                 continue
-            if shape.link not in hulls:
-                hulls[shape.link] = _widened_hull(self._robot, shape.link)
-            hull = hulls[shape.link]
-            if hull is not None:
-                found[k] = _confirmed(shape, found[k], place, hull, surfaces)
+            if shape.link not in solids:
+                solids[shape.link] = _solid_corners(self._robot, shape.link)
+            solid = solids[shape.link]
+            if solid is not None and not _are_near(found[k], place, solid):
+                found[k] = _confirmed(shape, found[k], place, _widened_hull(solid), surfaces)
         return found
 
 
@@ -321,12 +321,11 @@ def _corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[
     return [_hull_corners(shape, surfaces) * np.array(shape.scale) for shape in shapes]
 
 
-def _widened_hull(robot: Mechanism, link: str) -> Array | None:
-    """Compute the convex hull of a link's collision shapes, widened by half its size: (F, 4).
+def _solid_corners(robot: Mechanism, link: str) -> Array | None:
+    """List the corners of a link's collision shapes in the link's frame: (P, 3), m.
 
-    A point p of the link's frame, m, is inside if ``n·p + d ≤ 0`` for all F rows (n, d). The
-    result is None if the link has no collision shapes, one of them is missing or unreadable, or the
-    hull is flat.
+    The result is None if the link has no collision shapes, or if one of them is missing or
+    unreadable.
     """
     points = []
     for shape in robot.description.collisions:
@@ -340,34 +339,63 @@ def _widened_hull(robot: Mechanism, link: str) -> Array | None:
             return None
         M = origin(shape)
         points.append(own @ M.rotation.T + M.translation)
-    if not points:
-        return None
+    return np.concatenate(points) if points else None
+
+
+def _allowed(solid: Array) -> float:
+    """Return how far, m, points may be outside the hull of collision corners ``solid`` (P, 3)."""
+    return float(_ALLOWED * np.linalg.norm(np.ptp(solid, axis=0)))
+
+
+def _are_near(corners: Array, place: Array, solid: Array) -> bool:
+    """Test whether all corners of a shape are near a corner of the link's collision shapes.
+
+    None of them is then outside the widened hull of those shapes, which takes longer to compute.
+    ``corners`` (P, 3), m, are in the shape's own frame, and ``place`` (4, 4) is the shape's
+    placement on the link; ``solid`` (C, 3), m, is in the frame of the link.
+    """
+    from scipy.spatial import cKDTree  # slow to import
+
+    on_link = corners @ place[:3, :3].T + place[:3, 3]
+    return bool(cKDTree(solid).query(on_link)[0].max() <= _allowed(solid))
+
+
+def _widened_hull(solid: Array) -> Array | None:
+    """Compute the convex hull of collision corners (P, 3), m, widened by half its size: (F, 4).
+
+    A point p is inside if ``n·p + d ≤ 0`` for all F rows (n, d). The result is None if the hull is
+    flat.
+    """
     from scipy.spatial import ConvexHull, QhullError  # slow to import
 
-    every = np.concatenate(points)
     try:
-        planes = ConvexHull(every).equations.copy()
+        planes = ConvexHull(solid).equations.copy()
     except (QhullError, ValueError):  # flat
         return None
-    planes[:, 3] -= _ALLOWED * np.linalg.norm(np.ptp(every, axis=0))
+    planes[:, 3] -= _allowed(solid)
     return planes
 
 
 def _confirmed(
-    shape: Shape, corners: Array, place: Array, hull: Array, surfaces: Surfaces | None
+    shape: Shape, corners: Array, place: Array, hull: Array | None, surfaces: Surfaces | None
 ) -> Array:
     """Return the corners (P, 3), m, of the hull of a mesh without its stray points.
 
     A stray point is outside ``hull`` (L, 4), the widened convex hull of the link's collision
-    shapes: L half-spaces ``a·x + b ≤ 0`` with rows (a, b), in the frame of the link. If many points
-    are outside, the collision shapes do not cover the link, so no point is left out. ``corners``
+    shapes: L half-spaces ``a·x + b ≤ 0`` with rows (a, b), in the frame of the link; None if the
+    hull is flat, and then no point is left out. If many points are outside, the collision shapes do
+    not cover the link, so no point is left out, either. ``corners``
     and the result are in the shape's own frame, scaled; ``corners`` are those of the hull of all
     points, and ``place`` (4, 4) is the shape's placement on its link.
     """
 
+    if hull is None:
+        return corners
+    normals, offsets = hull[:, :3], hull[:, 3]
+
     def inside(points: Array) -> NDArray[np.bool_]:
         on_link = points @ place[:3, :3].T + place[:3, 3]
-        return np.asarray((on_link @ hull[:, :3].T + hull[:, 3]).max(axis=1) <= 0)
+        return np.asarray((on_link @ normals.T + offsets).max(axis=1) <= 0)
 
     if inside(corners).all():
         return corners
