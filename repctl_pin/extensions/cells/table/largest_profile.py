@@ -73,15 +73,17 @@ class Between(NamedTuple):
     low: Array
     high: Array
 
-    def inside(self, shape: tuple[int, int]) -> NDArray[np.bool_]:
-        """Return a mask, of the given shape (I, J), that is True between the polynomials."""
-        mask = np.zeros(shape, bool)
+    def inside(self, shape: tuple[int, int], radii: Array | None = None) -> NDArray[np.bool_]:
+        """Return a mask, of the given shape (I, J), that is True between the polynomials.
+
+        ``radii`` (I, J) are the radii of the nodes, by default :func:`steps`.
+        """
+        mask, radii = np.zeros(shape, bool), steps(shape) if radii is None else radii
         if self.area:
             j = np.arange(self.first, self.last + 1)
             z = np.linspace(-1, 1, len(j))
             low, high = (np.polynomial.polynomial.polyval(z, c) for c in (self.low, self.high))
-            i = np.arange(shape[0])[:, None]
-            mask[:, j] = (i >= low - 1e-6) & (i <= high + 1e-6)
+            mask[:, j] = (radii[:, j] >= low - 1e-6) & (radii[:, j] <= high + 1e-6)
         return mask
 
     @property
@@ -102,6 +104,11 @@ class Between(NamedTuple):
     def none(cls) -> Between:
         """Make the result for runs in which no two polynomials fit: it has the area 0."""
         return cls(0.0, 0, 0, np.zeros(1), np.zeros(1))
+
+
+def steps(shape: tuple[int, int]) -> Array:
+    """Return the radii (I, J) of a table's nodes from its first node, in units of the spacing."""
+    return np.repeat(np.arange(shape[0], dtype=float)[:, None], shape[1], axis=1)
 
 
 def runs(mask: NDArray[np.bool_], first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
@@ -168,6 +175,8 @@ def largest_between(ends: Array, least: float = 0.0, degree: int = MOST_DEGREE) 
     for bound, i, j in sorted(pairs, reverse=True):
         if bound <= max(best.area, least):
             break
+        if length[i : j + 1].min() < _NARROW:
+            continue
         found = _between(ends[i : j + 1].astype(float), i, j, degree)
         best = max(best, found, key=lambda one: one.area)
     return best
@@ -216,6 +225,7 @@ def affordable_between(
     limits: Required,
     least: float = 0.0,
     degree: int = MOST_DEGREE,
+    radii: Array | None = None,
 ) -> Between:
     """Find the largest part of one opening, between two polynomials, that keeps speed limits.
 
@@ -224,10 +234,12 @@ def affordable_between(
     function and of J⁺ at the nodes. At each node of the part, the extra joint speed is below 92 %
     of ``limits.worst``. Nodes with the largest extra joint speed are left out until the mean over
     the part is below ``limits.mean``. A part of at most the area ``least``, in units of the spacing
-    squared, may be missed. ``degree`` is the maximum degree of the polynomials. The area of the
-    result is 0 if nothing is found.
+    squared, may be missed. ``degree`` is the maximum degree of the polynomials. The nodes have the
+    ``radii`` (I, J), by default those of :func:`steps`. The area of the result is 0 if nothing is
+    found.
     """
     best = Between.none()
+    radii = steps(mask.shape) if radii is None else radii
     with np.errstate(invalid="ignore"):
         extra = np.where(mask, np.sqrt(own / usual) - 1, np.nan)
         for most in [np.inf, *limits.mean * np.geomspace(DEAREST, 1, SHARES)]:
@@ -235,8 +247,10 @@ def affordable_between(
             if most_between(good) <= least:
                 break
             (first,), (last,) = rectangles(good[None])[1:]
-            found = largest_between(runs(good, first, last), least, degree)
-            inside = found.inside(mask.shape)
+            ends = runs(good, first, last)
+            at = np.take_along_axis(radii, np.maximum(ends, 0).T, axis=0).T
+            found = largest_between(np.where(ends < 0, -1.0, at), least, degree)
+            inside = found.inside(mask.shape, radii) & mask
             if found.area and np.sqrt(own[inside].sum() / usual[inside].sum()) < 1 + limits.mean:
                 best = max(best, found, key=lambda one: one.area)
                 break

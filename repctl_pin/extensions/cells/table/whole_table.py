@@ -49,7 +49,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
-from itertools import takewhile
+from itertools import takewhile, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -97,6 +97,7 @@ from .largest_profile import (
 )
 from .locked_arms import LargerArm, LockedJoints, best_locked, larger_arm, with_middles
 from .outline import outlines
+from .priced_sides import by_price
 from .windows import STEP, Shut, free_nodes, shut, windows
 
 _DESIGNED = 3
@@ -115,6 +116,11 @@ _BETTER = 0.2
 _KEPT, _AS_GOOD = 3, 0.95
 """Number of windows of the angle per flood for which rectangles are searched for; and share of what
 a flood would be worth without bodies, or of the best rating, from which on others are as good."""
+
+_ATTEMPTS, _SLIGHTLY, _NEARLY = 4, 0.02, 0.8
+"""Number of places for which functions are designed if the first ones lose much, the advantage in
+worth below which a place is left out, and share of a sector that a cut must leave, else it gets new
+sides."""
 
 _LOOKED = 96
 """Number of configurations at which colliding links are looked for, to name them."""
@@ -419,8 +425,7 @@ def whole_table(
     search = _LockedSearch(fit, table, locked, line, symmetries)
     first = search.before_others(smooth, limits, straight)
     if first is None:
-        design, limits = _best_shape(fit, shaped, limits, straight)
-        design = _or_better(fit, smooth, limits, design)
+        design, limits = _best_shape(fit, shaped, smooth, limits, straight)
         report("locked joints", 0.95)
         design, larger = search.at_least_locked(design, limits)
     else:
@@ -814,16 +819,16 @@ def _refined(
 
 
 def _best_shape(
-    fit: CellFit, shaped: list[_Place], limits: Required, straight: Straight
+    fit: CellFit, shaped: list[_Place], smooth: list[_Place], limits: Required, straight: Straight
 ) -> tuple[CellDesign, Required]:
     """Design the sector of the best shape, whose range of radius may depend on the height.
 
-    ``shaped`` are the sectors, the best first. A function over a sector with one range, from
-    ``straight``, is designed only if it may be as good. Return the design and its limits, whose
-    body distance may be reduced.
+    ``shaped`` are the sectors, the best first, and ``smooth`` those with sides of lower degree. A
+    function over a sector with one range, from ``straight``, is designed only if it may be as good.
+    Return the design and its limits, whose body distance may be reduced.
     """
     if shaped and shaped[0].most > (1 + _BETTER) * straight.most:
-        found = _first_design(fit, shaped, limits)
+        found = _best_of(fit, shaped, smooth, limits)
         if found is not None and _settled(found, shaped[0].most, limits, straight):
             return found, limits
         if found is not None and straight.limits == limits:
@@ -831,11 +836,12 @@ def _best_shape(
     try:
         design = straight.design
     except InputError:
-        found = _first_design(fit, shaped, straight.limits)
+        found = _best_of(fit, shaped, smooth, straight.limits)
         if found is None:
             raise
         return found, straight.limits
-    return _larger_design(fit, shaped, straight.limits, design), straight.limits
+    design = _larger_design(fit, shaped, straight.limits, design)
+    return _or_better(fit, smooth, straight.limits, design), straight.limits
 
 
 def _settled(found: CellDesign, most: float, limits: Required, straight: Straight) -> bool:
@@ -866,6 +872,52 @@ def _larger_of(found: CellDesign, design: CellDesign) -> CellDesign:
     """Return ``found`` if both its area and its worth are larger, else ``design``."""
     larger = _worth(found) > _worth(design) and area_of(found.cell) > area_of(design.cell)
     return found if larger else design
+
+
+def _best_of(
+    fit: CellFit, shaped: list[_Place], smooth: list[_Place], limits: Required
+) -> CellDesign | None:
+    """Design places of both kinds in turn; return the design with the largest worth, or None.
+
+    At most four places are designed. A place is left out if it cannot be better than the best
+    design by more than 2 %, and all others after a design with 95 % of the worth that any can have.
+    """
+    best: CellDesign | None = None
+    pairs = zip_longest(shaped, smooth)
+    places = [one for pair in pairs for one in pair if one is not None]
+    most = max((place.most for place in places), default=0.0)
+    for place in places[:_ATTEMPTS]:
+        least = 0.0 if best is None else _worth(best)
+        if least > _AS_GOOD * most:
+            break
+        if place.most > (1 + _SLIGHTLY) * least:
+            found = _design_of(fit, place, limits, least)
+            best = max((one for one in (best, found) if one), key=_worth, default=None)
+    return best
+
+
+def _design_of(fit: CellFit, place: _Place, limits: Required, least: float) -> CellDesign | None:
+    """Design a function for a place, whose sector is cut, or gets new sides, where it fails.
+
+    New sides come first if a cut would lose more than 20 % of the sector, and a cut is then tried
+    only if it may leave more than they do. Return None if no design has a worth above ``least``.
+    """
+    there = limits._replace(window=place.window)
+
+    def useful(part: Cell) -> bool:
+        return _most_of(place, part) > least
+
+    with suppress(InputError):
+        q, found = given(place.cell, place.posture), None
+        share, quick = covered_share(fit, place.cell, q, there, place.design)
+        if quick is not None and share < _NEARLY:
+            found = by_price(fit, quick, there, useful)
+            least = least if found is None else max(least, _worth(found))
+        if share * place.most > least:
+            other = trimmed(fit, place.cell, q, there, quick, useful=useful)
+            found = max((one for one in (found, other) if one), key=_worth, default=None)
+        return found
+    return None
 
 
 def _or_better(

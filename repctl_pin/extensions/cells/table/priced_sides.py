@@ -1,0 +1,125 @@
+"""Sides of a sector by what a function costs: the part of it in which joint speed meets its limits.
+
+A sector is a cell, a set of poses, in cylindrical coordinates around the arm; its smallest and its
+largest radius are polynomials of the height. A function over a large sector can be too fast in a
+part of it. The sector then gets new sides, between which the function meets its limits, and another
+function is designed for the smaller sector, which costs less than the first one does there. So the
+new sides may exceed the limits at first. A box of coordinates that is cut out of the sector would
+lose more.
+
+``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
+``Required`` holds the limits of a function: mean and maximum extra joint speed relative to J⁺ (0.05
+is 5 %), and body distance, m.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+import pinocchio as pin
+
+from ....base.arguments import Array
+from ....base.errors import InputError
+from ....strategies import Pseudoinverse
+from ..cell_design_result import CellDesign
+from ..evaluate.cell_evaluation import sampled
+from ..evaluate.margins import CandidateFunction
+from ..evaluate.symmetric_coordinates import reduced
+from ..fit.cell_fit import CellFit
+from ..fit.trimming import Required, kept_where_good
+from ..geometry.cell import Cell
+from ..geometry.cell_arguments import Angle
+from ..geometry.sector import HEIGHT, SPIN, Sector
+from ..place.posture_search import given
+from .joint_speeds import least_speeds
+from .largest_profile import SMOOTH, SPARE, affordable_between
+
+_RADII, _HEIGHTS = 33, 31
+"""Numbers of nodes in a sector, along the radius and the height."""
+
+_SLACKS = (1.6, 1.0, 1.0)
+"""Limits of joint speed for the sides, relative to those of the function, one round after the
+other."""
+
+_HOPELESS = 2.0
+"""Mean extra joint speed of a function over such a part, relative to its limit, above which no
+further sides are tried."""
+
+
+def by_price(
+    fit: CellFit, quick: CellDesign, limits: Required, useful: Callable[[Cell], bool]
+) -> CellDesign | None:
+    """Design a function for the part of a sector in which a quick design meets speed limits.
+
+    The sides of the part are polynomials of the height of degree 4 at most. They are chosen by
+    looser limits first, then, until a function of full accuracy meets ``limits``, by what that
+    function costs. Return None if no part is ``useful``, or if a design fails or costs far more.
+    """
+    found = quick
+    for slack in _SLACKS:
+        part = _affordable_part(fit, found, limits, slack)
+        if part is None or not useful(part[0]):
+            return None
+        with suppress(InputError):
+            design = fit.design(part[0], given(*part), rough=True)
+            if not isinstance(design, CellDesign) or design.extra_speed > _HOPELESS * limits.mean:
+                return None
+            found = design
+            if found.extra_speed < limits.mean and found.extra_speed_worst < limits.worst:
+                break
+    return None if found is quick else kept_where_good(fit, found, limits, useful)
+
+
+def _affordable_part(
+    fit: CellFit, found: CellDesign, limits: Required, slack: float
+) -> tuple[Sector, Array] | None:
+    """Find the largest part of a design's sector in which its function meets speed limits.
+
+    The limits are multiplied by ``slack``. Return the part, whose sides are polynomials of the
+    height of degree 4 at most, and a configuration (n,) in its middle; None if there is no part.
+    """
+    chart = found.function.chart
+    cell = chart.cell
+    assert isinstance(cell, Sector), "a table is a sector"
+    # a grid in coordinates of the sector, so that nodes lie on its sides
+    shape = _RADII, _HEIGHTS
+    u, v = np.linspace(-1, 1, _RADII), np.linspace(-1, 1, _HEIGHTS)
+    U = np.column_stack([u.repeat(_HEIGHTS), np.tile(v, _RADII)])
+    at = sampled(fit.desired, CandidateFunction.zero(chart), U, directions=False)
+    usual = np.full(len(U), np.nan)
+    usual[at.covered] = least_speeds(cell, at.Q[at.covered])[1]
+    own, usual = (usual * at.ratio).reshape(shape), usual.reshape(shape)
+    # radii in units of the spacing of the heights
+    half, rho_and_z = cell.widths[HEIGHT], cell.middle
+    heights = rho_and_z[1] + half * v
+    spacing = 2 * half / (_HEIGHTS - 1)
+    low, high = cell.radii(heights).T / spacing
+    radii = low + (high - low) * (1 + u[:, None]) / 2
+    looser = limits._replace(mean=slack * limits.mean, worst=slack / SPARE * limits.worst)
+    between = affordable_between(
+        at.covered.reshape(shape), own, usual, looser, degree=SMOOTH, radii=radii
+    )
+    if not between.area:
+        return None
+    # the sector between the polynomials, and the configuration nearest to its middle
+    low, high = between.sides(0.0, spacing)
+    j = (between.first + between.last) // 2
+    i = int(np.abs(radii[:, j] - (between.low[0] + between.high[0]) / 2).argmin())
+    z = (heights[between.first] + heights[between.last]) / 2
+    p = cell.axis[0] + (low[0] + high[0]) / 2 * cell.directions[0] + z * cell.axis[1]
+    about_tool = any(one.coordinate == SPIN for one in cell.symmetries)
+    spin: Angle = "all" if about_tool else 0.0
+    sector = Sector(
+        cell.task,
+        pin.SE3(cell.placement.rotation, p),
+        radius=(low, high),
+        height=float(heights[between.last] - z),
+        angle="all",
+        spin=spin,
+        axis=cell.axis,
+    )
+    part = reduced(sector, Pseudoinverse(cell.task))
+    assert isinstance(part, Sector), "a part of a sector is a sector"
+    return part, at.Q.reshape(*shape, -1)[i, j]
