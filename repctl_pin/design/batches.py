@@ -99,7 +99,10 @@ class Batches:
         return add(function(batch, *arguments) for batch in batches)
 
     def _build(self, first: int) -> Iterator[Batch]:
-        """Yield the batches from number ``first`` on, and call the progress callback after each."""
+        """Build and yield the batches from index ``first`` (counted from 0) to the last.
+
+        The progress callback is called after each batch.
+        """
         for begin in range(first * self._size, len(self._Q), self._size):
             nodes = slice(begin, begin + self._size)
             yield self._builder(self._Q[nodes], self._weights[nodes])

@@ -115,12 +115,13 @@ class Continuation:
         return LeafMargin(self.problem.desired.task, potentials, self.problem.region.center)
 
     def regular(self) -> Iterator[Descent]:
-        """Yield regular optima on the coarse nodes, the best first.
+        """Yield regular optima on the coarse nodes, in falling order of the number of potentials.
 
-        The first optimum uses all independent potentials; it is left out if no regular one is
-        found. If the fit was given the coefficients of a design of lower degree, this design
-        follows as the last result; it is not searched for singularities again. Otherwise, the
-        optima found by raising the degree step by step follow, the highest degree first.
+        The first optimum uses all independent potentials; if no regular one is found, it is left
+        out. If the fit was given the coefficients of a design of lower degree, ``problem.warm``,
+        this design is the last result; it is not searched for singularities again. If not, the
+        degree is raised from 1 step by step, and the regular optima of these degrees follow, that
+        of the highest degree first.
         """
         whole = len(self.chosen.kept)
         warm = self.problem.warm
@@ -167,14 +168,15 @@ class Continuation:
     def descend(
         self, batches: BarrierCost, A: Array, penalty: float, tolerance: float
     ) -> Descent | None:
-        """Minimise the cost ``batches``, of some nodes, from coefficients A to a regular optimum.
+        """Descend from coefficients A (N', r) to a regular optimum of the cost.
 
-        After each descent, Ω is searched for configurations at which the optimum is singular. They
-        become barrier points, and the descent is repeated from A. Return None if A itself is
-        singular at one of these points, if det(Nᵀ V) of an optimum has both signs at the nodes, or
-        if six descents end in singular optima. ``penalty`` is the relative weight of the penalty
-        that keeps V near the null space of J, and ``tolerance`` the relative decrease of the cost
-        that ends a descent.
+        ``batches`` is the cost: a sum over nodes and barrier points. After each descent, Ω is
+        searched for configurations at which the optimum is singular. They become barrier points,
+        and the descent is repeated from A. Return None if A itself is singular at one of these
+        points, if det(Nᵀ V) of an optimum has both signs at the nodes, or if six descents end in
+        singular optima. ``penalty`` is the relative weight of the penalty that keeps V near the
+        null space of J; it is raised for repeated descents. A descent ends when a step lowers the
+        cost by less than the fraction ``tolerance``.
         """
         basis = self.chosen.basis[: len(A), : len(A)]
         begin = self._start(len(A))
@@ -222,7 +224,7 @@ class Continuation:
         """Make the error that the nodes Q (K, n) are too few to determine the potentials.
 
         This is so if the initial design is regular, but every descent ends in a singularity between
-        the nodes. The message calls nodes samples, as the option does.
+        the nodes. In the message, the nodes are called samples, after the option ``samples``.
         """
         task = self.problem.desired.task
         kept = self.chosen.kept
@@ -236,7 +238,10 @@ class Continuation:
         )
 
     def reported(self, step: int, cost: float) -> None:
-        """Pass the step number of a descent to the progress callback; the cost is not shown."""
+        """Call the progress callback with the text "step 3", for ``step`` = 3, and the fraction 1.
+
+        A descent calls this method after each of its steps; ``cost`` is not used.
+        """
         self.problem.report(f"step {step}", 1.0)
 
     def _again(self, A: Array) -> Iterator[Descent]:
@@ -270,10 +275,11 @@ class Continuation:
         return search(self.margin(A), region, region.random(1024, self.problem.options.seed + 7919))
 
     def _sizes(self) -> list[int]:
-        """List the numbers of independent potentials up to degree 1, 2, …, without those below r.
+        """List the numbers of independent potentials of degree at most 1, 2, …, in rising order.
 
-        They are the steps of the continuation. For a basis that is not polynomial, the one step is
-        the number of all independent potentials.
+        The continuation makes one fit for each number. Numbers below r are left out, because r
+        potentials are needed. If the basis is not polynomial, the only number is that of all
+        independent potentials.
         """
         potentials = self.problem.potentials
         if not isinstance(potentials, Polynomial):

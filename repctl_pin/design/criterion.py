@@ -302,13 +302,17 @@ class Differential:
 
 
 def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differential, float]:
-    """Estimate the Gauss–Newton matrix from ``count`` randomly drawn nodes, without bias.
+    """Draw nodes at random, to estimate the Gauss–Newton matrix from them without bias.
 
     ``model`` are the first-order changes of X = W_d − W_r at the nodes of all batches, and
-    ``basis`` is B (N, N). Traces are those of the matrix for the coordinates ``B⁻¹ A``. The
-    probability of drawing a node is half constant, half in proportion to the trace of its part, so
-    that nodes near a singularity are seldom missed. Each drawn part is divided by its probability.
-    Return the first-order change of X at the drawn nodes, and the trace of the matrix of all nodes.
+    ``basis`` is B (N, N). Each node adds one part to the matrix. The probability of drawing a node
+    is half constant, half in proportion to the trace of its part, so that nodes near a singularity
+    are seldom missed. ``count`` nodes are drawn, possibly some more than once.
+
+    Return two results. The first is the first-order change of X at the drawn nodes; its
+    :meth:`~Differential.matrix` is the estimate, because the drawn parts are divided by their
+    expected numbers of draws. The second is the trace of the matrix of all nodes. Traces are those
+    of the matrix for the coordinates ``B⁻¹ A``.
     """
     traces = [one.traces(basis) for one in model]
     every = np.concatenate(traces)
@@ -324,7 +328,7 @@ def sampled(model: list[Differential], basis: Array, count: int) -> tuple[Differ
 
 
 def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], SignCount]:
-    """Evaluate this batch's parts of the cost C(A), of half its gradient, and of its model.
+    """Evaluate this batch's parts of the cost C(A) and of half its gradient, and linearise X in A.
 
     With P = E A, X = F A P⁻¹ and L = F − X E, ``½ ∂C/∂A = mean Lᵀ X P⁻ᵀ``, and the first-order
     change of X is ``dX = L dA P⁻¹``.
@@ -356,9 +360,9 @@ def linearised(b: Batch, A: Array) -> tuple[float, Array, list[Differential], Si
 
 
 def gauss_newton(b: Batch, A: Array) -> tuple[float, Array, Array, SignCount]:
-    """Evaluate this batch's parts of the cost C(A), of half its gradient, and of its model.
+    """Evaluate this batch's parts of the cost C(A), half its gradient and its Gauss–Newton matrix.
 
-    Return the part of C(A), that of ½ ∂C/∂A (N, r), the Gauss–Newton matrix (r, N, r, N), and the
+    Return the parts of C(A), of ½ ∂C/∂A (N, r) and of the Gauss–Newton matrix (r, N, r, N), and the
     numbers of nodes with either sign of det(E A).
     """
     total, gradient, (differential,), sides = linearised(b, A)

@@ -165,8 +165,9 @@ class ReportMaps:
     grid : DesignMap
         Distance to G_d and leaf margin over two joints, with the other joints at the centre of Ω.
     defect : (k, k) array
-        Relative defect of the desired inverse G_d on the same grid: 0 where G_d satisfies the
-        condition of repeatability; NaN at singularities.
+        Defect of the desired inverse G_d on the same grid, per rad: the drift, rad, per area of a
+        small loop whose sides are measured as joint motion, rad. It is a norm over all pairs of
+        sides, 0 where G_d satisfies the condition of repeatability, and NaN at singularities.
     degrees : tuple of (degree, cost, standard error)
         Cost of the design for each polynomial degree that was tried.
     baselines : tuple of Baseline
@@ -223,11 +224,12 @@ def _distance(design: Design, Q: Array) -> Array:
 
 
 def _defects(design: Design, Q: Array) -> Array:
-    """Evaluate the norm of the relative defects of G_d at the rows of Q (K, n): (K,), per rad.
+    """Evaluate by how much G_d violates the Lie bracket condition at Q (K, n): (K,), per rad.
 
-    It measures by how much G_d violates the Lie bracket condition, the condition of repeatability,
-    whatever the units and task axes. It is 0 where G_d satisfies the condition, and NaN at
-    singularities.
+    The result is ``sqrt(Σ_{c<d} ‖Λ_cd‖²)``. Λ_cd is the drift of G_d, rad, per area of a small loop
+    along two directions c and d, whose sides are measured as joint motion, rad. So the result
+    depends neither on the units nor on the axes of the task. It is 0 where G_d satisfies the
+    condition, which is that of repeatability, and NaN at singularities.
     """
     found = _with_gaps(lambda Q: measure(design.desired, Q).norm[:, None], Q, 1)
     return found[:, 0]

@@ -136,7 +136,7 @@ def evaluate_design(
 
 
 def _batches(count: int, seed: int) -> list[range]:
-    """List the seeds of the 32 replicates, in batches of replicates that are evaluated at once.
+    """List the seeds of the 32 replicates, as ranges; those of one range are evaluated at once.
 
     ``count`` is the number of nodes of a replicate, and ``seed`` the random seed of the evaluation,
     from which the 32 seeds follow.
@@ -196,7 +196,11 @@ def _evaluated(
 
 
 def _split(values: Array, sets: list[Array]) -> list[Array]:
-    """Split ``values``, one for each node of all ``sets`` in order, into those of each set."""
+    """Split ``values`` into one array per set of nodes.
+
+    ``values`` has one row for each node: first the nodes of the first of the ``sets``, then those
+    of the second, and so on.
+    """
     return np.split(values, np.cumsum([len(nodes) for nodes in sets])[:-1])
 
 

@@ -143,11 +143,11 @@ class Visuals:
         return frame_placements(self._model, self._frame.tolist(), Q) @ self._on_frame
 
     def corners(self, surfaces: Surfaces | None = None) -> list[Array]:
-        """List, for each shape, the corners of its convex hull in its own frame, scaled: (P, 3), m.
+        """List, for each shape, the corners (P, 3), m, of its convex hull in its own frame.
 
-        Stray points of a mesh, far from its link, are left out: a few points that lie outside the
-        convex hull of the link's collision shapes by over half the size of that hull. A shape that
-        cannot be read has one corner, at its origin.
+        The scale of a mesh is applied. Stray points of a mesh, far from its link, are left out: a
+        few points that lie outside the convex hull of the link's collision shapes by over half the
+        size of that hull. A shape that cannot be read has one corner, at its origin.
 
         Parameters
         ----------
@@ -314,9 +314,9 @@ def _file_times(robot: Mechanism, shapes: Sequence[Shape]) -> list[tuple[Shape, 
 
 
 def _corners(shapes: Sequence[Shape], surfaces: Surfaces | None = None) -> list[Array]:
-    """List, for each shape, the corners of its convex hull in its own frame, scaled: (P, 3), m.
+    """List, for each shape, the corners (P, 3), m, of its convex hull in its own frame.
 
-    Stray points of a mesh are included.
+    The scale of a mesh is applied. Stray points of a mesh are included.
     """
     return [_hull_corners(shape, surfaces) * np.array(shape.scale) for shape in shapes]
 
@@ -348,11 +348,12 @@ def _allowed(solid: Array) -> float:
 
 
 def _are_near(corners: Array, place: Array, solid: Array) -> bool:
-    """Test whether all corners of a shape are near a corner of the link's collision shapes.
+    """Test whether each corner of a shape is near some corner of the link's collision shapes.
 
-    None of them is then outside the widened hull of those shapes, which takes longer to compute.
-    ``corners`` (P, 3), m, are in the shape's own frame, and ``place`` (4, 4) is the shape's
-    placement on the link; ``solid`` (C, 3), m, is in the frame of the link.
+    Near means within the distance that :func:`_allowed` returns. No corner of the shape is then
+    outside the widened hull of the collision shapes, so this hull need not be computed. ``corners``
+    (P, 3), m, are in the shape's own frame, and ``place`` (4, 4) is the shape's placement on the
+    link; ``solid`` (C, 3), m, is in the frame of the link.
     """
     from scipy.spatial import cKDTree  # slow to import
 
@@ -381,12 +382,14 @@ def _confirmed(
 ) -> Array:
     """Return the corners (P, 3), m, of the hull of a mesh without its stray points.
 
-    A stray point is outside ``hull`` (L, 4), the widened convex hull of the link's collision
-    shapes: L half-spaces ``a·x + b ≤ 0`` with rows (a, b), in the frame of the link; None if the
-    hull is flat, and then no point is left out. If many points are outside, the collision shapes do
-    not cover the link, so no point is left out, either. ``corners``
-    and the result are in the shape's own frame, scaled; ``corners`` are those of the hull of all
-    points, and ``place`` (4, 4) is the shape's placement on its link.
+    A stray point is outside ``hull``, the widened convex hull of the link's collision shapes.
+    ``hull`` (L, 4) has a row (a, b) for each of L half-spaces ``a·x + b ≤ 0`` in the frame of the
+    link. It is None if the hull is flat; no point is then left out. If many points are outside, the
+    collision shapes do not cover the link, and no point is left out, either.
+
+    ``corners`` are the corners of the hull of all points of the mesh. They and the result are in
+    the shape's own frame, with the scale of the mesh applied. ``place`` (4, 4) is the shape's
+    placement on its link.
     """
 
     if hull is None:

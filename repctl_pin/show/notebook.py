@@ -90,7 +90,10 @@ def inline(shown: Study | Figure | str, *, height: int = 640) -> _Inline:
 
 
 def table_and_figures(study: Study) -> str:
-    """Make the table and the figures of a study as HTML, which a notebook shows below its page."""
+    """Make the table and two figures of a study as HTML.
+
+    A notebook shows this HTML below the study's animation.
+    """
     parts = (
         f'<pre style="{_TABLE}">{html.escape(study_table(study))}</pre>',
         _picture(drift_figure(drawn(study), ""), captions.drift_words(study)),

@@ -102,7 +102,7 @@ def with_command(page: str, command: str) -> str:
 def _portable(command: str) -> str:
     """Remove the option ``--out`` from a command, and the folders from its absolute paths.
 
-    They only show where the command ran. Relative paths are unchanged.
+    Both only show in which folder the command ran. Relative paths are unchanged.
     """
     kept: list[str] = []
     words = iter(shlex.split(command))

@@ -25,9 +25,9 @@ def cover(region: Region) -> tuple[Array, Array]:
 
     A tube is the set of configurations near a sampled motion. Its samples are divided into
     sections, on which the joints move little compared with the tube's radius, and one box covers
-    each section. These boxes overlap: without the overlap, each would be divided into many that are
-    about as wide as the whole box, and as hard to bound. A workspace box is the part of a box of
-    joints whose poses lie in a box of poses. The whole box of joints covers it.
+    each section. The boxes of successive sections overlap. To cut them into disjoint boxes would
+    give many more boxes, about as wide and as hard to bound. A workspace box is the part of a box
+    of joints whose poses lie in a box of poses. The whole box of joints covers it.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def sections(Q: Array, clearance: Array) -> list[slice]:
     ``clearance`` (K, n) is how far each joint can move from each configuration within Ω, rad or m.
     On a section, no joint moves by more than a quarter of its smallest clearance on that section. A
     section of only two configurations may exceed this. The sections are slices of at least two rows
-    of Q; the last row of a section is the first row of the next.
+    of Q, or of the only row if K is 1; the last row of a section is the first row of the next.
     """
     first, parts = 0, []
     for i in range(2, len(Q)):

@@ -181,8 +181,9 @@ class _Search:
 
         Call this only without a goal: ``enough`` then falls when a smaller leaf margin is found, so
         that the bound of an older box can suffice. Return a mask with one entry per undecided box,
-        False where the box is now decided. Record the smallest bounds of these boxes. ``stays`` is
-        a mask, too: boxes where it is False were just halved, and are not tested.
+        False where the box is now decided, else True. Record the smallest bounds of the boxes that
+        are now decided. ``stays`` is a mask of the same boxes, False where a box was just halved;
+        such a box is not tested, and its entry in the result is True.
         """
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():
@@ -193,10 +194,10 @@ class _Search:
     def _settle(
         self, found: LeafMarginBounds, done: NDArray[np.bool_], Q: Array, half: Array
     ) -> None:
-        """Record the smallest bounds of newly decided boxes, and the box with the smallest one.
+        """Update the smallest bounds over all decided boxes with those of newly decided boxes.
 
-        ``found`` are the bounds on the boxes Q ± half, (K, n) each; ``done`` (K,) is True for
-        decided boxes.
+        Also record the box with the smallest bound of the leaf margin. ``found`` are the bounds on
+        the boxes Q ± half, (K, n) each; ``done`` (K,) is True for decided boxes, at least one.
         """
         (rows,) = np.nonzero(done)
         least = rows[np.argmin(found.leaf_margin[rows])]
@@ -246,8 +247,9 @@ class _Search:
     def _with_arm_angle(self, worst: tuple[Array, Array]) -> tuple[Array, Array]:
         """Choose the box that the proof names, ``worst`` or one with an undefined arm angle.
 
-        If an arm angle may be undefined in the smallest undecided box, add this to ``reason`` and
-        return this box; else return ``worst``. A box is its centre and half-widths, (n,) each.
+        Only the undecided box of smallest volume is tested. If an arm angle may be undefined in it,
+        add this to ``reason`` and return this box; else return ``worst``. A box is its centre and
+        half-widths, (n,) each.
         """
         small = int(np.argmin(np.prod(self.high - self.low, axis=1)))
         Q, half = centered(self.low[small, None], self.high[small, None])

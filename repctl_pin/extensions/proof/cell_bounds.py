@@ -183,7 +183,8 @@ class CellProof:
     def within(self, level: int) -> str:
         """Describe, as text, the distance d* from c within which F is the only solution.
 
-        ``level`` is the row of :attr:`distances` with the smallest d* that a box needed.
+        ``level`` is the index, among :attr:`distances`, of the smallest d* that a box needed. The
+        text has the largest d* and, if some boxes needed a smaller one, the smallest.
         """
         first, last = (", ".join(f"{v:.2g}" for v in self.distances[index]) for index in (0, level))
         more = f", on some boxes within ({last})" if level else ""
@@ -195,21 +196,22 @@ class CellProof:
         self._run.restype = ctypes.c_int
 
     def see_from(self, chain: Chain) -> None:
-        """Choose the middle link, in whose frame the joint screws are expressed.
+        """Set the middle link, in whose frame the joint screws are expressed.
 
-        ``chain`` is the arm with that middle link. The bounds are valid for every middle link, but
-        tighter for some.
+        ``chain`` is the arm with the middle link to use. The bounds are valid for every middle
+        link, but tighter for some.
         """
         self.chain = chain
         self._chain = chain.struct()
         self._cell = self._cell_struct()
 
     def _tightness(self, chain: Chain, Uc: Array, half: Array, start: Array) -> float:
-        """Sum the lower bounds of the leaf margin on boxes Uc ± half, (K, k) each, for a chain.
+        """Set the middle link, and return the sum of K lower bounds of the leaf margin.
 
-        ``chain`` is the arm with a middle link; later calls of the object use this chain, too.
-        ``start`` (K, n, 1 + k) is the estimate of F − q_ref, see :meth:`bounds_from`. The caller
-        chooses the middle link with the largest sum, because its proof needs the fewest boxes.
+        The bounds are those on K boxes Uc ± half, (K, k) each. ``chain`` is the arm with the middle
+        link, which later calls use, too. ``start`` (K, n, 1 + k) estimates F − q_ref on each box:
+        the value at the centre, then k slopes times ``half``. The larger the sum, the fewer boxes
+        the proof is expected to need.
         """
         self.see_from(chain)
         return float(self.bounds_from(Uc, half, start).leaf_margin.sum())

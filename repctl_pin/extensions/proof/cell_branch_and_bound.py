@@ -154,9 +154,8 @@ class _CellSearch:
         """Stop the search if a box of poses cannot be proved by halving it.
 
         ``low`` and ``high`` (K, k) are the corners of K boxes. A box cannot be proved if, at its
-        centre, F does not exist, misses a margin, or differs from c by more than d*, the distance
-        within which F is proved to be the only solution. A box that is already too small also stops
-        the search.
+        centre, F does not exist, misses a margin, or differs from c by more than the largest d*. A
+        box that is too small to halve also stops the search.
         """
         problem, chart = self.problem, self.problem.chart
         points = chart.solve((low + high) / 2)
@@ -191,9 +190,10 @@ class _CellSearch:
         self.at = (low[which] + high[which]) / 2, (high[which] - low[which]) / 2
 
     def proof(self, name: str) -> Proof:
-        """Return the margins proved on the whole cell, or where and why the search stopped.
+        """Return the proof, with the margins proved on the whole cell.
 
-        ``name`` names the robot, the task and the cell.
+        If the search stopped, the proof has instead the reason and the box at which it stopped, and
+        the bounds 0 and −inf. ``name`` names the robot, the task and the cell.
         """
         leaf, sigma, limit = (0.0, 0.0, -np.inf) if self.reason else self.margins.tolist()
         only = f"is the only solution {self.problem.within(self.level)}"

@@ -343,10 +343,10 @@ def _close_pair(
 ) -> tuple[Array, Array] | None:
     """Bring two configurations a and b (n,), at which ``value`` has opposite signs, close together.
 
-    ``value`` is det J_V up to a factor. The line from a to b is bisected until the two
-    configurations differ by at most 3 % of the half-width of ``region`` in each joint, a sign
-    becomes uncertain, or the line leaves ``region``. Return the two configurations, or None if the
-    sign at a or at b is uncertain.
+    ``value``, det J_V up to a factor, must be positive at a and negative at b. The line from a to b
+    is bisected until the two configurations differ by at most 3 % of the half-width of ``region``
+    in each joint, a sign becomes uncertain, or the line leaves ``region``. Return the two
+    configurations, or None if the sign at a or at b is uncertain.
     """
     half = region.bounds.half_width
     if min(abs(value(a)), abs(value(b))) < _CERTAIN:

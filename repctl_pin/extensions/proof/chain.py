@@ -3,10 +3,10 @@
 A task with fewer than six coordinates leaves motions of the frame free. Each free motion is
 represented by a virtual joint, which does not move. For a position task, which leaves the rotation
 free, there are three revolute virtual joints at the tool. For an axis task, there is one. For each
-position coordinate that is not controlled, there is a prismatic virtual joint at the base. A twist
-is a velocity (v, ω), linear part first. The screws of all joints, which are twists per unit of
-joint speed, are the columns of a (6, N) matrix. The null space of this matrix, restricted to the
-first n entries, is the null space of J.
+position coordinate that is not controlled, there is a prismatic virtual joint at the base. The task
+has n joints; with the virtual joints, q has N entries. A twist is a velocity (v, ω), linear part
+first. The screws, which are twists per unit of speed of an entry of q, are the columns of a (6, N)
+matrix. The null space of this matrix, restricted to the first n entries, is the null space of J.
 
 ``Chain`` is a serial chain of joints, with the screws (twists per joint speed) in the frame of a
 middle link.
@@ -60,8 +60,8 @@ class Chain:
     level : (P,) array of bool
         True for virtual joints at the tool whose axes are those of the middle link, not of the
         tool. If the task leaves all rotations free, these are three joints, because any three axes
-        span the rotations. For a pose task, there is one such joint, with 0 as its row of S; only
-        its origin is used, which is that of the frame.
+        span the rotations. A pose task has one such joint, which never moves: its row of S is 0. It
+        only gives the origin of the task's frame. An axis task has none.
     S, o : (P, N) and (P,) arrays
         Map ``θ = S q + o`` from q to the positions of the P joints. The last N − n entries of q
         belong to the virtual joints.

@@ -73,7 +73,10 @@ _TURN, _BATCH = 0.5, 512
 @dataclass(frozen=True, eq=False)
 @read_only
 class Enclosure:
-    """Boxes that contain a motion along a closed path, or the joints at all levels around a start.
+    """Boxes of joints that contain a motion along a closed path.
+
+    Around a start, the boxes contain instead the configurations at the start's pose for all levels
+    in a range around the start's levels.
 
     Attributes
     ----------
@@ -86,8 +89,9 @@ class Enclosure:
     proved : bool
         True if the motion is proved to close, and the boxes to contain it.
     reason : str
-        Reason why there are no boxes: the motion ends in a singularity or does not close, or a
-        configuration at some level around the start is not proved. Empty if there are boxes.
+        Reason why there are no boxes: the path has no start, the motion ends in a singularity or
+        does not close, or a configuration at some level around the start is not proved. Q is then
+        the start. Empty if there are boxes.
     """
 
     Q: Array
@@ -137,8 +141,9 @@ def enclosed(
 def _bent(Q: Array) -> Array:
     """Estimate how far a closed path through Q (K, n) is from the lines between its rows: (K, n).
 
-    The estimate is ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``. This is enough even if the path has a
-    corner between two rows; for a parabola, it is four times the actual distance.
+    The last row of Q repeats the first. The estimate for the two lines that meet in row i is
+    ``|q_(i−1) − 2 q_i + q_(i+1)| / 2``. This is enough even if the path has a corner between two
+    rows; for a parabola, it is four times the actual distance.
     """
     steps = np.diff(Q, axis=0, append=Q[1:2])
     return np.asarray(np.abs(steps - np.roll(steps, 1, axis=0)) / 2)
@@ -150,9 +155,9 @@ def _boxes(
 ) -> Array | None:
     """Bound how far the lift moves from sample Q_i between s_i and s_(i+1): (K + 1, n).
 
-    ``Q`` (K + 1, n) are the joints at the values s_i of a cycle of ``steps`` steps, see
-    :func:`.path_grid`. The last row of the result repeats the first. Return None if the bounds are
-    not proved.
+    ``Q`` (K + 1, n) are the configurations at the K + 1 values s_i that :func:`.path_grid` gives
+    for ``steps``; K is about ``steps``. The last row of the result repeats the first. Return None
+    if the bounds are not proved.
     """
     K = len(Q) - 1
     samples = _Samples.of(inverse, problem, path, steps, Q[:-1])
@@ -199,9 +204,9 @@ class _Samples(NamedTuple):
     ) -> _Samples:
         """Bound the arcs of the frames from s_i to s_(i+1), and the errors of the samples Q_i.
 
-        s_i are the K + 1 values of s of a cycle of ``steps`` steps, see :func:`.path_grid`. The
-        samples Q (K, n) should have the poses of the path at s_i, and the levels of the first
-        sample.
+        s_0 to s_K are the values of s that :func:`.path_grid` gives for ``steps``. The samples Q
+        (K, n) are the configurations at s_0 to s_(K−1). Their errors are the differences of their
+        poses from those of the path, and of their levels from those of the first sample.
         """
         s = path_grid(path, steps)
         arcs = np.array(
@@ -286,10 +291,11 @@ def _proved_arcs(
 
 
 class LiftBoxes:
-    """Boxes around K samples Q (K, n) in which lifts stay, from the inverse A of J_V there.
+    """Boxes around K samples Q (K, n) in which lifts stay.
 
-    J_V is the task Jacobian stacked on the potentials' gradients. :meth:`moved` gives ``|A| ℓ``,
-    :meth:`bent` ``|A| Δ(h) h``, and :meth:`around` the boxes, all as arrays (K, n), rad or m.
+    J_V is the task Jacobian stacked on the potentials' gradients, and A its inverse at each sample;
+    where J_V is singular, the bounds are inf. :meth:`moved` gives ``|A| ℓ``, :meth:`bent` gives
+    ``|A| Δ(h) h``, and :meth:`around` the boxes, all as arrays (K, n), rad or m.
     """
 
     def __init__(self, inverse: RepeatableInverse, problem: LeafMarginProblem, Q: Array) -> None:

@@ -132,7 +132,7 @@ def _shown(task: Task, Q: Array, radius: float, angle: float | None) -> tuple[Ar
     Neighbouring poses are about half of ``radius``, m, or of ``angle``, rad, apart, if Q has enough
     rows. ``angle`` is None or 0 if rotations do not count. Return the positions (P, 3 F), m, and
     the rotations (P, 3 F, 3) of P poses. The second axis has three entries for each of the F frames
-    of the task, one frame after the other.
+    of the task, one frame after the other: x, y, z, or the rows of the rotation matrix.
     """
     poses = [task.placements(q) for q in Q]
     p = np.array([[x.translation for x in pose] for pose in poses])
@@ -208,12 +208,12 @@ def _clearance(region: Region, Q: Array) -> Array:
 
 
 def _places(Q: Array, clearance: Array, half: Array) -> Places:
-    """Divide a motion through Q (K, n) into places: boxes of configurations in which lines begin.
+    """Divide a motion through Q (K, n) into places: boxes of configurations in which lifts begin.
 
     ``half`` (K, n) bounds how far the motion departs from each row of Q until the next row; so the
     boxes also contain the motion between the rows. ``clearance`` (K, n) is how far each joint can
     move from each row of Q within Ω, rad or m. The clearance of a place is the smallest clearance
-    of its rows.
+    of its rows, minus the largest ``half`` of its rows.
     """
     parts = sections(Q, clearance)
     low = np.array([Q[part].min(axis=0) for part in parts])

@@ -158,11 +158,11 @@ class _Search:
     ``widths`` (K, M, n) are the half-widths of the boxes S_k around K places, without the place's
     own half-widths; ``rates`` (K, M, n) are the rates to prove in them.
 
-    An undecided box is some S_k, or a part of it. Small S_k are mostly decided as a whole, so
-    nothing is saved by leaving S_(k−1) out of S_k. Other arrays have one row per undecided box:
-    ``low`` and ``high`` are its corners relative to the place's centre, ``place`` is the index of
-    its place, and ``within`` is the number k − 1 of its S_k. ``bound`` has the bounds of its rates,
-    and ``split`` the joint along which to halve it.
+    An undecided box is a whole S_k, or a part of it. S_k includes S_(k−1): small S_k are mostly
+    decided as a whole, so to leave out S_(k−1) would save no boxes. Other arrays have one row per
+    undecided box: ``low`` and ``high`` are its corners relative to the place's centre, ``place`` is
+    the index of its place, and ``within`` is the number k − 1 of its S_k. ``bound`` has the bounds
+    of its rates, and ``split`` the joint along which to halve it.
     """
 
     def __init__(
@@ -235,12 +235,13 @@ class _Search:
         return low, high, self.place[order], self.within[order]
 
     def _raise(self, place: NDArray[np.intp], within: NDArray[np.intp], value: Array) -> None:
-        """Raise those rates to prove that a rate at the centre of a box exceeds.
+        """Raise the rates to prove, ``rates``, to above the rates at the centres of boxes.
 
-        They become slightly larger than that rate, because a bound over the box is above it.
-        ``value`` (L, n) are the rates at the centres of L boxes. ``place`` (L,) are the indices of
-        their places, and ``within`` (L,) the numbers k − 1 of their S_k.
-        Rates of larger S_k are raised as well.
+        A lower rate could not be proved. The new one is slightly larger than the rate at the
+        centre, because a bound over the box is larger, too. The rates to prove of larger S_k around
+        the same place are raised as well. ``value`` (L, n) are the rates at the centres of L boxes.
+        ``place`` (L,) are the indices of their places, ``within`` (L,) the numbers k − 1 of their
+        S_k.
         """
         over = np.flatnonzero((value > self.rates[place, within]).any(axis=1))
         for b in over:
@@ -249,10 +250,11 @@ class _Search:
             np.copyto(rates, np.maximum(rates, np.where(value[b] > rates, high, 0)))
 
     def reach(self) -> Reach:
-        """Return the length that lines may have at all places, with the rates proved so far.
+        """Compute the :class:`Reach` that follows from the rates proved so far.
 
-        A line is extended through S_1 ⊂ S_2 ⊂ … until a joint may leave the last one. Undecided
-        boxes count with their last bounds, so the length is valid at any time of the search.
+        Its length holds for lines from every place: a line is extended through S_1 ⊂ S_2 ⊂ … until
+        a joint may leave the last box, or the frame rotates by nearly π. Undecided boxes count with
+        their last bounds, so the length is valid at any time of the search.
         """
         rates = self.rates.copy()
         bound = np.where(np.isnan(self.bound), np.inf, self.bound)
@@ -312,7 +314,9 @@ def _sampled(
 
     S_k exceeds S_(k−1) by the motion of the joints on a step of the line. The rates of this motion
     are the largest rates sampled in S_k, times 1 plus a share; from S_1 to S_M the share goes from
-    ``slacks[0]`` to ``slacks[1]``. ``goal`` is a length, m, or None for the largest length.
+    ``slacks[0]`` to ``slacks[1]``. Each rate is at least 97 % of the rate that would use up the
+    joint's clearance on the longest line. ``goal`` is a length, m, or None for the largest
+    length.
 
     Return the half-widths, the rates, and the length of the lines, m, which is the same for all
     places. A SingularityError is raised if J_V is singular at the start, or if a place has no
@@ -360,8 +364,8 @@ def _sampled(
 def _rates_at_start(rates: Array) -> Array:
     """Raise rates (K, n) to at least 1e-9 of the largest rate of their place.
 
-    The rates are divisors, and those of joints that do not move are 0. A SingularityError is raised
-    if a rate is above 1e8 or NaN, because J_V is singular there.
+    So the caller can divide by the rates; a joint that does not move has the rate 0. A
+    SingularityError is raised if a rate is above 1e8 or NaN, because J_V is singular there.
     """
     if not rates.max() < _SINGULAR:
         raise SingularityError("J_V is singular at the start")

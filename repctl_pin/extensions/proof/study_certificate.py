@@ -34,7 +34,9 @@ def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -
     If Ω, the region of joint space of the design, is a tube, the certificate has a closing radius:
     the distance from the path within which closed paths end in their start configuration. ``spent``
     is the processor time of the study so far, s. The proof of the leaf margin may take 5 % of
-    ``spent``, or 0.2 s if that is longer. ``say(text)`` displays to the user what is being done.
+    ``spent``, or 0.2 s if that is longer. For a tube, a second proof with the closing radius
+    follows: leaf margin and radius may each take 5 % of ``spent``, or 5 s if that is longer.
+    ``say(text)`` displays to the user what is being done.
     """
     say("proving its leaf margin and closing radius")
     seconds = max(_LEAST_PROVING, _PROVING * spent)

@@ -1,4 +1,4 @@
-"""Tables for the Taylor models of taylor.h: products of monomials, and frames of axes.
+"""Tables for the Taylor models of taylor.h: products of monomials, and a rotation per axis.
 
 A Taylor model is a polynomial of degree 3 in k variables that approximates a function on a box,
 with a bound on the error. Its monomials are those of :class:`.Monomials`, in that order.

@@ -55,7 +55,7 @@ class Animation:
     study: Study | None = None
 
     def save(self, file: str | Path) -> Path:
-        """Write the page to a file atomically, and return its path.
+        """Write the page to a file atomically, and return the path of the file.
 
         Raises
         ------
@@ -67,7 +67,10 @@ class Animation:
         return write_whole(file, self.page)
 
     def show(self) -> Path:
-        """Open the page in the browser from a new temporary folder, and return its path."""
+        """Write the page to a file in a new temporary folder, and open it in the browser.
+
+        Return the path of the file.
+        """
         file = self.save(Path(tempfile.mkdtemp(prefix="repctl-")) / "animation.html")
         webbrowser.open(file.as_uri())
         return file

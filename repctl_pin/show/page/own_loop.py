@@ -144,9 +144,9 @@ def _carried(frame: CarriedFrame) -> _Numbers:
 def study_loop(study: Study) -> _Numbers | None:
     """Collect the numbers for a visitor's own loop on the page of a study.
 
-    The controllers are J⁺ and the nearest repeatable inverse; one without a motion is left out.
-    Returns None if the page cannot compute a controller, no motion is shown, or the page also shows
-    a user-defined controller.
+    The controllers are J⁺ and the nearest repeatable inverse; a controller without a motion is left
+    out. Returns None if the page cannot compute a controller, no motion is shown, or the page also
+    shows a user-defined controller.
     """
     laws: dict[str, Strategy] = {
         "pseudoinverse": Pseudoinverse(study.task),

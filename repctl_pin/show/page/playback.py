@@ -457,12 +457,15 @@ def _summary(
 ) -> MotionSummary:
     """Summarise a motion for the headline of the page.
 
-    ``played`` has the motion of the whole task, or of each chain; ``moved`` is the most displaced
-    link, and its displacement, m. For several chains, most quantities are those of the worst chain.
-    The joint speed is a norm over the joints of all chains. Where the frame leaves its path, and
-    how often the path winds around an axis, is that of ``track.motion``, which has the path. Body
-    distances, and the displacements of end effectors outside the task, are then left out: they
-    depend on the joints of all chains.
+    ``played`` has one motion of the whole task, or one motion per chain; ``moved`` is the most
+    displaced link, and its displacement, m. With several chains, a joint speed is the norm over the
+    joints of all chains. The displacements of the frame and of a joint are the largest of all
+    chains. The joint-limit violation is the earliest, and the speed-limit violation the largest.
+    Body distances, and the displacements of end effectors outside the task, are left out, because
+    they depend on the joints of all chains.
+
+    ``track.motion`` gives the cycle in which the frame leaves its path, and how often the path
+    winds around an axis. If that motion has no path, the results are None and 0.
     """
     alone = len(played) == 1
     summaries = [motion_summary(track.label, one, moved, bodies=alone) for one in played]

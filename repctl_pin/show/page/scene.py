@@ -222,8 +222,8 @@ class JointRows:
 
         ``names``, ``lower``, ``upper`` (None for no limit) and ``turns`` (True if revolute) have
         one entry per joint. ``perCycle`` is the number of samples per cycle, and ``at`` are their
-        times, as fractions of the cycle. ``scale`` is 0.001: the page holds the rows times
-        ``scale``, so its script divides by it.
+        times, as fractions of the cycle. ``scale`` is 0.001: the page holds the rows multiplied by
+        ``scale``, and its script divides them by ``scale``.
         """
         lower, upper = self.task.lower, self.task.upper
         return {
@@ -241,7 +241,8 @@ def frames_for(motions: Sequence[Array], cycles: int) -> Frames:
     """Choose the samples that the page shows of several motions of one robot.
 
     The page draws a cubic through neighbouring samples. The number of samples per cycle is
-    increased until the cubic is within 0.0002 rad or m of every motion, or all samples are shown.
+    increased, to 501 at most, until the cubic is within 0.0002 rad or m of every motion, or all
+    samples of a cycle are shown.
 
     Parameters
     ----------
@@ -393,11 +394,11 @@ def animation_page(
 
 
 def _links(own: dict[str, Any] | None, arm: Arm) -> list[Any]:
-    """List, for each shape, [index of the joint that moves its link, display name of its part].
+    """List, for each shape, [index of the joint that carries its link, display name of its part].
 
-    The index is −1 for a link fixed to the base; a shape of the surroundings has None instead of a
-    list. ``own`` are the numbers by which the page follows a visitor's own path; if it is None, all
-    entries are None.
+    The index is among the joints of ``own``, and is −1 for a link fixed to the root. A shape of the
+    surroundings has None instead of a list. ``own`` are the numbers by which the page follows a
+    visitor's own path; if it is None, all entries are None.
     """
     return [None] * len(arm.shapes) if own is None else own["links"]
 

@@ -215,7 +215,7 @@ class Viewer:
         return np.array([vector(q, self.task.n, "q") for q in configurations])
 
     def open(self) -> bool:
-        """Open the page in the browser; return False if there is no screen to show it."""
+        """Open the page in the browser; return False if there is no screen or no browser."""
         screen = (
             sys.platform in ("darwin", "win32")
             or os.environ.get("DISPLAY")
@@ -244,8 +244,8 @@ class Viewer:
         """Make the HTML page of the viewer, and set ``_moving``: the mask (S,) of moving shapes.
 
         A shape moves if its placement differs between the start q0 (n,) and two configurations that
-        are shifted by 0.3 rad or m in each joint. Only placements of moving shapes are sent.
-        ``path`` is the path to draw, if any.
+        are shifted by ±0.3 rad or m in each joint, within its limits. Only placements of moving
+        shapes are sent. ``path`` is the path to draw, if any.
         """
         task = self.task
         # which bodies move: those that differ between three configurations
@@ -368,7 +368,7 @@ class _Page(RequestHandler):
 
 
 class _Poses(WebSocketHandler):
-    """Websocket to one browser, which sends it poses and receives moves of the target."""
+    """Websocket that sends poses to one browser, and receives moves of the target from it."""
 
     prepare = _only_this_host
 

@@ -134,8 +134,8 @@ def cycle_figure(motions: Sequence[tuple[str, Motion, str]]) -> Figure:
 def phase_figure(timed: TimedMotion) -> Figure:
     """Draw the figure of joint speed ‖q̇‖ against the length of the joint path, from rest to rest.
 
-    The figure shows where along the path the joints are slow or stop. If the motion has more than
-    three cycles, only the first three are shown.
+    The figure shows where along the path the joints are slow or stop. If the cycles between the
+    first and the last are equal, only one of them is drawn.
     """
     figure = Figure(figsize=(6, 3.4), layout="constrained")
     ax = figure.add_subplot()

@@ -77,7 +77,9 @@ _VARIATION = 0.05
 
 
 def varies(values: NDArray[np.float64], top: float | None = None) -> bool:
-    """Test whether values over two joints vary enough to be drawn as a map: by 5 % of ``top``.
+    """Test whether values over two joints vary enough to be drawn as a map.
+
+    The largest and the smallest value must differ by at least 5 % of ``top``.
 
     Parameters
     ----------

@@ -167,9 +167,9 @@ def _top(curves: Sequence[_Curve]) -> float | None:
 def _near(motions: Sequence[tuple[str, Motion, str]]) -> list[tuple[str, Motion, str]]:
     """Select the motions that can be drawn on one linear scale.
 
-    A motion is left out if its drift in cycle 1 is more than four times the largest drift of the
-    others, and hardly grows in later cycles, as under a controller with a posture task. ``motions``
-    lists the label, motion and colour of each.
+    A motion is left out if its drift hardly grows after cycle 1, as under a controller with a
+    posture task, and its drift in cycle 1 is more than four times the largest drift of the motions
+    whose drift does grow. ``motions`` lists the label, motion and colour of each.
     """
     rest = max((float(m.drift.max()) for _, m, _ in motions if not _stays(m.drift)), default=0.0)
     return [

@@ -135,8 +135,8 @@ def _cells(study: Study, rows: Sequence[Row]) -> list[tuple[str, list[Span]]]:
     """List the lines of the short table: name of a quantity, and its value for every controller.
 
     ``rows`` has one result per controller. A controller without a motion has the word ``stopped``,
-    or a dash, in each line. The line of the body distance is left out if no body has a collision
-    shape.
+    or a dash, in each line. The line of the body distance is left out if there are bodies, but none
+    of them has a collision shape.
     """
     summaries = [row_summary(row) for row in rows]
     some = next((row.motion for row in rows if row.motion is not None), None)
@@ -238,7 +238,7 @@ def _notes(study: Study, rows: Sequence[Row]) -> list[str]:
     """List the notes of a study, except those on violations, which have lines of their own.
 
     First come the reasons why controllers stopped, except J⁺ and the repeatable one, which the
-    headline names; then the other notes, sorted by their first words.
+    headline names; then the other notes, in the order of their ranks, see :func:`_rank`.
     """
     said = {f"{row.label}: {violation}" for row in rows for violation in violation_texts(row)}
     notes = [note for note in study.notes if note not in said]

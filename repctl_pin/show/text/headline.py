@@ -265,8 +265,9 @@ def _drifted(summaries: Sequence[MotionSummary], times: str, after: str) -> list
     """State which part or joint is displaced, and by how much under each controller.
 
     The part is the one that is displaced most under any controller. If no part is displaced by 1 cm
-    or more, the sentence names a joint instead, which is displaced by 0.1 rad or more. ``times`` is
-    the number of cycles as text, "10 cycles". ``after`` is the beginning of the sentence, such as
+    or more, the sentence names a joint instead, which is displaced by 0.1 rad or more. If there is
+    no such joint, the sentence says that the part has hardly drifted. ``times`` is the number of
+    cycles as text, "10 cycles". ``after`` is the beginning of the sentence, such as
     "After 10 cycles "; empty if the preceding sentence begins with these words.
     """
     worst = max(summaries, key=lambda one: one.off)
@@ -415,7 +416,8 @@ def _offs(summaries: Sequence[MotionSummary], unit: str) -> list[Span]:
 
     The text ``unit``, such as " from its start", follows each value, except a 0 that is not the
     first value. Under different controllers, different parts can be displaced most. A value other
-    than 0 is followed by its part, unless that part has the largest displacement of all.
+    than 0 is followed by its part in parentheses, unless the same part is displaced most under the
+    controller with the largest value.
     """
     said: list[Span] = []
     worst = max(summaries, key=lambda one: one.off).part
@@ -486,9 +488,9 @@ def _higher(cost: float) -> str:
 def _limits(summaries: Sequence[MotionSummary], cycles: int) -> list[Span]:
     """State that the joint limits are kept, and when they will not be if the drift continues.
 
-    ``cycles`` is the number of cycles of each motion. If a limit is violated in these cycles, the
-    first statement is left out, because the sentence of the headline names the violation. It says
-    if joint speeds are not checked.
+    ``cycles`` is the number of cycles of each motion. The statement that the limits are kept also
+    says if joint speeds are not checked. It is left out if a limit is violated in these cycles,
+    because the sentence of the headline names the violation.
     """
     broken = any(one.limit_violation or one.overspeed for one in summaries)
     later = _outlook(summaries, cycles)

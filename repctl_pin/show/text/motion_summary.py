@@ -66,15 +66,15 @@ class MotionSummary:
         The cycle in which the frame leaves its path, and the largest errors of the frame in the
         whole motion, m and rad; None if the frame never leaves its path.
     size : float
-        Length of the arm, m: the sum of the distances from revolute joint to revolute joint to the
-        frame; 1 without revolute joints.
+        Length of the arm, m: the sum of the distances between successive revolute joints, and from
+        the last of them to the frame; 1 without revolute joints.
     part : str
         Display name of the part that is displaced most at the end.
     link : str
         That part's link in the URDF.
     hand_off : float
-        Distance of the frame from its start at the end, m, in the coordinates that the task
-        controls.
+        Distance between the positions of the frame at the start and at the end, m. Only position
+        coordinates that the task controls count.
     ends : dict of str to float
         Displacement at the end of each other end effector that moves with the arm, m, by link.
     checked : str
@@ -182,7 +182,10 @@ def in_cycle(event: tuple[Any, ...] | None, cycles: int) -> Any:
 
 
 def with_outlook(summary: MotionSummary, played: Sequence[JointMotion]) -> MotionSummary:
-    """Copy the summary of a motion, and fill in its attributes ``leaves`` and ``near``.
+    """Return a copy of a summary with its attributes ``leaves`` and ``near`` set.
+
+    ``leaves`` is the outlook, the earliest of all chains. ``near`` has the two links with the
+    minimum body distance; it is empty if the summary has no body distance.
 
     Parameters
     ----------

@@ -12,7 +12,7 @@ NOTHING = 1e-4
 def number(value: float) -> str:
     """Format a number with three digits, or with one digit below 1e-3: 1.75, 0.0238, 2e-11.
 
-    A dash stands for infinity or NaN.
+    From 1000 up, it is rounded to an integer: 12346. A dash stands for infinity or NaN.
     """
     if not math.isfinite(value):
         return "–"

@@ -136,7 +136,8 @@ class CellFit:
         violate limits, else a full design. If the first design is :meth:`good`, or its coverage is
         below 90 %, no other configuration is tried. Otherwise quick designs from all configurations
         are compared, and the best configuration is used. If collisions are the only fault of the
-        first design, only configurations whose rays are free of collisions are compared with it.
+        first design, it is compared only with configurations whose rays are free of collisions and
+        reach at least as many corners.
 
         Return the configuration (n,) of the best full design, and this design: a CellDesign or, if
         no design succeeded, a tuple of FailureReason.
@@ -324,7 +325,11 @@ class CellFit:
         return d
 
     def _enough(self, cell: Cell) -> int:
-        """Compute the default number of poses for a fit: 3 per term, at least 256, a power of 2."""
+        """Compute the default number of poses for a fit.
+
+        It is the smallest power of 2 that is at least 256, and at least 3 times the number of
+        monomials of the highest degree.
+        """
         return max(256, _power_of_two(3 * _terms(cell, self._highest(cell))))
 
     def _descended(
@@ -344,10 +349,12 @@ class CellFit:
         quick
             Try only one degree, at most 2.
         rounds
-            Maximum number of rounds with penalties.
+            Maximum number of minimisations with penalties per degree, see :class:`PenaltyMethod`;
+            the weight of the penalties rises from one to the next.
         guess
-            Result of an earlier quick design. The rounds with penalties begin at its function, or
-            without a result, ``()``, at that of the last degree. The degrees are tried in any case.
+            Result of an earlier quick design, or ``()`` without one. The minimisations with
+            penalties begin at the function of this design if the last degree is above 2. Otherwise
+            they begin at the functions found with rising degree, which are computed in any case.
 
         Returns
         -------
@@ -527,9 +534,10 @@ def _why(cell: Cell, ends: Rays, count: int) -> tuple[FailureReason, ...]:
 
 
 def _no_turn(cell: Cell, turn: Turn) -> FailureReason:
-    """Describe why a function fails: the joint of a symmetric coordinate has too small a range.
+    """Make the reason for failure that the joint of a symmetric coordinate has too small a range.
 
-    Over the cell, the values of this joint differ by more than the range between its limits.
+    Over the cell, the values of this joint differ by more than the range between its limits. The
+    reason has the share 1: it concerns all poses.
     """
     what = f"{turn.joint} turns {turn.joint_range:.3g} rad, and differs by {turn.spread:.3g} rad"
     return FailureReason("limit", 1.0, np.zeros(cell.whole.k), f"{what} over the cell")
@@ -582,6 +590,10 @@ def _power_of_two(count: int) -> int:
 
 
 def _where_found(chart: Chart, U: Array, edge: Array) -> tuple[Array, Array]:
-    """Select the rows of U (K, k) and of ``edge`` (L, k) at which the chart's function exists."""
+    """Return the rows of U (K, k) and of ``edge`` (L, k) at which a function exists.
+
+    The function is that with the label s = 0 in the chart. It exists at a pose if Newton's method
+    finds its configuration there.
+    """
     found = chart.solve(np.concatenate([U, edge])).found
     return U[found[: len(U)]], edge[found[len(U) :]]

@@ -71,8 +71,8 @@ class _Value:
     cost : float
         ``nearness + weight · Σ mean Σ_i max(0, asked − margin_i)²``. The outer sum is over the
         penalties, one for each kind of margin. The mean is over the poses of the penalty, the inner
-        sum over the P margins of that kind. In place of the nearness, the cost has a weighted mean
-        if the nodes have weights. Infinite if F does not exist at some pose.
+        sum over the P margins of that kind. If the nodes have weights, the mean in the nearness is
+        replaced by a weighted mean. Infinite if F does not exist at some pose.
     nearness : float
         ``mean ‖(∂F − G_d E) C‖_F²`` over the nodes: the squared distance from G_d.
     desired_square : float
@@ -184,7 +184,7 @@ class Cost:
         return self._value[1]
 
     def _evaluated(self, a: Array) -> _Value:
-        """Evaluate the cost at coefficients a (N, r)."""
+        """Evaluate the cost at coefficients a (N, r), as :meth:`value` does, without its cache."""
         s, ds = self.T @ a, np.einsum("KNk,Nr->Krk", self.dT, a)
         points = self.chart.solve(self.U, s, self._last, goals=self.goals)
         if not points.found.all():
@@ -218,7 +218,10 @@ class Cost:
         return self._model[1]
 
     def _modelled(self, at: _Value) -> tuple[Array, Array]:
-        """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost."""
+        """Evaluate the gradient (N r,) and the Gauss–Newton Hessian (N r, N r) of the cost.
+
+        ``at`` is the evaluated cost. :meth:`model` is the same with a cache.
+        """
         r = self.r
         k = self.rates.C.shape[2]  # the coordinates removed by a symmetry count, too
         p = r * (1 + k)
@@ -251,10 +254,11 @@ class Cost:
         return features
 
     def _nearness_terms(self, at: _Value) -> tuple[Array, Array]:
-        """Evaluate MᵀM (K, p, p) and Mᵀ residual (K, p) at the K nodes, each times weight / K.
+        """Evaluate MᵀM (K, p, p) and Mᵀ residual (K, p) at the K nodes, weighted as in the cost.
 
-        M is the derivative of a node's residual with respect to p = r (1 + k + l) numbers. These
-        are, for each component s_j of the label at the node, s_j itself and the k + l entries of
+        Both are multiplied by the weight of the node, an entry of ``shares``, divided by K. M is
+        the derivative of a node's residual with respect to p = r (1 + k + l) numbers. These are,
+        for each component s_j of the label at the node, s_j itself and the k + l entries of
         ∂s_j/∂u C.
         """
         points, ds = rows_of(at.points, self.inner), at.ds[self.inner]

@@ -69,8 +69,9 @@ def locked_function(fit: CellFit, cell: Cell, q: Array, joints: Sequence[int]) -
 def _chart(cell: Cell, U: Array, Q: Array, q: Array, joints: Sequence[int], degree: int) -> Chart:
     """Fit the reference q_ref to configurations Q (K, n) at U (K, k), with joints locked.
 
-    ``joints`` are the indices of the locked joints, and q (n,) has their positions. The columns of
-    n_ref are the unit vectors of these joints, so F keeps the positions.
+    ``joints`` are the indices of the locked joints; each is locked at its value in q (n,).
+    ``degree`` is the degree of the polynomials q_ref. The columns of n_ref are the unit vectors of
+    the locked joints, so F holds these joints constant.
     """
     N = np.eye(cell.task.n)[:, joints]
     chart = Chart.fitted(cell, U, Q, np.broadcast_to(N, (len(Q), *N.shape)), degree)

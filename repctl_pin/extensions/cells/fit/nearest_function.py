@@ -302,11 +302,12 @@ def _margin(value: float, name: str, unit: str = "") -> float:
 
 
 def _largest(fit: CellFit, cell: Cell, q: Array, *, quick: bool) -> tuple[float, CellDesign | None]:
-    """Find the largest scale below 1, within 20 %, at which one function covers the cell.
+    """Find a scale below 1, nearly the largest, at which one function covers the cell.
 
     The cell is scaled about its middle, where the configuration is q (n,). Rays, which are motions
-    along straight lines from q to corners and other poses, give a first guess of the scale; designs
-    confirm or lower the guess. With ``quick``, the designs are faster and less accurate.
+    along straight lines from q to corners and other poses, give a first guess of the scale. A
+    design confirms the guess; if it fails, the scale is multiplied by 0.8 until a design succeeds.
+    With ``quick``, the designs are faster and less accurate.
 
     Returns
     -------

@@ -85,13 +85,13 @@ class ActiveConstraint:
         self.edge, self.asked = U[:0], np.zeros(0)
 
     def short(self, candidate: CandidateFunction) -> bool:
-        """Test whether the margin of a candidate function is too small; add poses where it is.
+        """Test whether the margin of a candidate function is too small at some pose.
 
-        At a pose, the margin is too small if it is below the margin asked for by more than the
-        slack of the margin; :attr:`asked` describes the margin asked for. A search for smaller
-        margins starts at the checked poses with the smallest margins. The poses that the search
-        finds are added to the checked poses. If the margin is too small somewhere, the worst poses
-        are added to the penalised poses.
+        At a pose, the margin is too small if it is below the margin asked for by more than a
+        tolerance; :attr:`asked` describes the margin asked for. A search for smaller margins starts
+        at the checked poses with the smallest margins. The poses that the search finds are added to
+        the checked poses :attr:`U`. If the result is True, the poses at which the margin is
+        farthest below the margin asked for are added to the penalised poses :attr:`edge`.
         """
         margin = self.margin
         near = margin.least(candidate.at(self.U))
@@ -117,14 +117,16 @@ class ActiveConstraint:
         return True
 
     def _shortage(self, chart: Chart, at: Points, near: Array) -> tuple[Array, Array]:
-        """Evaluate the margins asked for, and the shortages, at the first L of K points ``at``.
+        """Evaluate margins asked for, and shortages, at as many of the K points ``at`` as needed.
 
         A shortage is the margin asked for minus the actual margin. ``near`` (K,) are the actual
-        margins, sorted, the smallest first. Return two arrays (L,). The margin asked for is found
-        by a slow search, so only the first L points are evaluated. The later points cannot change
-        the result of :meth:`short`: if no shortage among the first L is too large, none of the K
-        is. Otherwise, the ``margin.violators`` largest shortages of all K points are among the
-        first L.
+        margins at the points, in rising order. Return two arrays (L,), for the first L points: the
+        margins asked for, and the shortages.
+
+        Each margin asked for is found by a slow search, so L is chosen small. But the other points
+        cannot change the result of :meth:`short`: if no shortage among the first L is too large,
+        none of the K is. Otherwise, the ``margin.violators`` largest shortages of all K points are
+        among the first L.
         """
         margin, count = self.margin, self.margin.violators
         most = margin.required - near  # no more than the required margin is asked for
@@ -157,9 +159,10 @@ class ActiveConstraint:
         return short > np.maximum(margin.slack * asked, _NEARLY * margin.required)
 
     def penalty(self, candidate: CandidateFunction) -> Penalty:
-        """Make the penalty to add to the cost, on margins of a candidate function below ``asked``.
+        """Make the term of the cost that penalises margins of a function below :attr:`asked`.
 
-        It covers those of the poses ``edge`` at which the candidate has a configuration.
+        It contains the poses :attr:`edge`, except those at which the function ``candidate`` has no
+        configuration.
         """
         there = candidate.at(self.edge).found
         return Penalty(self.margin, self.edge[there], self.asked[there])
@@ -218,8 +221,8 @@ class PenaltyMethod:
 
         If no margin is too small in the last result, this result is returned. Otherwise the cost is
         minimised with the monomials ``terms``; a degree above 2 is preceded by a fit of degree 2.
-        The poses with the smallest margins of functions without penalties stay penalised in every
-        fit, if these margins are too small.
+        The poses at which the last result is farthest below the required margins stay penalised in
+        every fit.
 
         Parameters
         ----------
@@ -233,7 +236,8 @@ class PenaltyMethod:
         enough
             Relative decrease of the cost in one step below which an iteration ends.
         guess : (N, r) array, optional
-            Coefficients at which the first fit of degree 2 begins.
+            Coefficients at which the fit of degree 2 begins; ignored if ``terms`` have degree 2 or
+            less. By default, that fit begins at a function without penalties.
         """
         descent = descents[-1]
         if not self.rounds or not self._short(terms, descent.a):
@@ -264,7 +268,7 @@ class PenaltyMethod:
         ``descent`` is the result from which the first round begins, ``terms`` are its monomials.
         The rounds end when all margins are met, nothing changes, or the function does not exist.
         Each minimisation ends when a step lowers the cost by less than the fraction ``enough``.
-        Return the last result, with its number of steps replaced by the sum over all rounds.
+        Return the last result; its number of steps is that of ``descent`` plus those of all rounds.
         """
         size = 0
         more = _MORE if np.isfinite(self.most) else 0

@@ -123,14 +123,16 @@ def trimmed(
     *,
     useful: Callable[[Cell], bool] = lambda _: True,
 ) -> CellDesign | None:
-    """Move sides of a cell inward until one function meets the limits on the rest; design it.
+    """Move sides of a cell inward until one function meets the limits on the rest.
 
     ``fit`` has the arguments of the design. ``q`` (n,) is the configuration in the middle,
-    ``guess`` a quick design from there, if there is one. A quick design shows where sides must be
-    moved; then the part that is left is designed again, until a quick design loses less than 30 %
-    of its part. Then one function of full accuracy is designed. If this function fails somewhere,
-    sides are moved further, until the same function covers the part that is left. Return None if
-    this part would be less than 5 % of the cell or not ``useful``, or if no function is found.
+    ``guess`` a quick design from there, if there is one. A quick design shows at which poses a
+    function fails, and sides are moved inward past these poses. This is repeated with the part that
+    is left, until a part keeps more than 70 % of its volume, at most six times. Then one function
+    of full accuracy is designed over it. Where this function fails, sides are moved further; the
+    function stays the same. Return the design of this function over the part that is left. Return
+    None if this part would be less than 5 % of the cell or not ``useful``, or if no function is
+    found.
     """
     volume = 1.0
     for _ in range(_ROUNDS):

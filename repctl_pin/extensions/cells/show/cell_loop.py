@@ -67,12 +67,12 @@ def _described(design: CellDesign) -> dict[str, Any]:
     """Return the chart of a cell's function as plain types, as ``potentials.js`` reads it.
 
     The keys ``n`` and ``r`` have the numbers of joints and of directions of self-motion. ``parent``
-    and ``variable`` are the recurrence of the monomials. ``moved`` has the indices of the
-    coordinates that belong to u: indices in the sector or, in a box, among x, y and z. ``widths``,
-    ``offset`` and ``bounds`` have, for each of these coordinates, the half-width, the offset, and
-    the largest ``|u_i|`` that is accepted. ``removed`` describes the coordinates removed from u.
-    ``middle`` is the position of the middle of a box, m. ``sector`` describes a sector; None for a
-    box. The coefficients are not included.
+    and ``variable`` give the values of the monomials: monomial i is monomial ``parent[i]`` times
+    ``u[variable[i]]``. ``moved`` has the indices of the coordinates that belong to u: indices in
+    the sector or, in a box, among x, y and z. ``widths``, ``offset`` and ``bounds`` have, for each
+    of these coordinates, the half-width, the offset, and the largest ``|u_i|`` that is accepted.
+    ``removed`` describes the coordinates removed from u. ``middle`` is the position of the middle
+    of a box, m. ``sector`` describes a sector; None for a box. The coefficients are not included.
     """
     chart, task = design.function.chart, design.task
     cell = chart.cell

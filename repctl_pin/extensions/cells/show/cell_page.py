@@ -278,7 +278,7 @@ def cell_headline(design: CellDesign, motions: Mapping[str, Motion] | None = Non
 def _brief(design: CellDesign, motions: Mapping[str, Motion]) -> list[Span]:
     """Write the notes of the headline in short, for a first screen with little space.
 
-    Notes on violations are left out, because every first screen has them.
+    Notes on violations are left out, because the first screen shows them in any case.
     """
     path = list(motions.values())[-1:]
     proved = "Function proved, distances tested." if design.proof else "Tested, not proved."

@@ -102,8 +102,9 @@ def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
 def _panels(title: str, quantities: int, shares: Sequence[float]) -> tuple[Figure, Any]:
     """Create the figure and its axes: an array with a row per quantity, and a column per slice.
 
-    ``shares`` are the ratios of width to height of the slices. The quantities of a single slice
-    are side by side in the figure.
+    ``shares`` are the ratios of width to height of the slices, one per slice. The figure has the
+    same rows and columns as the array. A single slice is the exception: its quantities are drawn
+    side by side, but the array still has one column.
     """
     if len(shares) == 1:
         figure = titled((1.8 + 2.4 * shares[0]) * quantities, 3.7, title)
@@ -203,10 +204,12 @@ def _pixels(whole: Image.Image, ax: Axes, box: BboxBase | None) -> tuple[int, in
 
 
 def _hole(x0: float, y0: float, x1: float, y1: float) -> str:
-    """Return the corners of a box in a CSS polygon, from the picture's top left corner and back.
+    """Write a box as points of a CSS polygon: pairs "x% y%", separated by commas.
 
-    ``x0``, ``y0``, ``x1`` and ``y1`` are the left, top, right and bottom side of the box, as
-    fractions of the picture from the left and from the top.
+    The points are the corners of the box, clockwise from the top left one and back to it. A last
+    point, ``0 0``, returns to the picture's top left corner, where the polygon begins. ``x0``,
+    ``y0``, ``x1`` and ``y1`` are the left, top, right and bottom side of the box, as fractions of
+    the picture from the left and from the top.
     """
     left, top, right, bottom = (f"{100 * side:.2f}%" for side in (x0, y0, x1, y1))
     corners = [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]

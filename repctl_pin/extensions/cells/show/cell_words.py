@@ -32,7 +32,7 @@ def shape_word(design: CellDesign) -> str:
 
 
 def same_joints(design: CellDesign) -> str:
-    """Return the promise of a function, such as "Same hand pose, same joints"."""
+    """Write what a function guarantees, for its task: such as "Same hand pose, same joints"."""
     fixed = {"pose": "pose", "axis": "position and tool axis"}
     return f"Same hand {fixed.get(design.task.kind, 'position')}, same joints"
 

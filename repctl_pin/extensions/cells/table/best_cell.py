@@ -502,11 +502,11 @@ def _tried(fit: CellFit, box: Cell, found: Grown) -> Grown:
 
 
 def _strict(fit: CellFit, box: Cell, found: Grown) -> Grown:
-    """Select middles with unlike configurations, from which J⁺ reaches the whole box.
+    """Select up to 12 middles with unlike configurations, from which J⁺ reaches the whole box.
 
-    The box has the size to which it grew around the middle. J⁺ must reach all its corners inside
-    the limits and without collisions. Among middles with similar configurations, only the first is
-    taken.
+    The box around a middle has the size to which it grew there, ``steps`` of ``found``. J⁺ must
+    reach all corners of this box inside the limits and without collisions. Among middles with
+    similar configurations, only the first that passes this test is taken.
     """
     kept: list[int] = []
     for k in range(min(len(found.p), _LOOKED)):
@@ -520,7 +520,10 @@ def _strict(fit: CellFit, box: Cell, found: Grown) -> Grown:
 
 
 def _others(free: Grown, tried: Grown, size: int) -> Grown:
-    """Select middles of ``free`` around which a box grew to ``size`` tenths, except those tried."""
+    """Select middles of ``free`` around which a box grew to at least ``size`` tenths.
+
+    Configurations of ``tried`` whose box has at least this size, too, are left out.
+    """
     places = tried.Q[tried.steps >= size]
     known = (free.Q[:, None] == places).all(axis=2).any(axis=1)
     return rows_of(free, np.flatnonzero((free.steps >= size) & ~known))

@@ -21,9 +21,9 @@ from ..geometry.kinematics import placed
 def locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, float]:
     """Evaluate the extra joint speed of an arm with locked joints, over configurations Q (K, n).
 
-    Return two fractions, of which 0.05 is 5 % more than J⁺: that of the rms joint speed over the K
-    configurations, and the maximum over them. ``held`` (n,) is True for locked joints. The motions
-    are those along the coordinates of ``cell``.
+    Return two numbers: the extra joint speed on average, from the rms joint speeds over the K
+    configurations, and the largest at one configuration. 0.05 is 5 % more than J⁺. ``held`` (n,) is
+    True for locked joints. The motions are those along the coordinates of ``cell``.
     """
     mine, least = locked_squares(cell, Q, held)
     return float(np.sqrt(mine.mean() / least.mean()) - 1), float(np.sqrt((mine / least).max()) - 1)

@@ -155,10 +155,10 @@ def largest_between(ends: Array, least: float = 0.0, degree: int = MOST_DEGREE) 
 
     A row of ``ends`` has the first and the last index of the radius at one height, or −1 twice. The
     polynomials may extend over any range of heights. The area of the runs over a range is an upper
-    bound of the area between polynomials. Ranges are tried in descending order of this bound, until
-    the bound is at most the best area found or ``least``. So a result with an area of at most
-    ``least``, in units of the spacing squared, may be missed. ``degree`` is the maximum degree of
-    the polynomials.
+    bound of the area between polynomials. Ranges are tried in descending order of this bound. The
+    search ends when the bound does not exceed the best area found so far, or does not exceed
+    ``least``. So a result with an area of at most ``least``, in units of the spacing squared, may
+    be missed. ``degree`` is the maximum degree of the polynomials.
     """
     there = np.flatnonzero(ends[:, 0] >= 0)
     if len(there) <= _SHORT:

@@ -1,11 +1,12 @@
-"""Sides of a sector by what a function costs: the part of it in which joint speed meets its limits.
+"""New sides of a sector, between which the joint speed of a function meets its limits.
 
-A sector is a cell, a set of poses, in cylindrical coordinates around the arm; its smallest and its
-largest radius are polynomials of the height. A function over a large sector can be too fast in a
-part of it. The sector then gets new sides, between which the function meets its limits, and another
-function is designed for the smaller sector, which costs less than the first one does there. So the
-new sides may exceed the limits at first. A box of coordinates that is cut out of the sector would
-lose more.
+A sector is a cell, a set of poses, in cylindrical coordinates around the arm. Its sides are its
+smallest and its largest radius, which are polynomials of the height. A function over a large sector
+can be too fast in a part of it. The sector then gets new sides, between which the joint speed of
+the function meets the limits, and another function is designed for this smaller sector. There, the
+new function has less joint speed than the first one. So the first new sides are chosen with limits
+that are 1.6 times as high. Moving the ends of the sector's ranges inward instead would lose more of
+the sector.
 
 ``CellFit`` holds the arguments of a design over a cell, and the methods that compute the design.
 ``Required`` holds the limits of a function: mean and maximum extra joint speed relative to J⁺ (0.05
@@ -51,11 +52,15 @@ further sides are tried."""
 def by_price(
     fit: CellFit, quick: CellDesign, limits: Required, useful: Callable[[Cell], bool]
 ) -> CellDesign | None:
-    """Design a function for the part of a sector in which a quick design meets speed limits.
+    """Design a function for a part of a sector, such that its joint speed meets the limits.
 
-    The sides of the part are polynomials of the height of degree 4 at most. They are chosen by
-    looser limits first, then, until a function of full accuracy meets ``limits``, by what that
-    function costs. Return None if no part is ``useful``, or if a design fails or costs far more.
+    ``quick`` is a quick design over the sector. The sides of the part are polynomials of the height
+    of degree 4 at most. They are first chosen by the joint speeds of ``quick``, with limits 1.6
+    times as high, and a function of full accuracy is designed for the part. If this function
+    exceeds ``limits``, sides are chosen by its joint speeds, and a function is designed again, at
+    most twice. Where the last function fails or exceeds ``limits``, its sector is cut. Return None
+    if a part is not ``useful``, if a design fails, or if its mean extra joint speed exceeds twice
+    the limit.
     """
     found = quick
     for slack in _SLACKS:

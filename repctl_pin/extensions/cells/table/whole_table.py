@@ -554,8 +554,9 @@ def _begun(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]
 def _inner_half(place: _Place, design: CellDesign) -> Sector:
     """Return the sector of a place's design, reduced to the middle half of its range of angle.
 
-    The quick design covers its whole range, even where bodies collide. A final sector ends there.
-    So a locked arm that replaces the design must keep clear of bodies at the reduced range alone.
+    The quick design covers its whole range, even where bodies collide. The sector of a final design
+    would end where bodies collide, and so have a smaller range of angle. Therefore a locked arm
+    that replaces the design must keep clear of bodies only in the reduced range.
     """
     chart = design.function.chart
     assert isinstance(chart.cell, Sector), "a table is a sector"
@@ -860,9 +861,10 @@ def _settled(found: CellDesign, most: float, limits: Required, straight: Straigh
 def _larger_design(
     fit: CellFit, places: list[_Place], limits: Required, design: CellDesign
 ) -> CellDesign:
-    """Design the places in turn until a design succeeds; return this design if it is larger.
+    """Design the places in turn until a design succeeds; return this or the given ``design``.
 
-    Otherwise return the given design.
+    The new design is returned if both its area and its worth are larger than those of ``design``.
+    Places that cannot exceed ``design`` in both are left out.
     """
     found = _first_design(fit, places, limits, partial(_can_exceed, other=design))
     return design if found is None else _larger_of(found, design)
@@ -879,8 +881,9 @@ def _best_of(
 ) -> CellDesign | None:
     """Design places of both kinds in turn; return the design with the largest worth, or None.
 
-    At most four places are designed. A place is left out if it cannot be better than the best
-    design by more than 2 %, and all others after a design with 95 % of the worth that any can have.
+    The places are taken alternately from ``shaped`` and ``smooth``, at most four in all. A place is
+    left out if the upper bound of its worth, ``most``, is at most 2 % above the worth of the best
+    design so far. The search ends when that worth exceeds 95 % of the largest bound of all places.
     """
     best: CellDesign | None = None
     pairs = zip_longest(shaped, smooth)
@@ -899,8 +902,11 @@ def _best_of(
 def _design_of(fit: CellFit, place: _Place, limits: Required, least: float) -> CellDesign | None:
     """Design a function for a place, whose sector is cut, or gets new sides, where it fails.
 
-    New sides come first if a cut would lose more than 20 % of the sector, and a cut is then tried
-    only if it may leave more than they do. Return None if no design has a worth above ``least``.
+    A quick design shows which share of the sector a cut would leave. If this is less than 80 %, a
+    design with new sides is made first, see :func:`by_price`. A design with a cut is made, too, if
+    its worth may exceed ``least``, m², and the worth of the design with new sides. Return the
+    design with the larger worth, or None if neither succeeds. No design is made over a part whose
+    worth cannot exceed ``least``.
     """
     there = limits._replace(window=place.window)
 
@@ -938,10 +944,10 @@ def _or_better(
 def _first_design(
     fit: CellFit, places: Iterable[_Place], limits: Required, useful: _Useful = _always
 ) -> CellDesign | None:
-    """Design the places in turn; return the first design, or None.
+    """Design the places in turn until a design succeeds; return it, or None if none does.
 
-    Places that are not ``useful`` are left out, and a design is not reduced to a part that is not
-    ``useful``.
+    A design succeeds if one function meets ``limits`` on a ``useful`` part of the place's sector.
+    Places whose whole sector is not ``useful`` are left out.
     """
     for place in places:
         if not useful(place, place.cell):
@@ -1310,19 +1316,21 @@ def _opened(
 def _values(
     table: Table, floods: Floods, openings: _Openings, symmetries: tuple[Symmetry, ...]
 ) -> Array:
-    """Rate K openings: the area of the largest rectangle, times (1 + s) / 2.
+    """Rate K openings by the area of their largest rectangles, times (1 + s) / 2: (K,).
 
-    The area is in units of the nodes' spacing squared; s is the fraction of a full turn that is
-    left to the window, the angle and the spin.
+    The area is in units of the nodes' spacing squared. s is the smallest of three fractions of a
+    full turn: the width of the window, and the ranges that joint limits leave to the angle and to
+    the spin.
     """
     found = rectangles(openings.mask)
     return found.area * _turns(table, floods, openings, found, symmetries)
 
 
 def _colliding(table: Table, floods: Floods) -> str:
-    """Name the two links that collide most often at the nodes of floods, and how often.
+    """Name the two links that collide at most poses, and the percentage of poses at which they do.
 
-    The text completes an error message; it is empty if there is no collision.
+    The poses are a sample of those that the floods reach; links nearer than 1 mm count as
+    colliding. The text completes an error message; it is empty if there is no collision.
     """
     bodies, Q = bodies_of(table.task), unlike_floods(table, floods).Q.reshape(-1, table.task.n)
     Q = Q[np.isfinite(Q[:, 0])]

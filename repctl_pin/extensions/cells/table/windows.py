@@ -1,7 +1,7 @@
 """Windows: ranges of the angle around an arm in which its bodies keep a distance.
 
 Where a part of the base is not round, or the arm stands beside a wall, bodies collide at some
-angles alone. A window is a range of the angle. Each window has those nodes of a flood that are free
+angles only. A window is a range of the angle. Each window has those nodes of a flood that are free
 of collisions at all its angles: a wide window has fewer such nodes, a narrow window more. A table
 is a grid of radius and height around the arm, whose nodes have the indices (i, j) of I radii and J
 heights. A flood is the set of nodes that the arm reaches from one configuration without a change of
@@ -122,8 +122,8 @@ def free_nodes(
     The range is from the first to the last of the two ``angles``, rad. Angles beyond the limits of
     the joint that turns the arm are left out; a node with no other angle is False. One angle is
     tested after the other; a node at which bodies are near at one angle is not tested again.
-    ``enough(mask)`` tells whether the nodes of a mask (I, J) are still of use. If the remaining
-    nodes are not, the search ends early, and the result can contain nodes at which bodies are near.
+    Before each angle, ``enough(mask)`` gets the mask (I, J) of the remaining nodes. If it returns
+    False, the search ends with this mask, which can contain nodes at which bodies are near.
     """
     on = np.argwhere(np.isfinite(flood[..., 0]))
     nodes = _Nodes(table, flood[on[:, 0], on[:, 1]], on, distance, np.ones(len(on), bool))
@@ -218,7 +218,7 @@ class _Nodes:
 
 
 def windows(there: Shut) -> Windows:
-    """List the windows of a flood, given its masks ``there``.
+    """List the windows of a flood, given the masks of its nodes that cannot be used.
 
     Among windows with equal nodes, only the widest is listed. Some angles may be beyond the limits
     of the joint that turns the arm. The window of a whole turn ignores these angles; a narrower
