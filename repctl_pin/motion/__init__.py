@@ -16,5 +16,6 @@ from .least_closed_motion import least_closed_motion as least_closed_motion
 from .limits import Limits as Limits
 from .motion import Motion as Motion
 from .solve_ik import check_reach as check_reach
+from .solve_ik import is_reached as is_reached
 from .solve_ik import reach_start as reach_start
 from .solve_ik import solve_ik as solve_ik

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import MOST_STEPS, Array, as_int, flag, positive, vector
 from ..base.errors import InputError, SingularityError
@@ -22,7 +22,8 @@ from ..model.length import arm_length
 from ..model.task import Task, require_task
 from ..paths.task_path import TaskPath
 from ..redundancy.inverses import pseudoinverse
-from ..solvers import newton
+from ..solvers import newton, newton_rows
+from ..strategies import Pseudoinverse
 
 _THERE = 1e-9
 """Task error, m and rad, below which the frame counts as at a point."""
@@ -38,6 +39,9 @@ _STARTS = 41
 
 _POINTS = 48
 """Number of points of a path that are tested beside its corners."""
+
+_REFINED = 20
+"""Maximum number of Newton steps from a configuration near a point of a path."""
 
 _FAR = 10
 """Distance of points, in arm lengths, above which they are presumed to be in mm instead of m."""
@@ -274,11 +278,42 @@ def check_reach(task: Task, q0: ArrayLike, path: TaskPath) -> None:
     is on the first point without a solution; for a path with named corners, it names the corner.
     """
     q = start = np.asarray(q0, float)
-    for s in np.union1d(np.linspace(0, 1, _POINTS), path.breaks):
+    for s in _tested(path):
         try:
             q = solve_near(task, q, path.placement(float(s)), tolerance=_THERE)
         except InputError as error:
             raise _with_corner(error, task, start, q, path, float(s)) from None
+
+
+def is_reached(task: Task, path: TaskPath, Q: Array) -> bool:
+    """Test whether the points of :func:`check_reach` have solutions near a motion along the path.
+
+    The rows of Q (T + 1, n) are configurations near the path, at equal steps of its parameter from
+    0 to 1. All points are solved at once, each from the row that is nearest in the parameter. True
+    means that Newton's method solves every point and moves no joint by more than 0.3 rad or m.
+    """
+    s = _tested(path)
+    near = Q[np.rint(s * (len(Q) - 1)).astype(int)]
+    targets = [path.placement(float(one)) for one in s]
+    usual = Pseudoinverse(task)
+
+    def correction(Q: Array, rows: NDArray[np.intp]) -> Array:
+        errors = task.errors(Q, [targets[k] for k in rows])
+        return np.asarray(np.einsum("Kij,Kj->Ki", usual.batch(Q), errors))
+
+    try:
+        Q, _ = newton_rows(
+            correction, near, longest=_STEP, tolerance=_THERE / 10, iterations=_REFINED
+        )
+    except SingularityError:
+        return False
+    left = np.linalg.norm(task.errors(Q, targets), axis=1)
+    return bool((left < _THERE).all() and np.abs(Q - near).max() <= _STEP)
+
+
+def _tested(path: TaskPath) -> Array:
+    """Return the parameters, 0 to 1, of the points that are tested: the corners and 48 more."""
+    return np.union1d(np.linspace(0, 1, _POINTS), path.breaks)
 
 
 def _with_corner(

@@ -22,7 +22,7 @@ from ..base.arguments import Array
 from ..base.errors import InputError, RepctlError, SingularityError, unknown
 from ..model.bodies import bodies_of
 from ..model.task import Task
-from ..motion import Motion, check_reach, followed, reach_start
+from ..motion import Motion, check_reach, followed, is_reached, reach_start
 from ..motion.body_displacement import farthest_link
 from ..motion.fitting_circle import dexterity_at, fitting_circle
 from ..motion.joint_motion import violations_of
@@ -76,6 +76,8 @@ class PathStart(NamedTuple):
         True if q0 was moved to the first point of the path.
     violates : bool
         True if J⁺ violates a limit, or bodies collide, in the first cycle from q0.
+    cycle : Motion or None
+        The first cycle of J⁺ from q0; None if it fails at a singularity.
     """
 
     q0: Array
@@ -83,6 +85,7 @@ class PathStart(NamedTuple):
     path: TaskPath | None = None
     moved: bool = False
     violates: bool = False
+    cycle: Motion | None = None
 
 
 def starts(
@@ -244,12 +247,15 @@ def _reachable(
             gap = task.error(q0, path.placement(0.0))
             elsewhere = float(np.linalg.norm(gap)) > SAME
             begin = reach_start(task, q0, path)
-            check_reach(task, begin, path)
+            cycle = plain_cycle(task, path, begin)
+            if cycle is None or not is_reached(task, path, cycle.q):
+                check_reach(task, begin, path)
         except RepctlError as error:
             failure = failure or error
             continue
         found = True
-        yield PathStart(begin, name, path, moved=not np.array_equal(begin, q0))
+        moved = not np.array_equal(begin, q0)
+        yield PathStart(begin, name, path, moved=moved, cycle=cycle)
     if not found:
         assert failure is not None  # there is always a start to try
         raise failure
@@ -276,8 +282,7 @@ def _best_first(task: Task, found: Iterable[PathStart], least: float) -> Iterato
     violating: list[PathStart] = []
     wild: list[PathStart] = []
     for start in found:
-        assert start.path is not None
-        motion = plain_cycle(task, start.path, start.q0)
+        motion = start.cycle
         if motion is None or motion.drift[0] > _FAR:
             wild.append(start)
         elif violations(motion):

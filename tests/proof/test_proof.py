@@ -15,8 +15,20 @@ from commands import main, refused, told
 from proofs import design_of, margins, regular_start, smallest_singular_values
 
 import repctl_pin as rp
+from repctl_pin.extensions.proof import branch_and_bound
 
 # ---- whole regions -----------------------------------------------------------------------------
+
+
+def test_the_worst_box_may_be_an_older_one_that_is_now_decided() -> None:
+    """A box whose bound suffices since another margin was found counts with its place."""
+    low = np.array([[0.0, 0.0], [1.0, 0.0]])
+    search = branch_and_bound._Search(None, low, low + 1, None)
+    search.bound, search.split = np.array([0.9, 0.5]), np.zeros(2, np.int32)
+    search.decided = 0.7
+    left = search._still_short(0.4, np.ones(2, bool))
+    assert not left.any() and search.decided == 0.5
+    np.testing.assert_allclose(search.at_least_bound[0], [1.5, 0.5])
 
 
 @pytest.mark.slow

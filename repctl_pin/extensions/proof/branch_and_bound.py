@@ -187,7 +187,10 @@ class _Search:
         """
         ready = stays & (self.split >= 0) & (self.bound >= enough)
         if ready.any():
-            self.decided = min(self.decided, float(self.bound[ready].min()))
+            least = int(np.argmin(np.where(ready, self.bound, np.inf)))
+            if self.bound[least] < self.decided:
+                self.decided = float(self.bound[least])
+                self.at_least_bound = centered(self.low[least], self.high[least])
             self.settled_sigma = min(self.settled_sigma, float(self.sigma[ready].min()))
         return np.asarray(~ready)
 

@@ -166,9 +166,9 @@ class Viewer:
         InputError
             If there is not one configuration per controller, or one has the wrong size.
         """
-        now = self._each(configurations)
+        now = self._each(configurations, "configurations")
         self._first = now if self._first is None else self._first
-        then = self._first if before is None else self._each(before)
+        then = self._first if before is None else self._each(before, "before")
         drift = np.linalg.norm(now - then, axis=1)  # (K,)
         past = self.task.limit_margin(now).min(axis=1) < -1e-9
         both = np.vstack([now, then])
@@ -197,7 +197,7 @@ class Viewer:
         base = base_placements(self.task.robot, rows)
         return np.asarray(np.linalg.inv(base)[:, None] @ placements)
 
-    def _each(self, configurations: Sequence[ArrayLike] | Array) -> Array:
+    def _each(self, configurations: Sequence[ArrayLike] | Array, name: str) -> Array:
         """Check that there is one configuration per controller; return an array with one row each.
 
         InputError is raised if the number of configurations, or the size of one, is wrong.
@@ -205,7 +205,7 @@ class Viewer:
         if isinstance(configurations, np.ndarray) and configurations.ndim == 2:
             configurations = list(configurations)
         configurations = list_of(
-            configurations, "before", "a list of configurations, one per controller"
+            configurations, name, "a list of configurations, one per controller"
         )
         if len(configurations) != len(self.names):
             raise InputError(

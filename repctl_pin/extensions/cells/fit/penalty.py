@@ -242,7 +242,7 @@ class PenaltyMethod:
         descent = descents[-1]
         if not self.rounds or not self._short(terms, descent.a):
             return descent
-        steps, a = descent.steps, descent.a
+        a, below = descent.a, 0
         if terms.degree > _LOW:
             low = Monomials(terms.k, _LOW)
             free = next((d for d in descents if len(d.a) == low.size), None)
@@ -252,9 +252,10 @@ class PenaltyMethod:
             if guess is not None:
                 self._short(low, free.a)
                 free, self.weight = replace(free, a=guess), _WEIGHTS[1] / 100
-            a = padded(self._rounds(free, low, report, enough).a, terms)
+            lower = self._rounds(free, low, report, enough)
+            a, below = padded(lower.a, terms), lower.steps
         found = self._rounds(replace(descent, a=a), terms, report, enough)
-        return replace(found, steps=steps + found.steps)
+        return replace(found, steps=below + found.steps)
 
     def _rounds(
         self,
