@@ -536,9 +536,9 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     The position at the coordinates u is ``p = o + R_a(φ) (d + D u)``, the rotation ``R = R_a(φ)
     exp(\hat{Ω u}) R_0 R_z(ψ)``. The matrix Ω (3, k) is named ``Omega`` below. R_a rotates about a
     sector's axis, R_z about the tool's z axis; the angles φ and ψ are linear in u. If a sector's
-    range of radius depends on the height η, ``(b(η) + (s(η) − 1) y) e`` is added to ``D u``, with
-    polynomials b and s. Here y is the radial coordinate, and e is the radial direction at the
-    cell's centre.
+    range of radius depends on the height, ``(b(η) + (s(η) − 1) y) e`` is added to ``D u``. Here η,
+    m, is the height above the middle, y, m, the radial displacement that D u has, and e the radial
+    direction at the cell's centre; b, m, and s are polynomials.
 
     Velocities are given along each of the m task coordinates: first the k coordinates u, then the l
     coordinates that symmetries remove from u, then those that are constant in the cell.
@@ -559,7 +559,7 @@ def _pose_tables(cell: Cell) -> dict[str, Array]:
     around, twirl : (m,) arrays
         ``around`` is 1 for the coordinate φ, else 0; ``twirl`` is 1 for the coordinate ψ, else 0.
     outward, profile : (3,) and (2, g + 1) arrays
-        The direction e, and the coefficients of the polynomials b and s, of degree g.
+        The direction e; and the coefficients of b and of s, one row each, from η⁰ to η^g.
     widths : (k,) array
         Metres or radians per unit of u.
     along : (n, l) array

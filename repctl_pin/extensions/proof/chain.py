@@ -46,10 +46,12 @@ They are the base axes along which it can translate, and the tool axes about whi
 class Chain:
     """Serial chain of P joints, virtual ones included, with a middle link.
 
-    N counts the n joints of the task, and one virtual joint for each motion that the task leaves
-    free, so that the task of the chain is a pose. Virtual joints do not move; only their screws
-    are used. The screws of the joints, twists per unit of joint speed, are expressed in the frame
-    of the middle link. The choice of that link decides how tight the bounds of a proof are.
+    The N entries of q are the positions of the task's n joints, then one for each motion that the
+    task leaves free, so that the task of the chain is a pose. P and N differ where a joint follows
+    another one, or is fixed; S maps q to the positions of the P joints. The joints of free motions
+    are virtual: they do not move, and only their screws are used. The screws of the joints, twists
+    per unit of joint speed, are expressed in the frame of the middle link. The choice of that link
+    decides how tight the bounds of a proof are.
 
     Attributes
     ----------
@@ -60,8 +62,8 @@ class Chain:
     level : (P,) array of bool
         True for virtual joints at the tool whose axes are those of the middle link, not of the
         tool. If the task leaves all rotations free, these are three joints, because any three axes
-        span the rotations. A pose task has one such joint, which never moves: its row of S is 0. It
-        only gives the origin of the task's frame. An axis task has none.
+        span the rotations. An axis task has none. A pose task has one, without an entry of q: its
+        row of S is 0, and it only gives the origin of the task's frame.
     S, o : (P, N) and (P,) arrays
         Map ``θ = S q + o`` from q to the positions of the P joints. The last N − n entries of q
         belong to the virtual joints.

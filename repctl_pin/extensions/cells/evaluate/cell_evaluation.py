@@ -385,9 +385,10 @@ def _speed_figures(inside: Sample, tested: Sample) -> dict[str, Any]:
     """Evaluate cost and extra joint speed: means over ``inside``, maxima over ``tested``.
 
     ``inside`` are the covered held-out poses. ``tested`` are all covered poses, including corners
-    and poses found by searches. The keys are attributes of :class:`Evaluation`: the means ``cost``,
-    ``cost_error``, ``extra_speed`` and ``extra_speed_error``, and the maxima ``extra_speed_worst``
-    and ``extra_speed_direction``.
+    and poses found by searches. The keys are attributes of :class:`Evaluation`: the means ``cost``
+    and ``extra_speed`` with their errors, and two maxima. ``extra_speed_worst`` is the maximum over
+    poses, with the joint speeds of all directions of motion taken together;
+    ``extra_speed_direction`` is the maximum over poses and directions.
     """
     root = np.sqrt(len(inside.U))
     desired_square = inside.desired_square.mean()

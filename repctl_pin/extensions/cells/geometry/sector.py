@@ -451,8 +451,9 @@ class Sector(Cell):
             and coefficients[1, 0] == 1
         ):
             raise InputError(
-                "the profile of the sector must be two rows of coefficients that begin with 0 and "
-                "1, for a height above 0; design the cell again"
+                "the profile of the sector must be two rows of coefficients, the first beginning "
+                "with 0 and the second with 1, and its height must be above 0; "
+                "design the cell again"
             )
         sector = self._changed(profile=Profile(*coefficients))
         sector._require_open()

@@ -169,9 +169,9 @@ def _side_pair(radius: Any) -> tuple[Array, Array]:
     )
     if not good:
         raise InputError(
-            "must be one number, m, or two lists of at most "
+            "must be one number, the half-width of the radius, m, or two lists of at most "
             f"{MOST_DEGREE + 1} coefficients, m, lowest power first: the smallest and the largest "
-            "radius as polynomials in the height above the middle divided by its half-width",
+            "radius as polynomials of z, which is −1 at the bottom and 1 at the top of the sector",
             argument="radius",
         )
     return low, high

@@ -376,10 +376,12 @@ def fitting_start(
 
 
 def _reached(problem: Problem, cell: Cell) -> tuple[float, int]:
-    """Return the share of a cell's corners that J⁺ reaches from a problem's start, and the faults.
+    """Return the share of a cell's corners that J⁺ reaches from its middle, and a count of faults.
 
-    The share is from 0 to 1, or −1 if the middle is not reached. The second result is the number of
-    faults, 0 to 2: one for a violated limit, and one for a collision.
+    ``problem`` has the task, and the start from which inverse kinematics solves for the middle. The
+    share is from 0 to 1, or −1 if the middle is not reached. The faults count from 0 to 2: one if a
+    joint limit is violated on the way to a corner, and one if bodies collide in the middle or at a
+    corner.
     """
     desired = Pseudoinverse(problem.task)
     try:

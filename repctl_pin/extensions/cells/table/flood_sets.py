@@ -204,9 +204,10 @@ def free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: Floods)
 
 
 def unlike_floods(table: Table, floods: Floods) -> Floods:
-    """Select up to eight floods with large rectangles and unlike configurations in their middles.
+    """Select up to eight floods, those with the largest rectangles of nodes first.
 
-    Joints that do not move the task, such as the last joint in an axis task, are not compared.
+    The configurations in the middles of these rectangles differ from flood to flood. Joints that do
+    not move the task, such as the last joint in an axis task, are not compared.
     """
     found = rectangles(floods.reached)
     order, postures = np.argsort(-found.area), floods.middles(found)[1]
