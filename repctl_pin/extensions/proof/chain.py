@@ -47,8 +47,9 @@ class Chain:
     """Serial chain of P joints, virtual ones included, with a middle link.
 
     The N entries of q are the positions of the task's n joints, then one for each motion that the
-    task leaves free, so that the task of the chain is a pose. P and N differ where a joint follows
-    another one, or is fixed; S maps q to the positions of the P joints. The joints of free motions
+    task leaves free, so that the task of the chain is a pose. S maps q to the positions of the
+    P joints. P and N may differ, because a joint can follow another one, and because q has the
+    joints of all chains of a task. The joints of free motions
     are virtual: they do not move, and only their screws are used. The screws of the joints, twists
     per unit of joint speed, are expressed in the frame of the middle link. The choice of that link
     decides how tight the bounds of a proof are.

@@ -102,6 +102,11 @@ export class Callouts {
       // what stands where it is
       drawLine(gap, from, at, width, height);
       room.box(label);
+      room.box(
+        { ...slider, x: foot.x + slider.x - beside, y: foot.y + slider.y - above },
+        false,
+        PRESSED,
+      );
       if (from) room.line(from, at);
       for (const spot of (spots && spots[k]) || tips || []) room.ring(spot, spots ? RIM : 3);
       // what is said finds its place: the part's has its row, so those of the hands come first
@@ -126,12 +131,6 @@ export class Callouts {
       const corner = { ...box, x: width - box.w - 8, y: 8, start: 0.5 };
       const places = at && [...aboveArm(box, at, left, row, width), corner];
       putCallout(part, box, at, 0, room, places);
-      // before the words at a ring
-      room.box(
-        { ...slider, x: foot.x + slider.x - beside, y: foot.y + slider.y - above },
-        false,
-        PRESSED,
-      );
       return room;
     });
   }
@@ -193,7 +192,7 @@ function aboveArm({ w, h }, at, left, y, width) {
 }
 
 // Corners of a pane: the upper right one, in the row of its label or below it, the left one below
-// the label, and the lower right one.
+// the label, and the lower right one, in or above the row at its foot.
 function inCorners({ w, h }, label, { width, height }) {
   const beside = label.x + label.w + w + 16 <= width;
   const below = label.y + label.h + 4;
@@ -202,6 +201,7 @@ function inCorners({ w, h }, label, { width, height }) {
     { x: right, y: beside ? 8 : below, w, h },
     { x: 8, y: below, w, h },
     { x: right, y: height - h - FOOT_ROW, w, h },
+    { x: right, y: height - h - 2 * FOOT_ROW, w, h },
   ];
 }
 

@@ -21,7 +21,11 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   const kept = arms.flatMap((_, k) => (lost.includes(k) ? [] : [k]));
   if (!kept.length) {
     const sentence = [[noneWords(runs, shape), "bad"]];
-    return { sentence, notes: [...notesOf(chain, arms, runs, cycles), notKnown("")], part: "hand" };
+    return {
+      sentence,
+      notes: [...notesOf(chain, arms, runs, cycles, shape), notKnown("")],
+      part: "hand",
+    };
   }
   const sentence = lost.flatMap((k) => lostWords(arms[k], runs[k].data));
   const context = {
@@ -39,7 +43,7 @@ export function answer(chain, arms, { runs }, cycles, shape) {
   return {
     sentence: [...sentence, ...violations, ...found.sentence],
     notes: [
-      ...notesOf(chain, context.arms, context.runs, cycles),
+      ...notesOf(chain, context.arms, context.runs, cycles, shape),
       ...lost.map((k) => notKnown(` under ${aloneUnder(arms[k])}`)),
     ],
     part: found.part,
@@ -71,7 +75,7 @@ export function edgeWords({ after, reasons, edge, goes }) {
 // What the solid line of such a loop is, this long, m. It encloses nothing if the way home was
 // blocked, too.
 export function lineWords(length, { encloses }) {
-  const how = encloses ? "leaves that part out" : "leads there and back";
+  const how = encloses ? "leaves that part out" : "goes out and comes back the same way";
   return [` The solid line, ${unbroken(formatLength(length))} long, ${how}.`];
 }
 
@@ -167,7 +171,7 @@ function comparison(context, { encloses, turns, whose }) {
   };
   if (back && !encloses)
     sentence.push(
-      ["A way there and back encloses nothing: "],
+      ["A line out and back encloses nothing: "],
       ["0", "ink"],
       [` from the start${runs.length === 2 ? " under both controls" : ""}.`],
     );
@@ -259,12 +263,14 @@ function mostOff(chain, arm, off) {
   return { off: off[k], part: chain.links[place.shape][1] || "hand" };
 }
 
-function notesOf(chain, arms, runs, cycles) {
-  const notes = runs.length > 1 ? [[speedWords(runs.at(-1), runs[0], cycles)]] : [];
+function notesOf(chain, arms, runs, cycles, { whose }) {
+  const finished = runs.every(({ data }) => data.lost >= cycles);
+  const notes = runs.length > 1 && finished ? [[speedWords(runs.at(-1), runs[0], cycles)]] : [];
   const later = brokenLimits(runs).flatMap((data) => laterWords(data, cycles));
   const kept = runs.every(({ data }) => !data.broken || data.lost < Infinity);
   const blind = chain.fastest.includes(null) ? "; joint speeds are not checked" : "";
-  notes.push(...(kept && !later.length ? [[` Joint limits are kept${blind}.`]] : later));
+  const there = whose === "the solid line" ? ` on ${whose}` : "";
+  notes.push(...(kept && !later.length ? [[` Joint limits are kept${there}${blind}.`]] : later));
   const margin = Math.min(...runs.map((run) => run.margin));
   const where = margin >= FAR ? "stays far from" : "comes near to";
   const scale = `${margin.toFixed(2)} (1 is best, 0 fails)`;
