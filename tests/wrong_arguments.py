@@ -417,6 +417,7 @@ def right_calls(folder: Path) -> list[Call]:
             "observer": rp.LeafImpedance(inverse).observer(0.001),
         },
         (rp.LeafImpedance, "observer"): {"dt": 0.001},
+        (rp.Tube, "nearest"): {"Q": Q[:2]},
         (rp.TaskPath, "placement"): {"s": 0.3},
         (rp.Recording, "read"): {"file": frames_file, "task": task},
         (rp.Relabeled, "save"): {"file": folder / "again.npz"},

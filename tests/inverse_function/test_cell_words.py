@@ -15,7 +15,7 @@ import repctl_pin as rp
 
 PAGE = import_module("repctl_pin.extensions.cells.show.cell_page")
 BEST_CELL = import_module(rp.best_cell.__module__)
-RANGES = import_module("repctl_pin.extensions.cells.geometry.ranges")
+DESIGN = import_module(rp.CellDesign.__module__)
 
 
 def numbers(text: str) -> list[float]:
@@ -150,7 +150,7 @@ def test_the_sentence_says_where_the_tool_points(name: str, kind: str, axis: str
         at_flange = pin.SE3(R @ tool.rotation.T, place.translation)
         turned = BEST_CELL.with_approach(task, tool)
         said = []
-        row.update(RANGES.range_rows(rp.Sector(turned, place, radius=0.05, angle=0.5)))
+        row.update(DESIGN.range_rows(rp.Sector(turned, place, radius=0.05, angle=0.5)))
         for one, placement in ((turned, place), (task, at_flange)):
             sector = rp.Sector(one, placement, radius=0.05, angle=0.5, **more)
             said.append(PAGE.range_phrase(sector, tool=PAGE.tool_direction(sector)))

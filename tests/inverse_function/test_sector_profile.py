@@ -94,9 +94,12 @@ def test_coordinates_are_continuous_over_the_edge_of_the_height() -> None:
         ({"radius": ([0.4, 0.2], [0.5])}, "the largest radius is not above the smallest"),
         ({"radius": ([0.3, 0, -0.4], [0.6])}, r"of -0\.1 m at some height reaches the axis"),
         ({"radius": ([0.4, 0.1], [0.6]), "height": 0.0}, "requires a height above 0; give height="),
-        ({"radius": ([0.4, np.nan], [0.6])}, "must be one number, m, or two lists of at most 9"),
-        ({"radius": ([0.4], [0.5], [0.6])}, "must be one number, m, or two lists of at most 9"),
-        ({"radius": ([0.4], 0.6)}, "must be one number, m, or two lists of at most 9"),
+        (
+            {"radius": ([0.4, np.nan], [0.6])},
+            "must be one number, the half-width of the radius, m,",
+        ),
+        ({"radius": ([0.4], [0.5], [0.6])}, "must be one number, the half-width of the radius, m,"),
+        ({"radius": ([0.4], 0.6)}, "must be one number, the half-width of the radius, m,"),
     ],
 )
 def test_sides_that_make_no_sense(change: dict[str, Any], says: str) -> None:

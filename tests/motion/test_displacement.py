@@ -16,7 +16,6 @@ from arms import planar_urdf, spatial_urdf
 from page_file import Visuals, read
 
 import repctl_pin as rp
-from repctl_pin.model import visuals
 
 Q0 = np.array([0.3, 0.8, 0.8])
 POINTS = np.random.default_rng(0).normal(size=(60, 3)) * [0.3, 0.5, 0.2]
@@ -134,20 +133,6 @@ def test_stray_points_of_a_mesh_do_not_count(stray: float, collision: str, tmp_p
     np.testing.assert_allclose(off(motion), moved, rtol=1e-4, atol=1e-6)
     others = np.linalg.norm((ends - ends[0]) @ np.c_[points, np.ones(len(points))].T, axis=1)
     assert left_out == (others.max() > 1.05 * moved.max())
-
-
-def test_corners_near_collision_shapes_are_inside_their_widened_hull() -> None:
-    """The quick test spares the hull only where the hull would not leave out a point."""
-    rng, place, near = np.random.default_rng(4), np.eye(4), 0
-    for _ in range(200):
-        solid = rng.normal(size=(12, 3)) * rng.uniform(0.02, 0.2, 3)
-        points = rng.normal(size=(6, 3)) * rng.uniform(0.02, 0.3, 3)
-        place[:3, 3] = rng.normal(size=3) * 0.05
-        if visuals._are_near(points, place, solid):
-            near += 1
-            hull = visuals._widened_hull(solid)
-            assert ((points + place[:3, 3]) @ hull[:, :3].T + hull[:, 3]).max() <= 0
-    assert 20 < near < 180
 
 
 def leaves(motion: rp.Motion) -> list[tuple[str, ...]]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import sys
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,6 @@ from commands import main, refused, told
 from proofs import design_of, margins, regular_start, smallest_singular_values
 
 import repctl_pin as rp
-from repctl_pin.extensions.proof import branch_and_bound
 
 # ---- whole regions -----------------------------------------------------------------------------
 
@@ -23,7 +23,8 @@ from repctl_pin.extensions.proof import branch_and_bound
 def test_the_worst_box_may_be_an_older_one_that_is_now_decided() -> None:
     """A box whose bound suffices since another margin was found counts with its place."""
     low = np.array([[0.0, 0.0], [1.0, 0.0]])
-    search = branch_and_bound._Search(None, low, low + 1, None)
+    module = sys.modules[import_module(rp.prove.__module__).bound_leaf_margin.__module__]
+    search = module._Search(None, low, low + 1, None)
     search.bound, search.split = np.array([0.9, 0.5]), np.zeros(2, np.int32)
     search.decided = 0.7
     left = search._still_short(0.4, np.ones(2, bool))
