@@ -235,8 +235,9 @@ export function pieces(paths, speed, steps) {
 const difference = (p, q) => p.map((v, k) => v - q[k]);
 
 // Follow a loop for some cycles by Runge and Kutta's method, open loop: configurations, and q̇ at
-// the start of each step; `stopped`, the number of steps, where a joint would jump. Pauses after
-// each piece.
+// the start of each step; `stopped`, the number of steps, where a joint would jump. The function of
+// a cell has one value per place, to which each step is corrected: along an edge, where its slope
+// jumps, steps alone would leave it. Pauses after each piece.
 export function* followed(law, q0, path, cycles) {
   const { chain } = law;
   const { n } = chain;
@@ -248,6 +249,7 @@ export function* followed(law, q0, path, cycles) {
   const xdot = new Float64Array(chain.m);
   const motion = { Q, V, perCycle, margin: 1, cycles, stopped: null };
   Q.set(q);
+  const goals = law.parts.some(({ chart }) => chart) ? handsAt(chain, q) : null;
   let step = 0;
   for (let cycle = 0; cycle < cycles; cycle++)
     for (const { count, h, v } of path) {
@@ -255,12 +257,22 @@ export function* followed(law, q0, path, cycles) {
       for (let k = 0; k < count; k++, step++) {
         if (!rungeKutta(law, q, xdot, h, motion, step))
           return Object.assign(motion, { cycles: cycle, stopped: step });
+        if (goals) {
+          goals.forEach((goal, f) => v[f].forEach((rate, i) => (goal[i] += h * rate)));
+          q.set(stepped(law, q, goals) || q);
+        }
         Q.set(q, (step + 1) * n);
       }
       yield;
     }
   V.copyWithin(T * n, (T - 1) * n, T * n);
   return motion;
+}
+
+// Where the hands are at q, of each.
+export function handsAt(chain, q) {
+  chain.place(q);
+  return chain.frames.map(({ p }) => Array.from(p));
 }
 
 // ẋ (m,) of frames that move with these velocities and do not turn.

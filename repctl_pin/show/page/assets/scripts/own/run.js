@@ -1,7 +1,7 @@
 // A visitor's loop, followed by each arm for some cycles, in the form in which the player plays a
 // study.
 
-import { followed, pieces } from "../arm/law.js";
+import { followed, handsAt, pieces } from "../arm/law.js";
 
 const SAMPLES = 126; // of a cycle
 const TOO_FAST = 1 + 1e-9;
@@ -69,8 +69,7 @@ function* criticalRow(law, motion, path, fine) {
 function rowsOnPath(chain, { Q, perCycle }, cycle, path) {
   const { n, frames, size } = chain;
   const first = (cycle - 1) * perCycle * n;
-  chain.place(Q.subarray(first, first + n));
-  const goals = frames.map(({ p }) => Array.from(p));
+  const goals = handsAt(chain, Q.subarray(first, first + n));
   let row = 0;
   for (const { count, h, v } of path)
     for (let k = 0; k < count; k++) {
