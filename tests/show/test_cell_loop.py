@@ -23,13 +23,15 @@ import repctl_pin as rp
 CELLS = {
     "sector": ["--sector", "--radius", "0.08", "--height", "0.08", "--degree", "1"],
     "box": ["--half-width", "0.05,0.04,0.03", "--degree", "2"],
+    "table": ["--down"],
     "tilts": ["--half-width", "0.03", "--half-angle", "0.1", "--degree", "1"],
 }
 
 
 def written(name: str, folder: Path) -> tuple[rp.CellDesign, Any, np.ndarray]:
     """The design that a command writes; from its page, what it has for loops and the weights."""
-    assert main(["cell", "panda", *CELLS[name], "--held-out", "64", "--out", str(folder)]) == 0
+    few = [] if "--down" in CELLS[name] else ["--held-out", "64"]
+    assert main(["cell", "panda", *CELLS[name], *few, "--out", str(folder)]) == 0
     (inside,) = re.findall('srcdoc="([^"]*)"', (folder / "cell.html").read_text("utf-8"))
     scene, _, numbers = read(unescape(inside))
     shape = [1, scene["weights"]]
@@ -67,6 +69,26 @@ def test_the_page_computes_the_function_as_python_does(name: str, tmp_path: Path
         assert at["margin"][-1] == pytest.approx(margin, abs=1e-5)
     usual, one = (np.array(ends) for ends in done["ends"])
     assert np.abs(one[1:] - one[0]).max() < 1e-7 < 1e-5 < np.abs(usual[-1] - usual[0]).max()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(NODE is None, reason="node is not installed")
+def test_along_the_edge_of_a_sector_its_function_comes_back(tmp_path: Path) -> None:
+    """Beyond the highest point of a whole table the slope of the function jumps: a reader's loop
+    along this edge was called a failure of the function."""
+    design, own, weights = written("table", tmp_path)
+    task, cell = design.task, design.cell
+    own["laws"][-1][0]["chart"]["weights"] = weights.tolist()
+    start = task.placement(np.array(own["start"]))
+    # up to the edge, along it, and home
+    middle = cell.placement.translation
+    top = middle[2] + np.ptp([cell.at(u).translation[2] for u in cell.corners()]) / 2
+    radii = np.linspace(0.25, 0.38, 14)
+    edge = [[*(r / np.hypot(*start.translation[:2]) * start.translation[:2]), top] for r in radii]
+    loop = np.array([start.translation, *edge, start.translation]).tolist()
+    none = np.zeros((0, task.n))
+    usual, one = map(np.array, evaluated(tmp_path, own, none, none, [loop])["ends"])
+    assert np.abs(one[1:] - one[0]).max() < 1e-9 < 1e-3 < np.abs(usual[-1] - usual[0]).max()
 
 
 @pytest.mark.slow
