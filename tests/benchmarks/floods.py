@@ -22,16 +22,13 @@ designed sector, in percent of each area. It exceeds a set by a part of its node
 
 from __future__ import annotations
 
-import sys
-import tempfile
 import time
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
-from whole_tables import ARMS, on_a_lift, task_of
+from whole_tables import print_table, task_of
 
 import repctl_pin as rp
 
@@ -299,8 +296,7 @@ class AnyConfiguration:
 
     def take(self, nodes: Nodes, Q: Array) -> Mask:
         """Keep those of the exact configurations Q (K, n) that are allowed; return their mask."""
-        good = ~self.found[nodes]
-        good = self.grid.allowed(Q, good)
+        good = self.grid.allowed(Q, ~self.found[nodes])
         self.found[nodes[good]], self.Q[nodes[good]] = True, Q[good]
         return good
 
@@ -364,8 +360,4 @@ def line(name: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    print(f"| {TITLES} |")
-    with tempfile.TemporaryDirectory() as folder:
-        lift = on_a_lift(Path(folder) / "lift.urdf")
-        for arm in sys.argv[1:] or ARMS:
-            print("| " + " | ".join(line(lift if arm == "lift" else arm)) + " |", flush=True)
+    print_table(TITLES, line)

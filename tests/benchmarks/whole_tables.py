@@ -14,6 +14,7 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -71,9 +72,14 @@ def line(name: str) -> list[str]:
     ]
 
 
-if __name__ == "__main__":
-    print(f"| {TITLES} | locked |")
+def print_table(titles: str, line_of: Callable[[str], list[str]]) -> None:
+    """Print a line for each arm of the command line, or for all arms."""
+    print(f"| {titles} |")
     with tempfile.TemporaryDirectory() as folder:
         lift = on_a_lift(Path(folder) / "lift.urdf")
         for arm in sys.argv[1:] or ARMS:
-            print("| " + " | ".join(line(lift if arm == "lift" else arm)) + " |", flush=True)
+            print("| " + " | ".join(line_of(lift if arm == "lift" else arm)) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    print_table(f"{TITLES} | locked", line)

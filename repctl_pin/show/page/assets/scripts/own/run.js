@@ -107,10 +107,7 @@ function gapAt({ chain, start }, { Q, perCycle }, c) {
 
 // How far a hand is at q from where it is at the start of a motion, m.
 function handOff(chain, Q, q) {
-  const [from, to] = [Q.subarray(0, chain.n), q].map((one) => {
-    chain.place(one);
-    return chain.frames.map(({ p }) => [...p]);
-  });
+  const [from, to] = [Q.subarray(0, chain.n), q].map((one) => handsAt(chain, one));
   return Math.max(...from.map((p, f) => Math.hypot(...p.map((v, c) => v - to[f][c]))));
 }
 

@@ -267,7 +267,7 @@ function notesOf(chain, arms, runs, cycles, { whose }) {
   const finished = runs.every(({ data }) => data.lost >= cycles);
   const notes = runs.length > 1 && finished ? [[speedWords(runs.at(-1), runs[0], cycles)]] : [];
   const later = brokenLimits(runs).flatMap((data) => laterWords(data, cycles));
-  const kept = runs.every(({ data }) => !data.broken || data.lost < Infinity);
+  const kept = finished && runs.every(({ data }) => !data.broken || data.lost < Infinity);
   const blind = chain.fastest.includes(null) ? "; joint speeds are not checked" : "";
   const there = whose === "the solid line" ? ` on ${whose}` : "";
   notes.push(...(kept && !later.length ? [[` Joint limits are kept${there}${blind}.`]] : later));
