@@ -210,10 +210,10 @@ def as_matrices(
 
     Each stack is given as (name, array, axes), such as ``("J", J, "m n"), ("V", V, "n r")``.
     ``axes`` has the required sizes of the array's last axes. A size is a number, or a letter that
-    stands for the same size in all arrays. Only the sizes ``r`` and ``K`` can be 0. The axes before
-    the last ones must broadcast between the arrays; with ``exact``, there must be none. Without
-    ``finite``, NaN and infinity are accepted. The arrays are returned in the given order; an array
-    of doubles is not copied.
+    stands for the same size in all arrays. Only the sizes ``r`` and ``K`` can be 0. The leading
+    axes, before these last ones, must broadcast between the arrays; with ``exact``, no array can
+    have leading axes. Without ``finite``, NaN and infinity are accepted. The arrays are returned in
+    the given order; an array of doubles is not copied.
     """
     sizes: dict[str, int] = {}
     arrays = []

@@ -82,8 +82,8 @@ class ClosingRadius:
     boxes : int
         Number of boxes of the region that were bounded.
     complete : bool
-        False if the processor time ran out before every box was decided or the requested radius was
-        proved. More time can then prove a larger radius.
+        False if the processor time ran out before every box was decided, unless a requested radius
+        was proved by then. If False, more time can prove a larger radius.
     reason : str
         Why the radius is not larger.
     checked : int
@@ -170,9 +170,9 @@ class ClosingRadius:
     def _near(self, kind: str, T: Array, frame: slice) -> NDArray[np.bool_]:
         """Test, for K poses of one frame, whether a placement T is within the radius: (K,) bool.
 
-        The K poses are those of :attr:`positions` and :attr:`rotations`, in the columns ``frame``.
-        T (4, 4) is in the base frame, m. ``kind`` is the kind of the frame's task: only coordinates
-        that the task controls are compared.
+        The K poses are those of :attr:`positions` and :attr:`rotations`; ``frame`` selects the
+        frame's entries along the second axis of both. T (4, 4) is in the base frame, m. ``kind`` is
+        the kind of the frame's task: only coordinates that the task controls are compared.
         """
         away = T[:3, 3] - self.positions[:, frame]
         if len(kind) == 2:
@@ -192,8 +192,8 @@ class ClosingRadius:
         """Squared chord ``(2 sin(α/2))²`` of the angle α = :attr:`radians`; 0 without orientation.
 
         Two orientations R and R₀ are at most α apart if ``‖R − R₀‖²_F / 2`` is at most this number,
-        and two tool axes z and z₀ if ``‖z − z₀‖²`` is. For rounding errors, α is increased by 1e-7
-        rad; it is at most π.
+        and two tool axes z and z₀ if ``‖z − z₀‖²`` is. The number is computed for α + 1e-7 rad, at
+        most π, so that rounding errors do not exclude a pose at the radius.
         """
         if self.radians is None:
             return 0.0
@@ -428,8 +428,8 @@ def own_proof(proof: Proof | None, subject: Callable[[], str], theorem: int = 0)
     """Return the proof if it is of the given subject; else warn, and return None.
 
     So a changed design never shows the proof of another one. ``subject`` computes the fingerprint
-    of the design, and ``theorem`` is the lowest version of the theorem that is accepted. For no
-    proof, None, there is no warning.
+    of the design, and ``theorem`` is the lowest version of the theorem that is accepted. If
+    ``proof`` is None, the result is None without a warning.
     """
     if proof is None:
         return None
@@ -456,7 +456,7 @@ def own_proof(proof: Proof | None, subject: Callable[[], str], theorem: int = 0)
 def fingerprint(*parts: Any) -> str:
     """Hash nested plain data to a text: numbers, texts, None, arrays, and sequences of these.
 
-    Equal numbers give the same hash, whether they are integers, floats or 0 and −0.
+    Equal numbers give the same hash: 1 and 1.0 do, and so do 0 and −0.
     """
     pieces: list[str] = []
     _describe(parts, pieces)

@@ -168,7 +168,8 @@ def read_csv(
     largest
         Maximum size, bytes.
     unnamed
-        Column names to use if the file has no header: the tuple with as many names as columns.
+        Tuples of column names for a file without a header. The first tuple with as many names as
+        the file has columns is used; if there is none, an InputError is raised.
     rows
         Noun for the rows of the file in messages, in the plural.
 
@@ -318,9 +319,10 @@ class CsvTable(Table):
         return f"{self.file}, line {next(islice(self.rows(), row, None))[0]}"
 
     def rows(self) -> Iterator[tuple[int, list[str]]]:
-        """Yield the line number and the cells of each row.
+        """Yield the line number and the cells of each row below the header.
 
-        InputError is raised if a line does not have as many cells as the header.
+        Lines whose cells are all empty are skipped. InputError is raised if a line does not have as
+        many cells as the header.
         """
         size = len(self.names)
         for line, row, _ in self._records():
@@ -337,7 +339,7 @@ class CsvTable(Table):
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
         """Write the file to ``path``, with new cells, without columns ``removed``; return the path.
 
-        Other lines, quotes and line ends stay.
+        All other cells, empty lines, quotes and line ends stay as they are.
         """
         names = [*self.names, *(name for name in new if name not in self.names)]
         cells = [
@@ -367,7 +369,10 @@ class CsvTable(Table):
         return write_whole(path, start + out.getvalue().encode())
 
     def _records(self) -> Iterator[tuple[int, list[str], str]]:
-        """Yield line number, cells and text of each record, also if a cell contains line breaks."""
+        """Yield line number, cells and text of each record, header and empty lines included.
+
+        A record has several lines if a cell contains line breaks; the number is that of the last.
+        """
         text = io.TextIOWrapper(io.BytesIO(self._data), "utf-8-sig", newline="")
         raw: list[str] = []
 
@@ -526,9 +531,9 @@ _NO_NPZ = (ValueError, OSError, EOFError, KeyError, AttributeError, zipfile.BadZ
 def replaced(old: Column | None, cells: NewCells) -> Column:
     """Return a copy of the column ``old`` (K, …) with new numbers; integers become doubles.
 
-    ``cells`` has the new numbers and the rows to replace; the other rows keep their numbers. If
-    ``old`` is None, because the file lacks the column, ``cells`` has one number per row: return
-    these as a new column (K,).
+    ``cells`` has the new numbers and the rows to replace; the other rows keep their numbers. Give
+    None for ``old`` if the file lacks the column. The values of ``cells`` must then be (K, 1); all
+    of them, in every row, are returned as a new column (K,).
     """
     if old is None:
         return cells.values[:, 0]
@@ -575,13 +580,19 @@ class _Parquet(Table):
     def save(self, path: Path, new: Mapping[str, NewCells], removed: Collection[str]) -> Path:
         """Write the file to ``path``, with new cells, without columns ``removed``; return the path.
 
-        Types and metadata stay.
+        Columns without new cells keep their type; integers with new cells become doubles. The
+        metadata stay, updated for the changed columns.
         """
         return write_whole(path, _parquet_bytes(arrow_replaced(self._table, new, removed)))
 
 
 def arrow_numbers(column: Any, width: int) -> Column:
-    """Convert a column of an Arrow table to an array of ``width`` numbers per row; missing: NaN."""
+    """Convert a column of K rows of an Arrow table to an array; missing numbers become NaN.
+
+    ``width`` is the count of numbers per row, from :func:`arrow_width`. The array is (K,) for a
+    column of numbers, and (K, width) for a column of lists. With the width 0, it is (K,), with the
+    texts or lists of the column.
+    """
     if not width:
         return np.asarray(column.to_numpy())
     flat = np.asarray(_flat(column).to_numpy(zero_copy_only=False))
@@ -591,7 +602,8 @@ def arrow_numbers(column: Any, width: int) -> Column:
 def arrow_replaced(table: Any, new: Mapping[str, NewCells], removed: Collection[str]) -> Any:
     """Return a copy of an Arrow table with new cells and without the columns ``removed``.
 
-    The metadata of the table are kept.
+    ``new`` has the new cells by column; columns that the table lacks are appended. The metadata of
+    the table are kept; descriptions of columns in them are updated, see :func:`_metadata`.
     """
     old = table
     for name, cells in new.items():
@@ -608,10 +620,11 @@ def arrow_replaced(table: Any, new: Mapping[str, NewCells], removed: Collection[
 
 
 def _changed(column: Any, values: Column, cells: NewCells) -> Any:
-    """Make the Arrow array of a changed column from its numbers ``values`` (K, …).
+    """Make the Arrow array of a changed column from its numbers after the change.
 
-    ``column`` is the column before the change, and ``cells`` has the rows that are replaced; in the
-    other rows, missing numbers stay missing. A column of integers becomes one of doubles.
+    ``values`` (K, …) are these numbers, from :func:`replaced`. ``column`` is the column before the
+    change, and ``cells`` has the rows that are replaced; in the other rows, missing numbers stay
+    missing. A column of integers becomes one of doubles.
     """
     import pyarrow
 
@@ -672,12 +685,13 @@ def _flat(column: Any) -> Any:
 
 
 def _metadata(table: Any, old: Any) -> dict[bytes, bytes] | None:
-    """Return the metadata to write with a changed Parquet ``table``; None if it had none.
+    """Return the metadata to write with a changed Parquet ``table``.
 
-    ``old`` is the table before the change. In the metadata, the library ``datasets`` stores a
-    description of each column, its feature. If the features do not match the columns, ``datasets``
-    ignores them or refuses the file. So the features of removed columns are removed, and features
-    of new columns are added. If the numbers of a column became doubles, its feature is changed.
+    ``old`` is the table before the change. If ``old`` has no metadata, the result is None. In the
+    metadata, the library ``datasets`` stores a description of each column, its feature. If the
+    features do not match the columns, ``datasets`` ignores them or refuses the file. So the
+    features of removed columns are removed, and features of new columns are added. If the numbers
+    of a column became doubles, its feature is changed.
     """
     metadata = old.schema.metadata
     if not metadata or b"huggingface" not in metadata or table.schema.equals(old.schema):

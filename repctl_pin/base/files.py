@@ -22,6 +22,8 @@ from .errors import InputError
 def check_folder(folder: Path, *, make: bool = False) -> Path:
     """Check that files can be written into a folder; return it. With ``make``, create it first.
 
+    Without ``make``, the folder may be missing: its nearest existing parent is then checked.
+
     Raises
     ------
     InputError
@@ -43,7 +45,8 @@ def check_folder(folder: Path, *, make: bool = False) -> Path:
 def prepare_folder(folder: Path) -> Path:
     """Create a folder if it is missing, check that files can be written into it, and return it.
 
-    A command calls it before a long computation, so that the result can be saved.
+    Call this before a long computation, so that the result can be saved. InputError is raised if
+    the folder cannot be created or written to.
     """
     return check_folder(folder, make=True)
 
@@ -68,10 +71,11 @@ def not_left_empty(folder: Path) -> Iterator[Path]:
 def written_together(folder: Path) -> Iterator[Path]:
     """Context manager: yield a temporary folder, and finally move its contents to ``folder``.
 
-    After the block, all targets are checked, and then the files are moved. Only one process at a
-    time moves files into ``folder``. If the block raises an exception or a target is refused, the
-    files in ``folder`` are unchanged. A subfolder is moved as a whole. A symbolic link in
-    ``folder`` is replaced, instead of the file that it leads to.
+    After the block, all new names are checked: a file must not replace a folder, and a subfolder
+    must not exist already. Then the files are moved, by only one process at a time. If the block
+    raises an exception or a check fails, the files in ``folder`` are unchanged. A subfolder is
+    moved as a whole. A symbolic link in ``folder`` is replaced, instead of the file that it leads
+    to.
 
     Raises
     ------

@@ -23,8 +23,8 @@ class FitOptions:
     samples : int, optional
         Number of nodes of the fit. By default :func:`nearest_repeatable` takes the larger of 16384
         and 32 U / m, for U unknown coefficients and m task coordinates.
-        :func:`nearest_inverse_function` takes the larger of 256 and 3 per polynomial term, rounded
-        up to a power of 2.
+        :func:`nearest_inverse_function` takes the smallest power of 2 that is at least 256, and at
+        least 3 times the number of polynomial terms.
     held_out : int, optional
         Number of held-out nodes; by default 16384, and 8192 for a cell.
     seed : int

@@ -93,7 +93,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parser() -> Parser:
-    """Make the parser of all commands, including those of installed extensions.
+    """Make the parser of all commands, including those of the package's extensions.
 
     Each command is a subparser, whose default ``run`` is the function that carries it out.
     """

@@ -93,10 +93,11 @@ def _drawn(
 ) -> _Shown:
     """Draw the motions ``tracks`` of one robot on a page.
 
-    ``more`` are options of ``playback_page``: ``name`` is the display name of the path, ``paths``
-    are the paths to draw, and ``own``, from :func:`own_loop`, has the numbers with which the page
-    follows a path that its visitor draws; None if it cannot. Return the HTML of the page, the task,
-    the number of cycles, and the drift after each cycle (cycles,), rad or m, by controller.
+    ``more`` are options of ``playback_page``: ``name`` is the display name of the path, and
+    ``paths`` are the paths to draw. ``own``, from :func:`own_loop`, are data with which the page
+    can follow a path that the user draws there; with None, the user cannot draw one. Return the
+    HTML of the page, the task, the number of cycles, and the drift after each cycle (cycles,), rad
+    or m, by controller.
     """
     from ..show.page.playback import playback_page, traced_chains
     from ..studies.quantities import KEYS

@@ -298,9 +298,10 @@ def _written(
 
 
 def _remedy(options: Options, *, best_leaf: bool, smaller: bool) -> str:
-    """Make the remedy for an exceeded limit or a collision: options that can avoid it.
+    """Make the remedy for an exceeded limit or a collision: ``try --best-leaf or …``.
 
-    With ``best_leaf``, --best-leaf is one of them; with ``smaller``, so is a smaller path.
+    The text names --best-leaf with ``best_leaf``, another --start in any case, and a smaller --path
+    with ``smaller``.
     """
     from ..studies.around_motion import NO_BETTER
 

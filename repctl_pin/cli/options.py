@@ -237,7 +237,7 @@ class Parser(argparse.ArgumentParser):
         add("--tool-speed", metavar="V", help=f"{speeds}; requires --acceleration")
 
     def levels(self, default: str = "") -> None:
-        """Add --leaf: by how much levels may change along the closed paths of a proof.
+        """Add --leaf: by how much levels may change along the closed paths that a proof covers.
 
         Levels are the values h(q) of the potentials that a repeatable controller holds constant.
         ``default`` is the text that ends the help of the option.

@@ -93,8 +93,8 @@ class Options(argparse.Namespace):
     def problem(self, robot: rp.Robot | None = None, **parts: Any) -> rp.Problem:
         """Make the problem that the options describe: task, start and path.
 
-        ``parts`` are further arguments of :class:`Problem`, such as ``region=``. They replace those
-        of the options, as ``path=False`` does.
+        ``parts`` are arguments of :class:`Problem`, such as ``region=``, and are used instead of
+        the options: with ``path=False``, ``--path`` is ignored, and the problem has no path.
         """
         frame, kind = self.asked_frames()
         asked = {
@@ -272,7 +272,8 @@ class Options(argparse.Namespace):
         """Parse ``--acceleration``, ``--jerk`` and ``--tool-speed``, the limits of a motion.
 
         Accelerations and jerks are given as a robot's name, one number, or one number per joint;
-        InputError is raised for any other text.
+        the tool speed as one or two numbers, m/s and rad/s. InputError is raised for any other
+        text.
         """
         tool_speed = self.tool_speed
         if tool_speed is not None:
@@ -378,9 +379,10 @@ def cut_note(task: rp.Task, box: Region, half_width: float) -> tuple[str, ...]:
 def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.SingularRegionError:
     """Replace the remedy of an error on a singular Ω by command-line options; return this error.
 
-    The library's remedy names arguments of Python functions. If no region without a singularity was
-    found, the new remedy is another --start or a smaller --region. If one was found, it is --shrink
-    with ``shrink``, for a command that has this option, else --region with a half-width.
+    The library's remedy names arguments of Python functions. ``error.free`` is a smaller region
+    without a singularity, or None if none was found. If there is one, the new remedy is --region
+    with the half-width of this region or, if ``shrink`` is True, --shrink; set ``shrink`` only for
+    a command with this option. Without one, it is another --start or a smaller --region.
     """
     from ..studies.around_motion import half_width_within
 

@@ -1,8 +1,8 @@
 """``repctl study``: measure an arm's drift on a closed path, and design a repeatable controller.
 
 ``say`` is the callback that receives the name of each step. ``Span`` is a piece of text with its
-tone, which is shown as colour. ``ReportMaps`` are the maps and curves of a design for a report: its
-grid over two joints, costs by degree, and costs of two simpler repeatable inverses.
+tone, which is shown as colour. ``ReportMaps`` are the maps and curves of a design for a report:
+maps over two joints, costs by degree, and costs of two simpler repeatable inverses.
 """
 
 from __future__ import annotations

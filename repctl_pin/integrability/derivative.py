@@ -137,11 +137,12 @@ def _(strategy: RepeatableInverse, Q: Array) -> _Derivative:
 
 
 def inside_limits(task: Task, Q: Array) -> Array:
-    """Compute the scale of the steps of difference quotients at Q (K, n): (K, n), rad or m.
+    """Compute step scales for :func:`differentiate` at Q (K, n): (K, n), rad or m.
 
-    It is 1 rad, or the arm length for a prismatic joint. Near joint limits it is smaller, because
-    the inverse may not be defined beyond a limit: no step exceeds half the distance to a limit.
-    Outside the limits the scale is not reduced.
+    A scale is 1 rad, or the arm length for a prismatic joint. Near a joint limit it is at most 8
+    times the distance to the limit, so the first step, 1/16 of the scale, is at most half this
+    distance: the inverse may not be defined beyond the limit. Outside the limits, the scale is not
+    reduced.
     """
     distance = task.limit_margin(Q)  # (K, n)
     most = np.where(distance > 0, 8 * distance, np.inf)

@@ -27,8 +27,9 @@ from .derivative import derivative, require_inverse
 def brackets(G: Array, dG: Array) -> Array:
     """Evaluate the Lie brackets ``[g_a, g_b] = (∂g_b/∂q) g_a − (∂g_a/∂q) g_b`` (4) of G's columns.
 
-    The columns of Jᵀ span the same space as those of J⁺. So J⁺ can be tested without computing it:
-    with ``G = Jᵀ`` and the derivative of Jᵀ as ``dG``, the result is the brackets (Corollary 1).
+    J⁺ can be tested without computing it, because the columns of Jᵀ span the same space
+    (Corollary 1): pass Jᵀ as ``G``, and its derivative as ``dG``. The result is then the brackets
+    of the columns of Jᵀ.
 
     Parameters
     ----------
@@ -71,8 +72,7 @@ class _Defects:
         Relative defects Λ_cd, per rad: the defects of pairs c, d of vectors of an orthonormal basis
         of G's column space. They do not depend on units and task axes, see :func:`measure`.
     error : (K,) array
-        Estimated error of :attr:`norm`, the norm (K,) of the relative defects, which follows from
-        the error of ∂G/∂q.
+        Estimated error of :attr:`norm`, per rad, computed from the estimated error of ∂G/∂q.
     exact : bool
         True if ∂G/∂q is computed by a formula, False if by differences.
     J, G : (K, m, n), (K, n, m) arrays

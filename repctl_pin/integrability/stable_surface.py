@@ -140,10 +140,11 @@ def _surface_function(strategy: Inverse, Q: Array) -> tuple[Array, Array]:
 
 
 def _scaled_surface_function(strategy: Inverse, Q: Array) -> _Surface:
-    """Create the function s(q), the stacked defects of an inverse, divided by its median norm.
+    """Create the function s(q), the stacked defects of an inverse, divided by the median of ‖s‖.
 
-    The median is over those rows of Q (K, n) at which J is not singular. So tolerances of s do not
-    depend on the arm's size. The function maps P (·, n) to s (·, pairs · n) and its error (·,).
+    The median is over those rows of Q (K, n) at which J is not singular. So the same tolerances of
+    s hold for arms of any size. The function maps configurations (·, n) to s (·, pairs · n) and its
+    error (·,).
     """
     regular = _dexterity(strategy, Q) > _SINGULAR
     unit = 1.0
@@ -328,10 +329,10 @@ def _departure(strategy: Inverse, function: _Surface, Q: Array) -> tuple[Array, 
     """Start at points Q (K, n) on s = 0, follow G in every task direction, and evaluate ‖s‖.
 
     The directions are both directions of each task coordinate, and one in which all coordinates
-    change equally. Return two numbers per row of Q, (K,) each: the maximum ‖s‖ at the ends of these
-    motions, which is 0 on a stable surface, and the minimum fraction of a motion that was completed
-    before a singularity. A motion is 0.2 rad long; where ``‖∂G/∂q‖ / ‖G‖`` is above 1 per rad, it
-    is shorter by this factor. ``function`` evaluates s.
+    change equally. A motion is 0.2 rad long; where ``‖∂G/∂q‖ / ‖G‖`` is above 1 per rad, the length
+    is divided by this ratio. A motion ends early at a singularity. Return two numbers per row of Q,
+    (K,) each: the maximum ‖s‖ at the ends of these motions, which is 0 on a stable surface, and the
+    completed fraction of the motion that ended earliest, 1 if none did. ``function`` evaluates s.
     """
     task = strategy.task
     L = joint_scale(task, Q[0])

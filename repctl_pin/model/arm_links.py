@@ -35,7 +35,10 @@ def arm_links(task: Task) -> frozenset[str]:
 
 
 def moves(task: Task, link: str) -> bool:
-    """Test whether a task's joints move a link of the robot, which need not lie on their chain."""
+    """Test whether a task's joints move a link of the robot relative to the root.
+
+    The link need not lie between the base and the frame.
+    """
     robot = task.robot
     columns = [robot.joint_names.index(name) for name in task.joint_names]
     driven = np.flatnonzero((robot.coupling.S[:, columns] != 0).any(axis=1)) + 1

@@ -19,7 +19,7 @@ def base_placements(robot: Mechanism, Q: Array) -> Array:
     """Compute the base's placements in the root frame: rigid transforms (T, 4, 4), m.
 
     The columns of Q (T, n) are the n movable joints of the whole robot, not of one task. Pictures
-    show the root at rest, so points on the base are drawn with these placements.
+    are drawn in the root frame, to which :func:`on_base` transforms points of the base frame.
     """
     if robot.base is None:
         return np.tile(np.eye(4), (len(Q), 1, 1))

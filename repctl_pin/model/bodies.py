@@ -66,13 +66,14 @@ class Bodies:
     with it. A mesh of the surroundings (``rp.Robot.load(…, surroundings=)``) is not replaced, so
     that an arm can move inside a room. A closed mesh is solid on the inner side of its faces.
 
-    Three kinds of pairs of the robot's own bodies are checked for collisions only, without a
-    distance. They are pairs that the SRDF disables, pairs with a single joint between them, and
-    pairs whose hulls overlap at every sampled configuration. Links that a joint connects are not
-    checked. Also not checked are pairs of the first two kinds that collide at the reference pose or
-    at a quarter or more of the sampled configurations, and any pair that collides at all sampled
-    configurations. The decision is made for each pair of links of the robot, with all of their
-    shapes, and for each single shape of the surroundings.
+    Two links that a joint of the URDF connects directly, as parent and child, are not checked.
+    Three kinds of the robot's other pairs are checked for collisions only, without a distance: (1)
+    pairs that the SRDF disables; (2) pairs of links between which the task moves only one joint;
+    (3) pairs whose hulls overlap at every sampled configuration. Pairs of kinds 1 and 2 are not
+    checked at all if they collide at the reference pose, or at a quarter or more of the sampled
+    configurations. Any pair that collides at all sampled configurations is not checked either. The
+    decision is made for each pair of links of the robot, with all of their shapes, and for each
+    single shape of the surroundings.
 
     Objects made from the same files and joints share their geometry. Several threads can use one
     object.
@@ -91,9 +92,9 @@ class Bodies:
     only_contact : tuple of (str, str)
         Links that are checked for collisions only.
     adjacent : tuple of (str, str)
-        Pairs not checked because a joint of the URDF connects the two links, or because a single
-        movable joint lies between them and they collide at the reference pose or at a quarter or
-        more of the sampled configurations.
+        Pairs not checked because a joint of the URDF connects the two links directly, or because
+        only one joint that the task moves lies between them and they collide at the reference pose
+        or at a quarter or more of the sampled configurations.
     disabled : tuple of (str, str)
         Pairs not checked because the SRDF disables them and they collide at the reference pose or
         at a quarter or more of the sampled configurations.
@@ -256,10 +257,10 @@ class Bodies:
     def hull_distances(self, Q: ArrayLike) -> Array:
         """Compute the minimum distance of the convex hulls of pairs at rows of Q (K, n): (K,), m.
 
-        The minimum is over the measured pairs, and over the other checked pairs that collide. The
-        surroundings have their exact shapes here, too. A negative distance is minus the penetration
-        depth of the hulls, whether or not the bodies collide. The gradient of this distance shows
-        which motion separates the hulls.
+        The minimum is over the measured pairs, and over the other checked pairs that collide. For a
+        body of the surroundings, its exact shape takes the place of its hull. A negative distance
+        is minus the penetration depth of the hulls, whether or not the bodies collide. The gradient
+        of this distance shows which motion separates the hulls.
         """
         return self._all(Q, hulls=True)[0]
 

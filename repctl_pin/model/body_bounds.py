@@ -197,12 +197,12 @@ class BodyBounds:
         return bounds
 
     def tighten(self, Q: Array, bounds: Array) -> Array:
-        """Tighten lower bounds (K, P) at Q (K, N), m, as far as they decide which pair is nearest.
+        """Tighten the lower bounds (K, P), m, of the few pairs that can be the nearest at Q (K, N).
 
-        Planes between two bodies, not their boxes, tighten the bounds of the few pairs that can be
-        the nearest, so that seldom more than one distance is left to measure. A collision-only pair
-        gets the bound inf if its bound excludes a collision. ``bounds`` is changed and returned. If
-        the native library was not built, no bound is tightened.
+        The tighter bounds come from planes between two bodies instead of boxes. With them, seldom
+        more than one distance per configuration is left to measure. A collision-only pair gets the
+        bound inf if its bound excludes a collision. ``bounds`` is changed and returned. If the
+        native library was not built, only the bounds of collision-only pairs are changed.
         """
         native = library()
         if native is None:
@@ -425,7 +425,10 @@ class KnownApart:
         at[row], distances[row] = self._scaled(pair, q), distance
 
     def _scaled(self, pair: int, q: Array) -> Array:
-        """Return q_j ρ_j (·,), m, for each joint j that moves a pair, at q (N,)."""
+        """Return the products q_j ρ_j, m, at q (N,), one for each joint j that moves a pair.
+
+        ``pair`` is the pair's index. A joint moves the pair if its bound ρ_j is not 0.
+        """
         moves = self._moves[pair]
         return np.asarray(q[moves] * self._reach[pair, moves])
 

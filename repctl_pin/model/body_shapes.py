@@ -367,7 +367,11 @@ def _hull(points: Array) -> tuple[coal.CollisionGeometry, bool]:
 
 
 def _thickened(points: Array) -> Array:
-    """Thicken flat vertices (V, 3) to 0.2 mm, because coal crashes on a hull without volume."""
+    """Thicken a flat set of vertices (V, 3) to 0.2 mm, because coal crashes on a flat hull.
+
+    Along each direction in which the set is flat, every vertex is replaced by two, one on either
+    side. The result is (V, 3), (2 V, 3), (4 V, 3) or (8 V, 3), m.
+    """
     spread, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[1:]
     for axis in axes[spread < np.sqrt(len(points)) * _THIN]:
         points = np.concatenate([points + _THIN * axis, points - _THIN * axis])
@@ -462,8 +466,8 @@ class _MeshInterior:
     parts
         Parts of the mesh.
     gaps
-        True to include parts that are not closed: a point is then inside if the test holds for two
-        of three rays. False to ignore such parts.
+        True to include parts that are not closed; if there are any, a point is inside if the test
+        holds for at least two of three rays. False to ignore such parts.
     """
 
     def __init__(self, parts: _MeshParts, *, gaps: bool) -> None:

@@ -100,7 +100,7 @@ def find(name: str) -> Entry:
 
 @functools.cache
 def table() -> dict[str, dict[str, Any]]:
-    """Read ``arms.toml``, the table of known robots: a dict of rows by name; cached."""
+    """Read ``arms.toml``: a dict from the name of each known robot to its settings; cached."""
     return tomllib.loads((Path(__file__).parent / "arms.toml").read_text("utf-8"))
 
 
@@ -152,7 +152,8 @@ def reference_posture(srdf: Path, state: str | None = None) -> dict[str, float]:
     Raises
     ------
     InputError
-        If the file cannot be read, or has no such state.
+        If the file cannot be read, has no such state, or a joint value in it is not a finite
+        number.
     """
     from .urdf_rules import finite
 

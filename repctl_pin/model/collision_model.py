@@ -237,11 +237,11 @@ class _CollisionModel:
             True to use the distance of the exact shapes for measured pairs, too, if their hulls
             overlap.
         outside
-            True to assume that no body is inside a mesh without touching the mesh's surface, which
-            is far faster. This changes the bounds of collision-only pairs whose hulls overlap or
-            are less than 1 cm apart. Such a bound is then the distance of the exact surfaces, at
-            most 1 cm, or the distance of the hulls if that is larger. Along a path on which all
-            bounds are above 0, the assumption holds if it holds at the start of the path.
+            True to assume that a body that does not touch the surface of a mesh is outside the
+            mesh, which makes the computation far faster. Only collision-only pairs whose hulls
+            overlap, or are less than 1 cm apart, get other bounds: the larger of two values, the
+            distance of the hulls, and that of the exact surfaces but at most 1 cm. Along a path on
+            which all bounds are above 0, the assumption holds if it holds at the start of the path.
         """
         with self._lock:
             self._move(q)
@@ -298,8 +298,8 @@ class _CollisionModel:
     def _with_bounds(self, Q: Array) -> Iterator[tuple[Array, Array]]:
         """Yield each row (N,) of Q with lower bounds (P,) on the distances of all pairs, m.
 
-        They are tight for the pairs that can be the nearest. The bound of a collision-only pair is
-        inf if it excludes a collision.
+        The bounds are tight for the pairs that can be the nearest. A collision-only pair has the
+        bound inf if its lower bound excludes a collision.
         """
         for _, block, bounds in self._bounded(Q):
             yield from zip(block, self._bounds.tighten(block, bounds), strict=True)
@@ -362,8 +362,9 @@ class _CollisionModel:
     def _is_nearer(self, k: int, distance: float) -> bool:
         """Test whether pair k, at the current placements, is nearer than ``distance``, m.
 
-        Call :meth:`_ask` with the same distance first. The test of two hulls ends as soon as they
-        are known to be farther apart, and takes half as long as computing their distance.
+        A collision-only pair is nearer only if it collides. Call :meth:`_ask` with the same
+        distance first. The test of two hulls ends as soon as they are known to be farther apart,
+        and takes half as long as computing their distance.
         """
         if distance > 0 and not self._only_contact[k]:
             if k < self._own_pairs:
@@ -379,11 +380,10 @@ class _CollisionModel:
                 request.security_margin = distance
 
     def _of_hulls(self, k: int) -> float:
-        """Compute the signed distance of the hulls of pair k at the current placements, m.
+        """Compute the signed distance, m, of the hulls of pair k, if it is a measured pair.
 
-        For a collision-only pair, the result is negative in a collision, else inf, see
-        :meth:`_exact`. The gradient of a hull distance shows which motion separates overlapping
-        bodies.
+        For a collision-only pair, the result is that of :meth:`_exact`: negative in a collision,
+        else inf. The bodies are at the current placements.
         """
         return self._exact(k) if self._only_contact[k] else self._apart(k)
 
@@ -429,7 +429,11 @@ class _CollisionModel:
         return hit
 
     def _exact_distance(self, k: int) -> float:
-        """Compute the distance of the exact shapes of pair k, m; below 0 in a collision."""
+        """Compute the distance, m, of the exact shapes of pair k at the current placements.
+
+        Call it only if the hulls of the pair overlap. In a collision, the result is −1e-12 m, not a
+        penetration depth.
+        """
         a, b = self._both[k]
         one, other = self._bodies[a], self._bodies[b]
         distance = self._between_surfaces(k)
@@ -454,11 +458,12 @@ class _CollisionModel:
         return float(coal.distance(one, here, other, there, self._request, result))
 
     def _surfaces(self, k: int) -> float:
-        """Compute a lower bound on the distance of the surfaces of pair k, m, as placed last.
+        """Compute a lower bound, m, on the distance of the surfaces of pair k.
 
-        The bound is the distance or, if the surfaces are more than 1 cm apart, 1 cm: a test for
-        1 cm is far faster than the distance. The bound of two convex bodies is −inf, because the
-        distance of their hulls is exact already.
+        The surfaces are at the current placements. The bound is their distance or, if they are more
+        than 1 cm apart, 1 cm: a test for 1 cm is far faster than the distance. For two convex
+        bodies, the result is −inf, which is no bound; use the distance of their hulls, which is
+        exact.
         """
         (a, b), request = self._both[k], coal.CollisionRequest()
         one, other = self._bodies[a].exact, self._bodies[b].exact
@@ -540,10 +545,10 @@ class _CollisionModel:
         All shapes of two of the robot's own links are treated alike. A link of the surroundings
         often has shapes far apart, so its shapes are treated one by one.
 
-        Links joined by a joint are not checked. Pairs that the SRDF disables, or with one joint
-        between them, are checked for collisions only. Pairs of these two kinds are not checked at
-        all if they collide at the reference pose, or at a quarter or more of the sampled
-        configurations. See also :class:`Bodies`.
+        Two links that a joint of the URDF connects directly are not checked. Other pairs that the
+        SRDF disables, or with one joint of the model between them, are checked for collisions only.
+        Pairs of these two kinds are not checked at all if they collide at the reference pose, or at
+        a quarter or more of the sampled configurations. See also :class:`Bodies`.
         """
         self._measure(self._moving_pairs(task.robot.description.path))
         joined = {frozenset((joint.parent, joint.child)) for joint in task.robot.description.joints}
@@ -633,9 +638,9 @@ class _CollisionModel:
         return found
 
     def _one_joint_between(self) -> _Mask:
-        """Return a mask (P,): True for two of the robot's bodies with one movable joint between.
+        """Return a mask (P,) of the robot's own pairs with one joint of the model between them.
 
-        Such neighbours nearly touch by design, so their distance is no measure of danger.
+        Such bodies nearly touch by design, so their distance is no measure of danger.
         """
         parent = np.array([int(joint) for joint in self._model.parents])
         a, b = np.array(self._joint, np.intp)[self.pairs].T
@@ -645,7 +650,7 @@ class _CollisionModel:
         """Set the pairs (P, 2) to check, and prepare their lower bounds.
 
         ``only_contact`` (P,) is a mask of the collision-only pairs; None means that there are none.
-        The method is called again each time that pairs have been left out.
+        Call this method again to leave out more pairs.
         """
         self.pairs, self._both = pairs, [(a, b) for a, b in pairs.tolist()]
         self._only_contact = np.zeros(len(pairs), bool) if only_contact is None else only_contact
@@ -703,10 +708,10 @@ class _CollisionModel:
 
 
 def _prepare(requests: Sequence[Any]) -> None:
-    """Set the tolerance of coal's requests, and let each of them begin anew.
+    """Set the tolerance of coal's requests, and make each test independent of earlier ones.
 
-    By default, Pinocchio's requests begin where the last test of the pair ended. This saves no
-    time, and lets results depend on earlier ones.
+    By default, a test of Pinocchio begins where the last test of the same pair ended. This saves no
+    time, and makes results depend on earlier ones.
     """
     with warnings.catch_warnings():
         # its successor, gjk_initial_guess, has no effect while this one is True

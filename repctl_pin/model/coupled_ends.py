@@ -12,9 +12,10 @@ from .task import Task
 
 
 def other_ends(task: Task) -> tuple[str, ...]:
-    """List the end effectors of other branches that the task's joints move: one link per end.
+    """List the end effectors that the task's joints move, but that are not on the task's own arm.
 
-    Sensors are left out.
+    Return one link per end, the one with the best name for an end effector, in the order of the
+    file. Sensors are left out.
     """
     own = arm_links(task)
     ends = [task_links(body)[0] for body in arm_ends(task.robot.description)]

@@ -53,7 +53,7 @@ class _Body:
     Attributes
     ----------
     links : dict of int
-        Number of fixed joints between each link of the body, by name, and the body's first link.
+        Links of the body by name, each with the number of fixed joints from the first link to it.
     before : int
         Number of moving joints from the root to the body.
     branches : list of (Joint, Body)
@@ -61,7 +61,8 @@ class _Body:
     after : int
         Number of moving joints from the body to the farthest tip.
     narrow : bool
-        True if every joint beyond the body has the range of a finger.
+        True if every joint beyond the body has a range of at most half a turn or 0.1 m, mimics
+        another joint, or is named as a finger.
     loose : bool
         True if all joints beyond the body are parts of ball joints, which no motor drives.
     named : bool
@@ -163,9 +164,10 @@ def arm_ends(description: Description) -> list[_Body]:
 def _ends(root: _Body, *, whole: bool) -> list[_Body]:
     """List the bodies at which a branch of the tree ends, from ``root`` on, in the file's order.
 
-    These are bodies without branches, tools with a hanging load, and hands: bodies with fingers.
-    ``whole`` is True if every joint is named as a finger, so that the whole robot is a finger. The
-    search then does not end at hands, but goes on to the tip.
+    These are bodies without branches, hands, and tools from which a load hangs, with only ball
+    joints beyond them. A hand is a body at which more than half of the longest branches are
+    fingers. ``whole`` is True if every joint is named as a finger, so that the whole robot is a
+    finger. The search then does not end at hands, but goes on to the tip.
     """
     ends, todo = [], [root]
     while todo:

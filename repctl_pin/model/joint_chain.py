@@ -203,10 +203,11 @@ _chains: WeakKeyDictionary[Task, tuple[JointChain, Array, Array]] = WeakKeyDicti
 
 
 def _chain_along_z(task: Task) -> tuple[JointChain, Array, Array]:
-    """Return the chain of a task, and its R (P + 1, 3, 3) and p (P + 1, 3), m, by :func:`along_z`.
+    """Return the chain of a task, and the result of :func:`along_z` for this chain.
 
-    They are computed once per task: a study makes several controllers of one task, each with a
-    struct of its own.
+    That result is R (P + 1, 3, 3) and p (P + 1, 3), m, of the turned frames; the chain returned is
+    not turned. All three are computed once per task, because a study makes several controllers of
+    one task, each with a struct of its own.
     """
     if task not in _chains:
         chain = joint_chain(task)
@@ -277,8 +278,8 @@ def _about_z(x: float, y: float) -> Array:
 def _bent(R: Array) -> NDArray[np.int_]:
     """Classify rotations (P, 3, 3), as integers (P,): 2, 1 or 0.
 
-    2 is a quarter turn about x, 1 another rotation about x, or none, and 0 any other rotation. C
-    multiplies by rotations of classes 2 and 1 with fewer operations.
+    2 is a quarter turn about x, in either direction. 1 is the identity or another rotation about x.
+    0 is any other rotation. C multiplies by rotations of classes 2 and 1 with fewer operations.
     """
     about_x = (R[:, 0] == [1, 0, 0]).all(axis=1) & (R[:, :, 0] == [1, 0, 0]).all(axis=1)
     return np.where(about_x, np.where(R[:, 1, 1] == 0, 2, 1), 0)

@@ -70,8 +70,8 @@ class Kind(str):
     def stacked(cls, kinds: Sequence[Kind]) -> Kind:
         """Create the kind of a task of several frames from the kind of each.
 
-        Row i of frame k becomes row 6 k + i of the stacked twists (v, ω) of all frames. The name
-        joins the names of the single kinds by " + ".
+        Row i of frame k, both counted from 0, becomes row 6 k + i of the stacked twists (v, ω) of
+        all frames. The name joins the names of the single kinds by " + ".
         """
         rows = (6 * k + int(row) for k, one in enumerate(kinds) for row in one.rows)
         words = "; ".join(one.words for one in kinds)
@@ -95,9 +95,9 @@ class Kind(str):
     def error(self, here: pin.SE3, target: pin.SE3) -> Array:
         """Evaluate the task error (m,) from ``here`` (R, p) to ``target`` (R*, p*), m and rad.
 
-        ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind. For an axis task, the
-        rotation is the shortest one from the tool's z axis to the target's z axis. InputError is
-        raised if R* is not a rotation.
+        ``e = (p* − p, log(R* Rᵀ))``, restricted to the rows of this kind. An axis task has,
+        instead of the logarithm, the shortest rotation from the tool's z axis to the target's z
+        axis, about the tool's x and y axes. InputError is raised if R* is not a rotation.
         """
         p = target.translation - here.translation
         if not self.turns:

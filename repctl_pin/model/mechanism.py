@@ -113,7 +113,7 @@ class Mechanism:
         Named poses: ``reference``, ``middle`` (of the joint ranges) and, if the catalogue has one,
         ``ready``, a working pose.
     narrowed : dict of str
-        For each joint whose limits are narrowed by its mimic joints, a sentence on it, by name.
+        Sentences on the joints whose limits are narrowed by their mimic joints, by joint name.
     locked : tuple of str
         Joints held at the reference pose.
     package_dirs : tuple of str
@@ -211,8 +211,8 @@ class Range:
 def limits(joint: Joint, followers: Sequence[Joint], notes: list[str]) -> Range:
     """Tighten the limits of a joint so that its mimic joints also stay within their own limits.
 
-    ``followers`` are the mimic joints. If no position of the joint, or a single one, satisfies the
-    position limits of one of them, these limits are ignored, and a note is added to ``notes``.
+    ``followers`` are the mimic joints. The position limits of a mimic joint are ignored, with a
+    note in ``notes``, if no position of the joint satisfies them, or only a single position.
     """
     lower, upper = joint.lower, joint.upper
     rates = np.array([joint.velocity, joint.acceleration, joint.jerk])
@@ -254,9 +254,9 @@ def _narrowed(
 ) -> str:
     """Return a sentence on which mimic joints narrow which limits of a joint.
 
-    ``left`` is the new range (lower, upper), rad or m, and ``velocity`` the new speed limit, per s;
-    ``by`` and ``slowed_by`` name the mimic joints that narrow them. The result is empty if both are
-    empty.
+    ``left`` is the new range (lower, upper), rad or m, and ``by`` names the mimic joints that
+    narrow the range. ``velocity`` is the new speed limit, per s, and ``slowed_by`` names the mimic
+    joints that lower it. The result is empty if ``by`` and ``slowed_by`` are empty.
     """
     said = []
     most = 0.0

@@ -58,7 +58,7 @@ def cached(
         Function that reads the file and returns the arrays. If it raises an error, nothing is
         cached.
     textures
-        True if the arrays depend on textures. A COLLADA file that names some is not cached then.
+        True if the arrays depend on textures. COLLADA files that name textures are then not cached.
 
     Returns
     -------

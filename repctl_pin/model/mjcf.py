@@ -293,8 +293,8 @@ def _shapes(kind: int, size: Array, at: pin.SE3) -> list[tuple[pin.SE3, dict[str
 
     ``kind`` is MuJoCo's type number, ``size`` has its sizes, m: the half edges of a box, else the
     radius and, if any, half the length. ``at`` is the placement on the body. The attributes are
-    those of the geometry, with its tag under ``tag``. Only spheres, boxes, cylinders and capsules
-    are converted.
+    those of the URDF element, by name; the key ``tag`` has the name of the element, such as
+    ``box``. Only spheres, boxes, cylinders and capsules are converted.
     """
     if kind == _SPHERE:
         return [(at, {"tag": "sphere", "radius": repr(float(size[0]))})]

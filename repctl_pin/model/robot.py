@@ -156,8 +156,9 @@ class Robot(Mechanism):
     ) -> None:
         """Set the attributes of the movable joints: limits, ``revolute``, poses and reference.
 
-        ``free`` are the names of the joints that mimic no other joint, also of locked ones.
-        ``ranges`` has a range per joint of ``free``, and each pose a value per joint of ``free``.
+        ``free`` are the names of the joints that mimic no other joint. It includes locked joints,
+        which are skipped here. ``ranges`` has a range per joint of ``free``, and each pose a value
+        per joint of ``free``.
         """
         mine = [free.index(name) for name in self.joint_names]
         kept = [ranges[i] for i in mine]
@@ -195,9 +196,10 @@ class Robot(Mechanism):
             ``.xml`` of an MJCF model; a ``yourdfpy.URDF``, or a ``mujoco.MjModel``, whose meshes
             are left out. An MJCF file is compiled by ``mujoco``, which must be installed.
         package_dirs
-            Folders in which ``package://`` names, and ``$(find …)`` in xacro, are looked up, before
-            the parent folders of the file; or the folder of one package, as ``"NAME=DIR"``. A mesh
-            that is not found is looked up by the end of its name, and a warning says so.
+            Folders in which ``package://`` names, and ``$(find …)`` in xacro, are looked up. They
+            take precedence over the parent folders of the file. An entry ``"NAME=DIR"`` is the
+            folder of one package. A mesh that is not found is looked up by the end of its name, and
+            a warning says so.
         lock
             Joints to hold at the reference pose.
         base
@@ -401,7 +403,8 @@ class Robot(Mechanism):
     def chain(self, frame: str) -> tuple[str, ...]:
         """List the names of the movable joints between ``base`` and a frame, from the base outward.
 
-        A joint that others mimic is listed once, in the place of the first joint that it moves.
+        Instead of a mimic joint, the joint that it follows is listed. A joint with several places
+        on the chain is listed once, in the first of them.
         """
         up, down = path_between(self.model, self.base_id, self._frame_id(frame))
         return tuple(

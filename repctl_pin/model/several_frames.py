@@ -205,17 +205,18 @@ class SeveralFrames(Task):
     def joint_origins(self, q: ArrayLike) -> Array:
         """Compute the origins of the joints, from the base outward: (n, 3), m.
 
-        If the joint moves a frame that is controlled relative to the robot's base, its origin is in
-        the robot's base frame. Otherwise, its origin is in the base frame of a frame that the joint
-        moves.
+        If a joint moves a frame that is controlled relative to the robot's base, its origin is in
+        the robot's base frame. Otherwise, its origin is in the base frame of the last of the frames
+        that the joint moves.
         """
         return self._of_joints(q, "joint_origins")
 
     def axes(self, q: ArrayLike) -> Array:
         """Compute the joints' rotation axes: unit vectors (n, 3); 0 if prismatic.
 
-        If the joint moves a frame that is controlled relative to the robot's base, its axis is in
-        the robot's base frame. Otherwise, it is in the base frame of a frame that the joint moves.
+        If a joint moves a frame that is controlled relative to the robot's base, its axis is in the
+        robot's base frame. Otherwise, its axis is in the base frame of the last of the frames that
+        the joint moves.
         """
         return self._of_joints(q, "axes")
 
@@ -225,7 +226,7 @@ class SeveralFrames(Task):
         """Collect one row per joint, (n, 3), from a method of the single tasks, such as ``axes``.
 
         ``name`` is the name of the method. For a joint that moves several frames, a row in the
-        robot's own base frame is preferred.
+        robot's own base frame is preferred, else the row of the last of these frames.
         """
         whole = self.to_robot(vector(q, self.n, f"q of {self!r}"))
         out = np.zeros((self.n, 3))

@@ -169,7 +169,7 @@ def _read(path: Path, most: int) -> Surface:
 
 
 def read_surfaces(shapes: Iterable[Shape]) -> Surfaces:
-    """Read the mesh files of shapes: a dict from the file to its surface or its error.
+    """Read the mesh files of shapes; return a dict from each file to its surface, or to its error.
 
     The error is an InputError: the file cannot be read, has too many triangles, or would exceed the
     limit of two million triangles in all files together, which keeps a page usable.
@@ -348,10 +348,10 @@ def _colors(mesh: Any, corners: NDArray[np.int64]) -> NDArray[np.float64]:
 def smooth(corners: NDArray[np.float64], flat: NDArray[np.float64]) -> NDArray[np.float64]:
     """Compute averaged unit normals (3F, 3) of the corners of F faces, for smooth shading.
 
-    Corners of several faces can lie at one point. The normal of a corner is the average over those
-    of these faces whose normals differ from that of the corner's own face by at most the crease
-    angle, ``arccos(_CREASE)``. Where more than ``_MANY`` corners lie at one point, each corner has
-    the normal of its own face.
+    Corners of several faces can lie at one point. The normal of a corner is an average of the
+    normals of these faces, weighted by area. It includes only the faces whose normals differ from
+    that of the corner's own face by at most the crease angle, ``arccos(_CREASE)``. Where more than
+    ``_MANY`` corners lie at one point, each corner has the normal of its own face.
 
     Parameters
     ----------
@@ -386,7 +386,8 @@ def _by_pairs(
 ) -> None:
     """Write averaged normals of K face corners into their rows of ``normals`` (3F, 3).
 
-    The average is that of :func:`smooth`; each pair of corners at the same point is compared.
+    The average is over the faces at the corner's point whose normals differ from that of the
+    corner's own face by at most the crease angle; each pair of corners at one point is compared.
     ``corner`` (K,) are the numbers of the corners, and ``point`` (K,) the numbers of the points at
     which the corners lie. ``flat`` (F, 3) are the normals of the faces, weighted by area, and
     ``unit_normal`` (F, 3) the unit normals of the faces.

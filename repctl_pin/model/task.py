@@ -39,11 +39,11 @@ from .model import chain_between, frame_id, frame_jacobian, lock_joints, path_be
 
 
 def _from_degrees(joints: Array, lower: Array, upper: Array) -> str:
-    """Write a remedy for joint values outside their limits, which may have been given in degrees.
+    """Write the remedy for a user who may have given joint positions in degrees.
 
-    ``joints`` (n,) are the user's values converted from degrees to rad; those of prismatic joints
-    are unchanged. If all converted values are within the limits ``lower`` and ``upper`` (n,), rad
-    or m, the text tells the user to give these values. Otherwise it is empty.
+    ``joints`` (n,) are the user's values, converted from degrees to rad for revolute joints. If all
+    converted values are within the limits ``lower`` and ``upper`` (n,), rad or m, the text tells
+    the user to give them. Otherwise, the text is empty.
     """
     if not ((joints >= lower) & (joints <= upper)).all():
         return ""
@@ -81,8 +81,8 @@ class Task:
     n, m, r : int
         Joints, task coordinates, degree of redundancy.
     joint_names : tuple of str
-        Joint names from the base outward; q, limits and Jacobian columns are in this order. A joint
-        that others mimic also moves these.
+        Joint names from the base outward; q, limits and Jacobian columns are in this order. Mimic
+        joints are not listed; they move with the joints that they follow.
     lower, upper, velocity_limit : (n,) arrays
         Position limits, rad or m, and speed limits, rad/s or m/s.
     revolute : (n,) array of bool

@@ -102,12 +102,12 @@ class Description:
     meshes : tuple of str
         Visual mesh files, as written in the file, without duplicates.
     notes : tuple of str
-        Notes on ignored content and likely errors: joints without a range, a mimic joint whose
-        leader's name lacks its prefix, limits that may be in degrees.
+        Notes on ignored content and likely errors, such as a joint without a range, a ``<mimic>``
+        that names a joint without the robot's prefix, or limits that may be in degrees.
     xml : str
         URDF for Pinocchio, with only joints, links and their inertias. Continuous joints are
-        revolute ones with limits of ±``NO_LIMIT``. Planar and floating joints are split, so that
-        every joint has one coordinate.
+        revolute ones with limits of ±``NO_LIMIT``. Planar, ball and floating joints are split, so
+        that every joint has one coordinate.
     balls : frozenset of str
         Names of the joints that replace the ball joints of the file, three for each.
     """

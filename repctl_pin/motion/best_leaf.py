@@ -378,11 +378,12 @@ class _Search:
         return best
 
     def refined(self, best: _LeafCandidate, better: _Better) -> _LeafCandidate:
-        """Improve the start ``best`` by a pattern search along the null vectors.
+        """Improve the start ``best`` by a pattern search along its self-motions.
 
-        ``better(a, b)`` tells whether candidate a is better than b. The best candidate is replaced
-        by a better one that is one step away; if there is none, the step is halved, until it is
-        shorter than 0.01. Steps are in rad, or in arm lengths for prismatic joints.
+        The neighbours of the best candidate are one step away, forward or back, along the vectors
+        of a null-space basis of J. The best candidate is replaced by a better neighbour; if there
+        is none, the step is halved, until it is shorter than 0.01. Steps are in rad, or in arm
+        lengths for prismatic joints. ``better(a, b)`` tells whether candidate a is better than b.
         """
         target = self.path.placement(0.0)
         size = _STRIDE / 2
@@ -529,9 +530,10 @@ def _inside(
 
 
 def _around(task: Task, q: Array, target: Placement, size: float) -> Iterator[Array | None]:
-    """Yield the neighbours of q (n,): one step forward and one back along each null vector of J.
+    """Yield the neighbours of q (n,), one step away along the self-motions.
 
-    The frame stays at the target. ``size`` is the length of the step, in rad, or in arm lengths for
+    There is one step forward and one back along each vector of a null-space basis of J. The frame
+    stays at the target. ``size`` is the length of the step, in rad, or in arm lengths for
     prismatic joints. None is yielded in place of a neighbour that is outside the joint limits or
     does not reach the target.
     """

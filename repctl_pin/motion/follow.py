@@ -113,7 +113,8 @@ def follow(
     q0 : (n,) array
         Start configuration, rad (m for prismatic joints), within the joint limits.
     cycles, steps
-        Number of cycles, and of integration steps per cycle (a few more if the path has corners).
+        Number of cycles, and of integration steps per cycle. If the path has corners, the
+        number of steps taken can differ from ``steps`` by a few.
     period
         Period, s; by default the path's, else 5.
     integrator
@@ -431,11 +432,11 @@ def _kept(sample: Callable[..., Any], path: TaskPath) -> Callable[..., Any]:
 def _twists(path: TaskPath, steps: int, places: tuple[float, ...]) -> Array:
     """Evaluate a path's twists at the P fractions ``places`` of each of K steps: (K, P, 6 F).
 
-    K can exceed ``steps`` by a few, because no step extends over a corner. A twist is (v, ω) of
-    each of the F frames, m and rad per cycle. At a corner of the path, where
-    the twist jumps, the value inside the step is taken. The last results are cached, because
-    several strategies follow the same path. InputError is raised if a twist that the user computes
-    is not finite.
+    K can differ from ``steps`` by a few, because no step extends over a corner. A twist is (v, ω)
+    of each of the F frames, m and rad per cycle. At a corner of the path, where the twist jumps,
+    the twist on the side of the corner on which the step lies is taken. The last results are
+    cached, because several strategies follow the same path. InputError is raised if a twist that
+    the user computes is not finite.
     """
     found = [
         [path.twist(min(max(a + c * (b - a), a + _INSIDE), b - _INSIDE)) for c in places]
@@ -467,8 +468,9 @@ def _placements(path: TaskPath, steps: int) -> tuple[pin.SE3, ...]:
 def path_grid(path: TaskPath, steps: int) -> Array:
     """Compute the values of s (K + 1,), from 0 to 1, at which the K steps of a cycle begin and end.
 
-    Each piece of the path between two corners gets its share of ``steps``, at least one. So no step
-    crosses a corner, where the velocity jumps. K can exceed ``steps`` by a few.
+    Each piece of the path between two corners has at least one step; its number of steps is
+    proportional to its range of s. So no step crosses a corner, where the velocity jumps. K can
+    differ from ``steps`` by a few, because the numbers are rounded.
     """
     knots = np.array([0.0, *path.breaks, 1.0])
     pieces = np.maximum(1, np.rint(np.diff(knots) * steps).astype(int))

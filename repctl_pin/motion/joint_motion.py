@@ -133,8 +133,8 @@ class JointMotion:
     def speed_ratio(self) -> float:
         """Maximum ratio of a joint's speed to its limit, over all joints and samples.
 
-        If it is above 1, the motion keeps the speed limits if its duration is multiplied by the
-        ratio, as :meth:`Motion.slowed` does.
+        If the ratio is above 1, multiply the motion's duration by it to keep the speed limits, for
+        example with :meth:`Motion.slowed`.
         """
         return float(self._speed_shares.max())
 

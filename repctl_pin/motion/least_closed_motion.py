@@ -92,7 +92,7 @@ def least_closed_motion(
     q0 : (n,) array
         Start configuration, moved to the path's first point if necessary.
     steps
-        Number K of points per cycle (a few more if the path has corners).
+        Number K of points per cycle. If the path has corners, K can differ from ``steps`` by a few.
     period
         Period, s; by default the path's, else 5.
     free_start

@@ -44,8 +44,9 @@ def parse_path(text: str, plane: str | None) -> _PathMaker:
         lies where the arm can follow it, see :func:`fitting_circle`. DEGREES is the angle of the
         start on the circle, from the first axis of the plane.
     plane
-        ``xy``, ``yz`` or ``xz``; by default the first plane that the task allows or, for
-        ``circle:RADIUS``, in which the arm can follow the circle. Not allowed with a file.
+        ``xy``, ``yz`` or ``xz``; by default the first plane that the task allows. For
+        ``circle:RADIUS``, the default is the first one in which the arm can follow the circle. Not
+        allowed with a file.
 
     Raises
     ------

@@ -246,7 +246,7 @@ def _where(target: pin.SE3) -> str:
 def _amount(task: Task, error: Array) -> str:
     """Format a task error (m,) for a message: the distance, m, and the angle, rad.
 
-    The angle is left out if its number is not larger than that of the distance.
+    The angle is left out if its value in rad is at most that of the distance in m.
     """
     way = float(np.linalg.norm(error[task.kind.linear]))
     angle = float(np.linalg.norm(error[~task.kind.linear]))
@@ -343,10 +343,11 @@ def _with_corner(
 def _hint(task: Task, start: Array, path: TaskPath, knots: tuple[float, ...]) -> str:
     """Return the end of an error message: a question on a likely mistake in the waypoints.
 
-    If the waypoints are in reach when read as mm, the text asks whether they are in mm. If they are
-    in reach when read as relative to the start, it asks whether they are. Otherwise, the text is
-    empty. ``start`` (n,) is the start configuration, and ``knots`` are the values of the path
-    parameter s at the corners and both ends.
+    If the waypoints are far from the base, but in reach when read as mm, the text asks whether they
+    are in mm. If the first waypoint is 0, and all are in reach when counted from the start, the
+    text asks whether they are counted from the start. Otherwise, the text is empty. ``start`` (n,)
+    is the start configuration, and ``knots`` are the values of the path parameter s at the corners
+    and both ends.
     """
     if len(task.frames) > 1:
         return ""
@@ -373,7 +374,7 @@ def _all_reached(task: Task, q: Array, path: TaskPath, points: Array) -> bool:
 
 
 def _shortfall(task: Task, q: Array, target: pin.SE3) -> str:
-    """Try to reach a target from q (n,); return the error message, empty without an error."""
+    """Solve for a target from q (n,); return the solver's error message, empty if solved."""
     try:
         solve_near(task, q, target, tolerance=_THERE)
     except InputError as error:

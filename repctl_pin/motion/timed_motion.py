@@ -29,8 +29,8 @@ class TimedMotion:
         last ones shortly after it, at rest.
     q, qdot, qddot : (T, n) arrays
         Positions, rad or m, velocities and accelerations, per s and s². Velocities are central
-        differences over ±1 ms, and accelerations over ±2 ms, because the q̈ of a time-optimal
-        motion jumps. A sample time below 1 ms takes the place of 1 ms.
+        differences over ±h, and accelerations over ±2 h, because the q̈ of a time-optimal motion
+        jumps. h is 1 ms, or the time between two samples if that is shorter.
     starts : (cycles + 1,) array
         Times at which the cycles begin and the last one ends, s.
     length, speed : (K,) arrays
@@ -96,16 +96,15 @@ class TimedMotion:
 
     @property
     def _is_its_motion(self) -> bool:
-        """True if ``motion`` has the same samples, so that both have the same violations."""
+        """True if ``motion`` has the same samples as this motion, and so the same violations."""
         return False
 
     @property
     def _shortest_part(self) -> tuple[float, str]:
         """Duration, s, of the shortest part that a file must resolve, and the part's name.
 
-        For a motion of cycles, the part is a cycle. For a motion between poses, which is a
-        subclass, it is the shortest motion from one rest to the next. The name, such as "cycle", is
-        used in messages.
+        Here, the part is a cycle. In the subclass for motions between poses, it is the shortest
+        motion from one rest to the next. The name, such as "cycle", is used in messages.
         """
         return self.cycle_time, "cycle"
 

@@ -213,11 +213,12 @@ def filled_struct(
     reals: Mapping[str, ArrayLike],
     scalars: Mapping[str, Any],
 ) -> tuple[Any, list[NDArray[np.generic]]]:
-    """Create a C struct whose pointers point to copies of arrays, converted to C's types.
+    """Create a C struct whose pointers point to arrays, converted to C's types.
 
     ``ints`` and ``reals`` are arrays by member name, stored as int32 and double; ``scalars`` are
-    the other members. Returns the struct, and the list of the converted arrays. The struct's
-    attribute ``held``, a dict of these arrays by name, keeps them in memory.
+    the other members. Contiguous arrays of these types are not copied, so later changes of their
+    entries have an effect in C. Returns the struct, and the list of the converted arrays. The
+    struct's attribute ``held``, a dict of these arrays by name, keeps them in memory.
     """
     held: dict[str, NDArray[np.generic]] = {}
     held |= {name: np.ascontiguousarray(values, np.int32) for name, values in ints.items()}

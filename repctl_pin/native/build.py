@@ -236,8 +236,8 @@ def _digest(command: list[str], lines: list[list[str]]) -> bytes:
     """Return the bytes that a library contains if it was built here by these command lines.
 
     They are a fixed text, a hash of the C files, and a hash of the version of the compiler
-    ``command`` and of ``lines``, one command line per object file. The hash is the same for a copy
-    of this folder.
+    ``command`` and of ``lines``, one command line per object file. A copy of this folder gives the
+    same bytes.
     """
     version = subprocess.run([*command, "--version"], capture_output=True, check=False).stdout
     texts = [" ".join(line).replace(f"{FOLDER}{os.sep}", "").encode() for line in lines]

@@ -71,8 +71,8 @@ class Bend:
 
         ``p(u) = c − α(u) cut d₀ + β(u) cut d₁``, with the corner c, the unit vectors d₀ and d₁
         along the first and the second edge, and the length ``cut`` taken off each edge. Thus
-        ``α(u) = β(1 − u)``, ``β(0) = β′(0) = β″(0) = β″(1) = 0`` and ``β(1) = 1``. With curves in
-        place of the edges, α and β blend these curves.
+        ``α(u) = β(1 − u)``, ``β(0) = β′(0) = β″(0) = β″(1) = 0`` and ``β(1) = 1``. A corner
+        between two curves is rounded with α and β as fractions of the parts cut off the curves.
         """
         scale = self.length(1.0) / np.sin(self.phi)
         return scale * self.at(1 - u)[1], scale * self.at(u)[1]

@@ -185,9 +185,9 @@ def facing(
 
     ``point`` and ``slope`` are p(s), m, and dp/ds of the path, ``target`` is the point (3,), m, all
     in the base frame, and ``start`` is R(0). In the frame's axes, the direction of the point is
-    constant:
-    ``R(s) = T(d₀ → d(s)) R(0)``, where d(s) is the unit vector from p(s) to the point, d₀ = d(0),
-    and T the shortest rotation. With ḋ = dd/ds, ``ω = d × ḋ − (d₀ × d)·ḋ / (1 + d₀·d) d``.
+    constant: ``R(s) = T(d₀ → d(s)) R(0)``. Here d(s) is the unit vector from p(s) to the point,
+    d₀ = d(0), and T is the shortest rotation from d₀ to d(s). With ḋ = dd/ds,
+    ``ω = d × ḋ − (d₀ × d)·ḋ / (1 + d₀·d) d``.
 
     The third result is the function (s, length) → upper bound of the rotation, rad, over an arc of
     the path that begins at s and has at most this length, m.

@@ -286,10 +286,10 @@ def _polyline(
 def _edge_sizes(corners: Array, rotation: Array | list[Array], name: str) -> Array:
     """Measure the edges between corners (P, 3): (P − 1,), m, where 1 rad of rotation counts 0.1 m.
 
-    The size of an edge is √(length² + (0.1 m · angle)²). An edge between equal corners, a pause,
-    counts as the mean of the other edges. ``rotation`` is one orientation, or one per corner;
+    The size of an edge is √(length² + (0.1 m · angle)²). An edge of size 0, a pause, counts as
+    the mean of the other edges. ``rotation`` is one orientation, or one per corner;
     ``name`` is the path's name in error messages. InputError is raised for too many corners, and if
-    all of them are the same.
+    all edges have size 0.
     """
     if len(corners) - 1 > MOST_POINTS:
         raise InputError(f"{name} has {len(corners)} points; reduce them to at most {MOST_POINTS}")
@@ -388,8 +388,8 @@ def _rounded(
 
     Returns three results: the lines and half bends in order; the knots at their ends, from 0 on;
     and the knots (P,) of the midpoints of the corners' bends. Over a half bend, the knots increase
-    by its arc length, m. Over the rest of an edge, they increase by the size of the edge, m, from
-    ``sizes`` (P − 1,), times the fraction of the edge that the bends leave.
+    by its arc length, m. Over the straight rest of an edge, the increase is the edge's entry of
+    ``sizes`` (P − 1,), m, times the fraction of the edge that the bends leave.
     """
     at = _Corners.of(corners, radius, name)
     pieces: list[_Curve] = []
@@ -436,7 +436,7 @@ class _Corners(NamedTuple):
     For each of P corners, ``units`` and ``before`` (P, 3) are the unit vectors along the edges that
     leave and reach the corner, ``inward`` (P, 3) the unit vector towards which the path turns,
     ``bends`` its bend (None for a sharp corner), and ``cut`` (P,) the length, m, cut off both
-    edges. ``straight`` (P,) is the fraction of each leaving edge that remains.
+    edges. ``straight`` (P,) is the fraction of the edge after each corner that the bends leave.
     """
 
     units: Array

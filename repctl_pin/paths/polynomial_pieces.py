@@ -98,9 +98,10 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **attributes: Any) -> Task
         return _clenshaw(u, slope_series[i] if slope else series[i])
 
     def spin(s: float) -> Array:
-        """Evaluate ω(s) (3,), rad per cycle: the vector part of ``2 p′ p* / |p|²``.
+        """Evaluate the frame's angular velocity ω(s) (3,), rad per cycle, base axes.
 
-        p(s) is the quaternion of the pieces, p′ = dp/ds, and p* its conjugate.
+        ω is the vector part of ``2 p′ p* / |p|²``, where p(s) is the quaternion of the pieces, p′
+        is dp/ds, and p* is the conjugate of p.
         """
         p, dp = at(s)[3:], at(s, slope=True)[3:]
         return 2 * (p[3] * dp[:3] - dp[3] * p[:3] - np.cross(dp[:3], p[:3])) / (p @ p)
@@ -117,7 +118,7 @@ def path_of(pieces: Sequence[Piece], rotation: Array, **attributes: Any) -> Task
 def _columns(coefficients: Array) -> list[list[float]]:
     """Convert coefficients (d, k) of k Chebyshev series, c₀ first, to k lists with c₀ last.
 
-    A list has d numbers, or 2 if d is 1.
+    A list has d numbers. If d is 1, a list is [0, c₀], because :func:`_clenshaw` needs two.
     """
     padding = np.zeros((max(2 - len(coefficients), 0), coefficients.shape[1]))
     return np.vstack([coefficients, padding])[::-1].T.tolist()
@@ -154,9 +155,10 @@ def _arc(ends: Array, slopes: Sequence[Array], at: Callable[[float], Array]) -> 
     )
 
     def arc(a: float, b: float) -> tuple[float, float]:
-        """Bound length, m, and rotation, rad, from s = a to b, within a smooth part of the path.
+        """Return upper bounds of the length, m, and of the rotation, rad, from s = a to b.
 
-        The rotation is bounded by ``|ω| ≤ 2 |p′| / |p|`` for the quaternion p(s), with ′ = d/ds.
+        a < b, with no corner of the path between them. The rotation is bounded by ``|ω| ≤ 2 |p′| /
+        |p|`` for the quaternion p(s), with ′ = d/ds. Its bound is infinite if p may be 0 there.
         """
         first, last = np.searchsorted(ends, [a, b]).tolist()
         length, turned = (rates[first : last + 1].max(axis=0) * (b - a)).tolist()
@@ -190,7 +192,7 @@ def _fitted(
 
     ``turns`` is True if the frame rotates, ``size`` is the extent of the path, m, to which position
     errors are relative, and ``depth`` the number of halvings so far. InputError is raised if the
-    error still exceeds 1e-9 after the last halving.
+    error still exceeds 1e-9 after six halvings.
     """
     values = partial(_placed, path, begin, end, turns)
     worst = np.inf

@@ -33,7 +33,10 @@ _STILL = "holds still"
 @dataclass(frozen=True, eq=False, repr=False)
 @read_only
 class SeveralPaths(TaskPath):
-    """Closed path of a task of several frames, made of one path per frame.
+    """Closed path of a task of F frames, made of one path per frame.
+
+    The functions ``point`` and ``slope`` give the values of all frames in one array (3 F,), and
+    ``points`` gives (P, 3 F); ``rotation`` is that of the first frame only.
 
     Attributes
     ----------

@@ -45,11 +45,13 @@ def circle(
     radius
         Radius, m.
     normal
-        Axis of the circle, ``x``, ``y`` or ``z`` of the base, with ``-z`` for the opposite
-        direction; or the plane of the circle: ``yz``, ``xz``, ``xy``.
+        Axis of the circle, ``x``, ``y`` or ``z`` of the base, around which the frame moves in the
+        positive sense; or the plane of the circle, such as ``xz`` for a motion from x towards z,
+        ``yz`` or ``xy``. A minus sign, as in ``-z``, reverses the motion.
     start_angle
-        Angle α of the start on the circle, rad from the plane's first axis: in the plane, the
-        centre is at ``p − radius (cos α, sin α)``, where p is the start.
+        Angle α of the start on the circle, rad, counted from the plane's first axis in the
+        direction of the motion. In the plane xy, the centre is at ``p − radius (cos α, sin α)``,
+        where p is the start.
     rotation
         ``fixed`` keeps the orientation at q0. ``tangent`` rotates the frame with the direction of
         the circle, a full turn per cycle, for which repeatability is not guaranteed. A point (3,),
@@ -141,8 +143,8 @@ def figure_eight(
     radius
         Half of the extent along the long axis, m.
     normal
-        Normal of the curve's plane, ``x``, ``y`` or ``z`` of the base, with ``-z`` for the opposite
-        direction; or the plane: ``yz``, ``xz``, ``xy``.
+        Normal of the curve's plane, ``x``, ``y`` or ``z`` of the base, or the plane: ``yz``,
+        ``xz``, ``xy``. A minus sign, as in ``-z``, mirrors the curve at the plane's first axis.
     start_angle
         Direction of the long axis, rad from the plane's first axis, such as x for ``z``.
 
@@ -198,8 +200,8 @@ def rose(
     petals
         Number of petals, odd.
     normal
-        Normal of the rose's plane, ``x``, ``y`` or ``z`` of the base, with ``-z`` for the opposite
-        direction; or the plane: ``yz``, ``xz``, ``xy``.
+        Normal of the rose's plane, ``x``, ``y`` or ``z`` of the base, or the plane: ``yz``,
+        ``xz``, ``xy``. A minus sign, as in ``-z``, mirrors the rose at the plane's first axis.
 
     Returns
     -------
@@ -246,8 +248,8 @@ def _frame(task: Task, q0: ArrayLike, normal: str) -> tuple[pin.SE3, Array, Arra
 
     ``normal`` is the axis or plane that the user gave, such as "-z" or "xz"; the name of the plane
     is xy, yz or xz, with the axes of the base frame. The vectors (3,) are along these two axes, in
-    that order. With a minus sign, the second vector is reversed, and so is the direction of the
-    path.
+    that order. For ``-xy``, ``-yz``, ``-xz`` and ``-z``, ``-x``, ``y``, the second vector is
+    reversed, and so is the direction of a circle: about y, a circle leads from z to x.
     """
     normal = require_type(
         normal, str, "normal", "an axis, 'x', 'y' or 'z', or a plane, 'xy', 'yz' or 'xz'"

@@ -85,8 +85,8 @@ class TaskPath:
         Options of the command line for this path: ``circle:0.1:180``, ``xy``. Empty for a path
         created in Python, or one without a plane.
     corners : tuple of str
-        Names of the corners, from the start to the end: lines of a file. Empty if they have no
-        names.
+        Names of the waypoints from s = 0 to 1, such as ``line 3`` for a line of a file. Empty if
+        they have no names.
     spin : function of s, optional
         ω(s) with ``dR/ds = [ω]× R``, rad per cycle, base axes; by default computed by finite
         differences of R(s).
@@ -157,7 +157,10 @@ class TaskPath:
         return np.concatenate([self.slope(s), np.zeros(3) if self.spin is None else self.spin(s)])
 
     def points(self, count: int = 201) -> Array:
-        """Sample the frame's positions at ``count`` values of s and at the corners: (P, 3), m."""
+        """Sample the frame's positions, in the order of s: (P, 3), m.
+
+        The samples are at ``count`` evenly spaced values of s, from 0 to 1, and at the corners.
+        """
         count = as_int(count, "count", 2, MOST_STEPS)
         return np.array([self.point(s) for s in np.union1d(np.linspace(0, 1, count), self.breaks)])
 
@@ -215,10 +218,11 @@ def closed_path(path: Any) -> TaskPath:
 
 
 def with_arc(path: TaskPath, arc: ArcBound | None) -> TaskPath:
-    """Set the attribute ``arc`` of a path that has just been created, and return this path.
+    """Set the attribute ``arc`` of a path, and return the path itself, not a copy.
 
-    ``arc`` is the function (a, b) → upper bounds of the length, m, and of the rotation, rad, from s
-    = a to b; None if there are no such bounds.
+    Call the function only on a path that nothing else uses yet, since paths are immutable. ``arc``
+    is the function (a, b) → upper bounds of the length, m, and of the rotation, rad, from s = a to
+    b; None if there are no such bounds.
     """
     object.__setattr__(path, "arc", arc)
     return path
@@ -270,8 +274,9 @@ def _check_closed(path: TaskPath, size: float) -> None:
 def _check_twist(path: TaskPath, size: float, samples: list[tuple[float, float]]) -> None:
     """Raise InputError unless the twist is the derivative of the placement at samples (s, e).
 
-    A wrong derivative would make every motion miss its path. It is compared with central
-    differences between s − e and s + e. ``size`` is that of the path, m, for the tolerance.
+    The twist is compared with central differences of the placement between s − e and s + e: with a
+    wrong derivative, every motion would miss its path. ``size`` is the extent of the path, m, from
+    which the tolerance is computed.
     """
     twists = np.array([path.twist(s) for s, _ in samples])
     differences = np.array(

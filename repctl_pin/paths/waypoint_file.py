@@ -42,8 +42,8 @@ def read_waypoints(file: str | Path) -> Waypoints:
     Raises
     ------
     InputError
-        If the file cannot be read, or a line has the wrong number of finite numbers; the message
-        names the line.
+        If the file cannot be read, a line has the wrong number of finite numbers, a quaternion does
+        not have length 1, or the time does not increase. The message names the line.
 
     Examples
     --------

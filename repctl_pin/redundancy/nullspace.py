@@ -45,8 +45,8 @@ def null_vector(J: ArrayLike) -> Array:
     """Evaluate the null vector that is smooth in q, for r = 1: the generalized cross product.
 
     ``n_i = (−1)^i det(J without column i)``, i counted from 0. This vector is not normalised:
-    ``‖n‖² = det(J Jᵀ)``, so n is 0 where J loses rank. In the paper's examples, n is the vector of
-    (12), that of (18), and √2 times the unit vector n̂_J of (41).
+    ``‖n‖² = det(J Jᵀ)``, so n is 0 where J loses rank. In the paper's examples, n is equal to the
+    vectors in (12) and (18), and to √2 times the unit vector n̂_J in (41).
 
     Parameters
     ----------

@@ -94,8 +94,8 @@ def _direction_digits() -> NDArray[np.uint32]:
     """Tabulate the binary digits of the direction numbers: an array of 0 and 1, cached.
 
     The axes are [dimension, digit (most significant first), direction number], of lengths D, 30 and
-    30, with D = :data:`_MOST_DIMENSIONS`. The digits of a point's coordinate are exclusive ors of
-    those of the direction numbers of its dimension.
+    30, with D = :data:`_MOST_DIMENSIONS`. Before scrambling, the k-th digit of a point's coordinate
+    is the exclusive or of the k-th digits of some direction numbers of that dimension.
     """
     numbers = [[1] * _BITS]
     for row in _JOE_KUO.split(";"):

@@ -41,8 +41,9 @@ class Tube(Region):
     Parameters
     ----------
     samples : (S, n) array
-        Configurations along a motion, rad or m, spaced by less than the radius. If there are more
-        than 256, only 256 evenly spaced ones are used.
+        Configurations along a motion, rad or m. Successive ones must differ by less than the
+        radius, or the tube has gaps. If there are more than 256, only 256 of them are used, evenly
+        spaced in their order.
     radius : float or (n,) array
         Radius, rad (m for prismatic joints): one number for all joints, or one per joint.
     density : function, optional

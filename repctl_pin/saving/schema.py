@@ -100,7 +100,7 @@ class ArmAngleFile(Part, tag_field="kind", tag="arm-angle"):
     ``frames`` are shoulder, elbow and wrist. ``reference`` is the direction, in base axes, from
     which the angle is measured. ``singular`` is the direction from shoulder to wrist, in base axes,
     at which a stereographic arm angle is undefined; null if the arm angle is the conventional one.
-    ``points`` are the origins of the frames, m in the root frame, at each ``q`` of the task's
+    ``points`` are the origins of the three frames, m in the base frame, at each ``q`` of the task's
     ``fingerprint``; if they differ on loading, a frame has moved. Older files lack ``points``.
     """
 
@@ -217,10 +217,10 @@ class TaskFile(Part):
     joints, ``task`` is the kind of task, such as ``pose``. ``fingerprint`` holds placements of the
     frame at several configurations, by which a changed robot is detected. ``limits`` are
     the limits of ``joints``; older files lack them. ``frames`` exists only for a task of several
-    frames; ``frame`` and ``task`` then join the names and the kinds of all. ``tool`` is the
-    placement (4, 4) of a tool in the link ``frame``, if the task controls the tool. ``coordinates``
-    occurs in older files only: null, or a matrix T (n, n) of joint coordinates ψ with q = T ψ; a
-    file with T is refused.
+    frames; ``frame`` and ``task`` are then their names and their kinds, joined by " + ". ``tool``
+    is the placement (4, 4) of a tool in the link ``frame``, if the task controls the tool.
+    ``coordinates`` occurs in older files only: null, or a matrix T (n, n) of joint coordinates ψ
+    with q = T ψ; a file with T is refused.
     """
 
     robot: str
@@ -331,11 +331,11 @@ class ClosingRadiusFile(Part):
     the radius in position and orientation; ``radians`` is null if the task commands no orientation.
     ``around`` is ``start`` or ``path``, ``kind`` the kind of task, and ``start`` a configuration.
     ``positions``, m, and ``rotations``, matrices, are those of the start pose, or along the path.
-    ``boxes`` is the number of boxes that were bounded. ``complete`` is false if the proof ran out
-    of time, and ``reason`` says why the radius is not larger. ``checked`` is the number of points
-    at which the path itself was checked to close; 0 if that is proved, or for a radius around a
-    start. ``leaf`` is the maximum change of each level h(q), from its value at ``start``, that the
-    proof covers.
+    A proof divides a region into boxes; ``boxes`` is the number of boxes over which bounds were
+    computed. ``complete`` is false if the proof ran out of time, and ``reason`` says why the radius
+    is not larger. ``checked`` is the number of points at which the path itself was checked to
+    close; 0 if that is proved, or for a radius around a start. ``leaf`` is the maximum change of
+    each level h(q), from its value at ``start``, that the proof covers.
     """
 
     metres: float
@@ -355,16 +355,17 @@ class ClosingRadiusFile(Part):
 class ProofFile(Part):
     """Bounds that are proved over a whole region or cell.
 
-    They are lower bounds of the leaf margin, the limit margin and σ_min(J). ``boxes`` is the number
-    of boxes that were bounded. ``worst`` and ``half`` are the centre and the half-widths of one
-    box: the one at which the proof failed, otherwise the one with the smallest bound of the leaf
-    margin. ``what`` describes the design, ``proved`` is true if all that was required is proved,
-    and ``reason`` is the cause of an early end. ``theorem`` is the version of the theorem. Joints
-    in ``excepted`` are left out of the limit margin, and ``closes`` is the closing radius. A null
-    ``limit_margin`` means that the robot has no joint limits. A null ``asked_leaf_margin`` or
-    ``asked_limit_margin`` means that no such bound was required. ``subject`` is a hash of what is
-    proved, and ``seal`` a hash of the whole proof; a proof without them, from an older file, is
-    dropped. ``seconds``, the computing time, is in older files only.
+    They are lower bounds of the leaf margin, the limit margin and σ_min(J). A proof divides the
+    region or cell into boxes; ``boxes`` is the number of boxes over which bounds were computed.
+    ``worst`` and ``half`` are the centre and the half-widths of one box: the one at which the proof
+    failed, otherwise the one with the smallest bound of the leaf margin. ``what`` describes the
+    design, ``proved`` is true if all that was required is proved, and ``reason`` is the cause of an
+    early end. ``theorem`` is the version of the theorem. Joints in ``excepted`` are left out of the
+    limit margin, and ``closes`` is the closing radius. A null ``limit_margin`` means that the robot
+    has no joint limits. A null ``asked_leaf_margin`` or ``asked_limit_margin`` means that no such
+    bound was required. ``subject`` is a hash of what is proved, and ``seal`` a hash of the whole
+    proof; a proof without them, from an older file, is dropped. ``seconds``, the computing time, is
+    in older files only.
     """
 
     what: str

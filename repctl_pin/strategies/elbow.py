@@ -157,7 +157,7 @@ class Elbow:
         Task of the arm.
     link
         Link whose origin is the elbow; None for the origin of the elbow joint, the joint in the
-        middle of the arm that moves most in self-motions at the reference pose.
+        middle of the arm whose origin moves most in self-motions at the reference pose.
     """
 
     def __init__(self, task: Task, link: str | None) -> None:
@@ -196,8 +196,10 @@ class Elbow:
     def _velocity(self, frame: int) -> Array:
         """Return the Jacobian of the model's frame with index ``frame``: rows of v, then ω.
 
-        v is the velocity of the frame's origin; v and ω are in world axes. The Jacobian is (6, nv),
-        with one column for each of the nv joint velocities of the model, also of joints outside q.
+        Compute the joint Jacobians and frame placements of the model at q (n,) first: the result is
+        the Jacobian at q. It is (6, nv), with one column for each of the nv joint velocities of the
+        model, also of joints outside q. v is the velocity of the frame's origin; v and ω are in
+        world axes.
         """
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return np.asarray(pin.getFrameJacobian(self._model, self._data, frame, axes))
@@ -222,10 +224,11 @@ def leaf_toward(
 
     The search begins at q (n,). p_elbow is the position of ``elbow``, and p_e is ``point`` (3,),
     both in the base frame, m. The method uses first and second derivatives by z (r,), the step
-    along the columns of N. After a step to q + N z, the frame is brought back to its pose. A joint
-    at a limit stays there unless the minimum is inside its limits. The search also ends where no
-    step brings the elbow nearer within these limits and away from singularities. ``margin`` is the
-    distance to keep from the joint limits, rad or m.
+    along the columns of N. After a step to q + N z, the frame is brought back to its pose. Steps
+    keep the distance ``margin``, rad or m, from the joint limits, and the bounds of
+    :class:`_Regular`. A joint at its limit stays there while the step to the minimum would take it
+    beyond. The search ends at a minimum, or where no step that keeps this distance and these bounds
+    brings the elbow nearer.
 
     Return the level and the configuration at the end of the search, with the distance that is left.
     SingularityError is raised if the search cannot begin because q is near a singularity.
@@ -288,7 +291,7 @@ def _newton_step(
     The step leads from q (n,) to q + N z, with the null-space basis N (n, r). g (r,) and H (r, r)
     are the gradient and the second derivatives of half the squared distance by z, and A (3, r) is
     the derivative of the elbow's position by z. ``lower`` and ``upper`` (n,) are the limits of q. A
-    joint at or beyond its limit that would move farther outward is moved to the limit. The step is
+    joint at or beyond its limit that would end beyond it is moved to the limit. The step is
     shortened so that no other joint passes its limit, and no joint moves by more than 0.3 rad or m.
     The second result is False if the minimum is not unique, because slope and curvature vanish
     along a direction.
@@ -347,12 +350,13 @@ def _accepted(
     limits: tuple[Array, Array],
     regular: _Regular,
 ) -> Array | None:
-    """Find a configuration with the elbow nearer to a point, along the step ``way`` (n,) from q.
+    """Halve the step ``way`` (n,) from q until its end is acceptable; return this end, or None.
 
-    ``point`` (3,) is in the base frame, m. The step is halved until its end is within the
-    ``limits`` (lower, upper), with the tolerance :data:`_INSIDE`, and within the bounds
-    ``regular``. The result is None if no such configuration is found. If q is beyond the limits,
-    the step moves the joints back, and may move the elbow away from the point.
+    An end has the frame at its pose, and is within the bounds ``regular``. From a q within the
+    ``limits`` (lower, upper), the end is within them, too, with the tolerance :data:`_INSIDE`, and
+    its elbow is nearer to ``point`` (3,), in the base frame, m. From a q beyond the limits, the end
+    is not farther beyond them, and either the joints are nearer to the limits or the elbow is
+    nearer to the point. A step of less than 1e-3 rad or m need not bring the elbow nearer.
     """
     task = inverse.task
     place, before = task.placement(q), np.linalg.norm(elbow.point(q) - point)

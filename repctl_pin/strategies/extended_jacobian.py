@@ -50,7 +50,8 @@ class ExtendedJacobian(RepeatableInverse):
     Raises
     ------
     InputError
-        If the potential is neither a posture nor a function, or has the wrong size.
+        If the potential is neither a posture nor a function, or has the wrong size, or the task is
+        not redundant.
 
     Examples
     --------

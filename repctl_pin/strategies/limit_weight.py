@@ -13,10 +13,11 @@ from ..model.task import Task, require_task
 
 
 class LimitWeight:
-    r"""Weights of the joint speeds that grow near joint limits, for
-    ``WeightedInverse(task, LimitWeight(task))``:
+    r"""Weights of the joint speeds that grow near joint limits.
 
-    .. math:: w_i = 1 + \text{gain} \sum_\mu \left( 1 + (\max(\mu, 0) / \rho_i)^2 \right)^{-2},
+    ``WeightedInverse(task, LimitWeight(task))`` uses the weights
+
+    .. math:: w_i = 1 + \text{gain} \sum_\mu \left( 1 + (\max(\mu, 0) / \rho_i)^2 \right)^{-2}.
 
     The sum is over the two distances μ of q_i from its lower and its upper limit, and ρ_i is
     ``onset`` times half the joint's range. w_i is about 1 in the middle of the range and 1 + gain

@@ -352,8 +352,8 @@ class RepeatableInverse:
         q : (n,) array
         link
             Link whose origin is the elbow. By default, the elbow is the origin of the elbow joint:
-            the joint in the middle of the arm that moves most in self-motions at the reference
-            pose.
+            the joint in the middle of the arm whose origin moves most in self-motions at the
+            reference pose.
         """
         return self._elbow(link).point(vector(q, self.task.n, "q"))
 

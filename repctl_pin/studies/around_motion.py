@@ -56,11 +56,11 @@ def design_for(
 ) -> tuple[Problem, Design]:
     """Design a repeatable inverse in the given region, or around the motion from the best start.
 
-    Default starts are tried until the repeatable motion keeps the joint limits, no bodies collide,
-    and its extra joint speed relative to J⁺ is at most 5 %. If there is no such start, the one with
-    the fewest kinds of violation and, among equals, the lowest extra joint speed is used; if its
-    motion violates a limit or bodies collide, a note is added to the problem. A given region or
-    start is not replaced.
+    Up to five default starts are tried, until the repeatable motion keeps the joint limits, no
+    bodies collide, and its joint speed exceeds that of J⁺ by at most 5 %. If there is no such
+    start, the one with the fewest kinds of violation is used, and among equals, the one with the
+    lowest joint speed relative to J⁺. If its motion violates a limit or bodies collide, a note is
+    added to the problem. A given region or start is not replaced.
 
     Parameters
     ----------
@@ -149,8 +149,8 @@ def shrunk_note(design: Design) -> tuple[str, ...]:
 def half_width_within(region: Region) -> str:
     """Format the smallest half-width of the box around a region, rad or m, to two digits.
 
-    The number is rounded down. If a design fails because its region contains a singularity, the
-    error message suggests this number, for a smaller region, as the argument ``region``.
+    The number is rounded down. An error message suggests it as the argument ``region`` of a
+    problem, the half-width of a box, if the design failed at a singularity in a larger region.
     """
     width = float(region.bounds.half_width.min())
     digit = 10.0 ** (np.floor(np.log10(width)) - 1)
@@ -211,9 +211,10 @@ def _around_motion(
 
     The motion of a design depends on its tube, and the tube on the motion. The first tube is
     therefore around the motion of a design of degree 1. If the motion of the new design leaves its
-    tube, the design is repeated in a tube around that motion, at most twice. ``width``, rad or m,
-    is the largest difference of a joint; None for 0.1 rad or 0.05 m. ``make`` designs in a given
-    region, ``seed`` is that of the nodes, and ``say`` is called with the name of each step.
+    tube, the design is repeated in a tube around that motion, at most twice. It is not repeated if
+    the tube had to be shrunk because of a singularity. ``width``, rad or m, is the largest
+    difference of a joint; None for 0.1 rad or 0.05 m. ``make`` designs in a given region, ``seed``
+    is that of the nodes, and ``say`` is called with the name of each step.
     """
     path, q0 = problem.cycle, problem.start
     say("finding where the motion will be")

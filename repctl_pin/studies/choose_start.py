@@ -75,9 +75,10 @@ class PathStart(NamedTuple):
     moved : bool
         True if q0 was moved to the first point of the path.
     violates : bool
-        True if J⁺ violates a limit, or bodies collide, in the first cycle from q0.
+        True for a default start from which J⁺ violates a limit, or bodies collide, in the first
+        cycle. Always False for a given start, or if J⁺ drifts by more than 1 rad or m.
     cycle : Motion or None
-        The first cycle of J⁺ from q0; None if it fails at a singularity.
+        The first cycle of J⁺ from q0; None if it fails at a singularity, or without a path.
     """
 
     q0: Array
@@ -274,9 +275,10 @@ def _check_regular(task: Task, q0: Array, remedy: str) -> None:
 def _best_first(task: Task, found: Iterable[PathStart], least: float) -> Iterator[PathStart]:
     """Sort starts by the first cycle of J⁺ from each, the best first.
 
-    First come starts without violations from which a part of the robot drifts by at least
-    ``least``, m. Starts from which no part drifts so far follow, then those with a violated limit
-    or a collision, and last those from which J⁺ drifts by more than 1 rad or m, or fails.
+    First come starts without violations at which some part of the robot ends at least ``least``, m,
+    from where it began. Starts at which no part ends so far away follow, then those with a violated
+    limit or a collision. Last come those at which the cycle fails, or the drift, the norm over the
+    joints, exceeds 1 rad or m.
     """
     faint: list[PathStart] = []
     violating: list[PathStart] = []

@@ -183,9 +183,10 @@ def _designed(
     """Design the repeatable inverse nearest to ``desired``; return problem and design.
 
     The returned problem can have another start than ``problem``, unless the user gave the start or
-    the region: default starts are tried until the repeatable motion keeps the limits, at low joint
-    speed. ``degree`` is that of the polynomials. ``say`` receives the name of each step; if
-    ``quiet``, not those of the fit.
+    the region: default starts are tried, as :func:`design_for` describes, until the repeatable
+    motion keeps the limits, with a joint speed at most 5 % above that of J⁺. ``degree`` is that of
+    the polynomials. ``say`` receives the name of each step; if ``quiet``, the steps of the fit are
+    not reported.
     """
     designing = f"designing the nearest repeatable inverse, degree {degree}"
 
@@ -244,9 +245,9 @@ def _rows(
 
     Controllers are J⁺, J⁺ with two postures, ``custom`` by name, and the design's inverse, in this
     order. ``cycles`` and ``steps`` are the numbers of cycles, and of steps per cycle. If ``period``
-    is None, it is chosen so that no joint exceeds its speed limit under J⁺ and the design's
-    inverse. Returns the rows, the period, s, and notes: on the period, and on J⁺ or the design's
-    inverse if its motion changes when the start moves by 1e-6 along the self-motion.
+    is None, it is chosen so that no joint exceeds its speed limit in cycle 1 of J⁺ and of the
+    design's inverse. Returns the rows, the period, s, and notes: on the period, and on J⁺ or the
+    design's inverse if its motion changes when the start moves by 1e-6 along the self-motion.
     """
     q0 = problem.start
     path = problem.cycle
@@ -290,7 +291,8 @@ def _rows(
 def _postures(task: Task, q0: Array) -> tuple[PostureControl, PostureControl]:
     """Make two controllers with a posture task: at q0 (n,), and at a configuration beside q0.
 
-    The second posture differs from q0 by a step in the null space of J.
+    The second posture is a step of 0.57 rad or m from q0 in the null space of J, clipped to the
+    joint limits.
     """
     N = align(nullspace(task.jacobian(q0)), np.eye(task.n)[:, : task.r])
     away = np.clip(q0 + _POSTURE_OFFSET * N[:, 0], task.lower, task.upper)

@@ -103,12 +103,12 @@ def violation_texts(row: Row) -> list[str]:
 
 
 def _extra_speed(plain: Motion | None, closed: Motion | None) -> list[str]:
-    """Make a note on a repeatable motion that is more than 5 % faster than that of J⁺.
+    """Make a note if the joint speed of the repeatable motion exceeds that of J⁺ by over 5 %.
 
     The note splits the extra speed into two parts: one relative to J⁺ at the same configurations,
     and one because J⁺ drifts to configurations where the path needs less joint speed. ``plain`` is
-    the motion of J⁺, ``closed`` the repeatable one. The list is empty if the repeatable motion is
-    at most 5 % faster, or if one of the two is None or leaves its path.
+    the motion of J⁺, ``closed`` the repeatable one. The list is empty if the extra joint speed is
+    at most 5 %, or if one of the two motions is None or leaves its path.
     """
     if plain is None or closed is None or plain.path_loss or closed.path_loss:
         return []

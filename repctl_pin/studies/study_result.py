@@ -77,8 +77,8 @@ class Row:
         """Time of the first cycle from rest to rest, s.
 
         It is as short as the speed and acceleration limits of the robot allow. Without acceleration
-        limits, each joint is assumed to reach its speed limit in 0.2 s. None where it cannot be
-        timed.
+        limits, each joint is assumed to reach its speed limit in 0.2 s. None without a motion, if
+        the joints do not move, or if no speed is within the limits.
         """
         if self.motion is None:
             return None

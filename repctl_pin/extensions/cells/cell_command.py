@@ -246,7 +246,10 @@ def run(options: Options) -> int:
 
 
 def _designed(options: Options, asked: _Asked, report: Report) -> rp.CellDesign:
-    """Design the function over the cell that the options describe; remedies name options."""
+    """Design the function over the cell ``asked``, with the settings that the options give.
+
+    The remedy of a NoFunctionError names options of the command.
+    """
     try:
         return rp.nearest_inverse_function(
             rp.Pseudoinverse(asked.cell.task),
@@ -442,7 +445,11 @@ def _placed(options: Options, at: Any, report: Report) -> _Asked:
 
 
 def _orientation(options: Options) -> Any:
-    """Return the orientation of the tool: a rotation matrix, ``"down"``, ``"forward"`` or None."""
+    """Return the orientation of the tool that the options request.
+
+    It is a rotation matrix (3, 3) for ``--rpy``, the text ``"down"`` for ``--down``, ``"forward"``
+    for ``--forward``, and None without any of these options.
+    """
     import numpy as np
     import pinocchio as pin
 

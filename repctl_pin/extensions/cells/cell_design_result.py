@@ -245,10 +245,11 @@ class CellDesign:
     def body_distance(self) -> float:
         """Minimum distance between two links, or between a link and the surroundings, m.
 
-        It is negative in a collision. The minimum is over the first 1024 held-out poses, the
-        corners of the cell and, if no bodies collide at these, the poses that a search visits from
-        the nearest of them. The distance is infinite if there are no collision bodies, and NaN if
-        the bodies have changed since the design was saved.
+        It is negative in a collision. The minimum is over the first 1024 held-out poses and the
+        corners of the cell, where the function covers them. If no bodies collide at these poses,
+        the minimum includes poses at which a search finds each pair of bodies nearest. The distance
+        is infinite if there are no collision bodies, and NaN if the bodies have changed since the
+        design was saved.
         """
         return self.evaluation.body_distance
 
@@ -285,7 +286,11 @@ class CellDesign:
         } | ({"stopped": "\n".join(map(str, j.failures))} if j.failures else {})
 
     def _limit_margin_words(self) -> str:
-        """Write the smallest limit margins, and what self-motion could reach at the same poses."""
+        """Write the limit margins at the worst pose found by search and at the worst held-out pose.
+
+        After each margin, in brackets, is the largest limit margin that was found along the
+        self-motion of the same pose.
+        """
         j, unit = self.evaluation, self.task._joint_unit
         if not np.isfinite(j.limit_margin):
             return "no limits"
@@ -561,10 +566,10 @@ def tour(cell: Cell) -> TaskPath:
         return np.asarray(a @ np.cos(k * s) + b @ np.sin(k * s), float)[None]
 
     def twists(U: Array) -> Array:
-        """Evaluate the frame's velocities (v, ω), per m or rad along each coordinate: (6, k).
+        """Evaluate the frame's velocities (v, ω), base axes, at the coordinates U (1, k): (6, k).
 
-        The pose has the coordinates U (1, k). The velocities are in base axes, and column i is the
-        velocity per m or rad along the coordinate u_i.
+        Column i is the velocity while only the i-th coordinate of the cell changes, per m or rad of
+        this coordinate: not per unit of u_i, which is scaled to [−1, 1].
         """
         return cell._frame_twists(cell.spread(U))[0][:, moved]
 

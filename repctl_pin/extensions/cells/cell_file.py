@@ -93,11 +93,12 @@ class _TurnFile(Part):
     joint's largest and smallest value over the covered poses. In the range ``reach`` of the
     coordinate, the joint stays within its limits at every covered pose. In the range ``nearly`` it
     does so at 99.9 % of the covered poses, in ``most`` at 99 %, and in ``as_covered`` at the
-    fraction ``covered``. ``covered`` is the fraction of the sampled poses that the function covers,
-    if no joint is limited that alone moves a coordinate of the requested range ``"all"``. ``price``
-    is the extra joint speed that the requested range costs, and ``unasked`` the ``reach`` of a
-    function designed without that request. ``bodies`` are the links that collide just beyond the
-    range of the function; empty if no bodies end this range.
+    fraction ``covered``. ``covered`` is the fraction of the sampled poses that the function covers;
+    the limits of joints that move a coordinate with the range ``"all"`` do not count. ``price`` and
+    ``unasked`` compare the function with a second one, designed for the range ``"all"`` instead of
+    the requested one: ``price`` is the extra joint speed of the function minus that of the second
+    one, and ``unasked`` is the ``reach`` of the second one. ``bodies`` are the links that collide
+    just beyond the range of the function; empty if no bodies end this range.
     """
 
     coordinate: str

@@ -56,7 +56,7 @@ _PART = 2048
 
 _MARCH = 0.05
 _LEAST = 0.1
-"""Leaf margin at which the intervals of :meth:`InverseFunction.leaves` end."""
+"""Value of ``σ_min(Nᵀ n̂_ref)`` at which the ranges of :meth:`InverseFunction.leaves` end."""
 
 
 class InverseFunction:
@@ -242,8 +242,9 @@ class InverseFunction:
     def _law(self, U: Array, C: Array) -> tuple[Array, tuple[int, InputError] | None]:
         """Evaluate F (K, n) in NumPy at coordinates U (K, k) in the cell, with the levels C (K, r).
 
-        Rows without a configuration are NaN. Return also (number, InputError) of the first such
-        row, with the reason; None if there is no such row.
+        Rows without a configuration are NaN. Return also (number, InputError) of one such row, with
+        the reason: the first without a solution, else the first beyond a joint limit. None if there
+        is no such row.
         """
         reduced, shift = self.chart.cell._split(U)
         points = self.chart.solve(reduced, C)

@@ -193,8 +193,9 @@ def velocity(inverse: RepeatableInverse, xp: Namespace) -> Callable[[Numbers, Nu
     -------
     function (q, xdot) → qdot
         q (..., n), ẋ (..., m) as for :meth:`RepeatableInverse.velocity`, q̇ (..., n). Leading axes
-        are broadcast. q̇ is NaN beyond the joint limits, where [J; Vᵀ] is singular and, for a cell,
-        outside the cell. Another region Ω is not checked.
+        are broadcast. q̇ is NaN in three cases: q violates a joint limit, [J; Vᵀ] is singular, or
+        the pose is outside the cell, if the inverse is that of a cell. The region Ω of a design
+        without a cell is not checked.
 
     Raises
     ------
@@ -273,8 +274,8 @@ def _operator(function: Callable[..., Any]) -> Callable[..., Any]:
 def _operators() -> Callable[..., Any]:
     """Register torch's operator for all wrapped functions, with its derivative, and return it.
 
-    The operator's arguments are the number under which :func:`_operator` has stored a function in
-    ``_functions``, and the one or two arrays of that function.
+    The operator calls ``_functions[number]``, in which :func:`_operator` has stored a wrapped
+    function. The operator's arguments are ``number``, and the one or two arrays for the function.
     """
     import torch
 
@@ -546,11 +547,13 @@ def _kinematics(xp: Namespace, task: Task) -> Callable[[Numbers], tuple[list[Num
 def _next_link(
     xp: Namespace, at: tuple[Numbers, Numbers], table: Numbers, slide: Numbers, angle: Numbers
 ) -> Any:
-    """Go from one link of a chain to the next: (R, p) → (R, p), (z axis of the joint, its origin).
+    """Compute the placement of the next link of a chain from that of the link before.
 
-    R (3, 3, K) has the axes of the link as its first axis, p (3, K) is its origin, in the root
-    frame. The rows of ``table`` (4, 3) are the axes and the origin of the joint in the link before.
-    The joint slides along z by ``slide`` (K,), m, and rotates about z by ``angle`` (K,), rad.
+    ``at`` is (R, p) of the link before, in the root frame: R[i] (3, K) is its unit axis x, y or z,
+    and p (3, K) its origin, m. The rows of ``table`` (4, 3) are the axes x, y, z and the origin of
+    the joint in the link before. The joint slides along its z axis by ``slide`` (K,), m, and
+    rotates about it by ``angle`` (K,), rad. Return (R, p) of the next link, and the pair (z axis of
+    the joint, origin of the joint before it slides), (3, K) each.
     """
     R, p = at
     x, y, z, step = _unstack(
@@ -711,9 +714,9 @@ def _displacement(
 def _measured(xp: Namespace, cell: Cell, X: list[Numbers]) -> list[Numbers]:
     """Compute the offsets y of a placement X from the cell's middle: m arrays (K,), m and rad.
 
-    In a box, the offsets are components of the position, and of a rotation vector or the tilts of
-    the tool: those that the task commands. In a sector, a cell around an axis, the offsets are the
-    radius, angle and height about the axis, the tilts, and the spin of the tool.
+    In a box, the offsets are the commanded components of the position, then a rotation vector (pose
+    task) or two tilts of the tool (axis task). In a sector, a cell around an axis, they are the
+    first m of radius, angle, height, two tilts of the tool, and spin.
     """
     if not isinstance(cell, Sector):
         return _displacement(xp, cell.task.kind, _middle(xp, cell, X), X)

@@ -295,7 +295,10 @@ class _ArmNode(Node):
         return self._answered(response)
 
     def _answered(self, response: Any) -> Any:
-        """Fill in and return a service's response: success, and a line with the servo's state."""
+        """Fill in and return a service's response: success, and the servo's state as text.
+
+        Success is always True.
+        """
         response.success = True
         response.message = self.servo.said
         return response

@@ -402,16 +402,20 @@ class Servo:
 
     @property
     def stopped_early(self) -> bool:
-        """True if the governor stops the arm before its target.
+        """True if the governor slows down or stops the arm before its target or its level.
 
-        The cause is a joint limit, a near body, a singularity, or the edge of the region Ω.
+        The cause is a joint limit, near bodies, a singularity, or the edge of the region Ω or the
+        cell ahead. It can also be an invalid target, or a joint that is already beyond its limit.
         """
         asked = self._moving_asked() or self._asked is not None
         return self.state is State.RUNNING and asked and self.status in _AHEAD
 
     @property
     def elbow_said(self) -> str:
-        """Display text: the distance of the elbow from its point, m; empty without a point."""
+        """Display text: distance of the elbow from its point, m, or why no level was found.
+
+        The text is empty without a point, and until the first search has ended.
+        """
         return self._elbow.said
 
     @property
@@ -443,9 +447,9 @@ class Servo:
         return beyond(self._closes, self._inverse, self.command)
 
     def _ahead(self) -> str:
-        """Describe what stops the arm before the target: a limit, bodies, a singularity, Ω's edge.
+        """Describe what stops the arm before its target or level, such as a joint limit ahead.
 
-        It is called only while :attr:`stopped_early` is True, so that there is a reason.
+        Call this method only while :attr:`stopped_early` is True.
         """
         if self.status is Status.LIMIT and self.command is not None:
             margin = self.task.limit_margin(self.command)

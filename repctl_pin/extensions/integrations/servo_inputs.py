@@ -86,8 +86,8 @@ class JointReadings:
     def rest(self, now: float, duration: float) -> bool:
         """Test whether the measured joints have been constant for a duration, s, until ``now``.
 
-        Commands may begin only at rest. Each call compares the joints with those of earlier calls;
-        the result is False until all joints have been measured.
+        Commands may begin only at rest. Call this method at every tick: it compares the joints with
+        those of earlier calls. The result is False until all joints have been measured.
         """
         q, _ = self.measured(now)
         if q is None:

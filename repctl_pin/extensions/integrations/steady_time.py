@@ -14,7 +14,7 @@ class SteadyTime:
     Parameters
     ----------
     dt
-        Period of the ticks, s, by which the time advances if the clock stopped or stepped back.
+        Period of the ticks, s.
     """
 
     def __init__(self, dt: float) -> None:
@@ -35,8 +35,8 @@ class SteadyTime:
     def tick(self, now: float) -> float:
         """Compute the steady time, s, of a tick at which the clock reads ``now``, s.
 
-        The time since the last tick is that of the clock. If it is less than half a period, it
-        counts as a whole period.
+        Since the last tick, steady time has advanced by the forward steps of the clock. If that is
+        less than half a period, as when the clock stopped, it advances by a whole period instead.
         """
         if self.at(now) - self._last_tick < self._dt / 2:
             self._time = self._last_tick + self._dt

@@ -85,7 +85,7 @@ class Line:
     def of(cls, kind: Literal["tool", "cell"], at: Curve, ends: Array | None = None) -> Line:
         """Create the line with the poses x(a) of the curve ``at``, and compute its length.
 
-        ``kind`` and ``ends`` are its attributes.
+        ``kind`` and ``ends`` become the attributes of the line.
         """
         X = at(_SAMPLES)
         moved = float(np.linalg.norm(np.diff(X[:, :3, 3], axis=0), axis=1).sum())
@@ -97,8 +97,8 @@ class Line:
     def velocity(self, a: float) -> tuple[Array, Array]:
         """Evaluate the linear and the angular velocity, v and ω, (3,) each, at the end a = 0 or 1.
 
-        Both are per metre of the line, in base axes: v in m per m, ω in rad per m. They are
-        differences over a step of 1e-4 in a, which are exact on a line of the tool.
+        Both are per metre of the line, in base axes: v in m per m, ω in rad per m. They are finite
+        differences with the step 1e-4 in a. For a straight line of the tool, these are exact.
         """
         X = self.at(np.array([a - _NEAR, a] if a else [a, a + _NEAR]))
         v = X[1, :3, 3] - X[0, :3, 3]

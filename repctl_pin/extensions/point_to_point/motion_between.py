@@ -236,9 +236,10 @@ def between(
 
 
 def _rows_at_rest(durations: Sequence[float], rate: float) -> NDArray[np.intp]:
-    """List the samples at rest: the first, and the last of each part.
+    """Return the indices of the samples at rest: 0, then the last sample of each part.
 
-    Each part takes a whole number of samples, at least its duration, s.
+    ``durations`` are those of the parts, s, and ``rate`` the samples per second. Each duration is
+    rounded up to a whole number of sample periods.
     """
     samples = np.maximum(1, np.ceil(np.array(durations) * rate - 1e-6)).astype(int)
     return np.concatenate([[0], np.cumsum(samples)])

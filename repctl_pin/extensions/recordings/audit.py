@@ -362,9 +362,10 @@ def audit(
 
 
 def _notes(task: Task, log: JointLog, levels: Sequence[str]) -> tuple[str, ...]:
-    """Write the notes on a log: how it was read, and which of its rows and columns count.
+    """Write the notes on a log: how it was read, the effect of levels, and rows left out.
 
-    ``levels`` are the names of its columns of levels; without names, the levels are unnamed.
+    The results of the plausibility checks of units and limits are among the notes. ``levels`` are
+    the names of the log's columns of levels, to be written in a note; empty for a log of arrays.
     """
     notes = [log.read] if log.read else []
     if log.levels.shape[1]:

@@ -33,7 +33,10 @@ _VERDICTS = {
 
 
 def audit_dialog(audit: Audit, about: str) -> Dialog:
-    """Write the texts of the dialog; ``about`` explains the first line of the page."""
+    """Write the texts of the dialog: uses of an audit, and meanings of the words on its page.
+
+    ``about`` is the text that explains the first line of the page.
+    """
     name, meaning = _VERDICTS[audit.verdict]
     words = {
         "The first line": about,

@@ -206,7 +206,11 @@ def _sector(recording: Recording, share: float) -> Cell:
 
 
 def _turned(R: Array, y: Array) -> Array:
-    """Turn the rotation R (3, 3) of a sector's middle by coordinates y (m,) of the sector, rad."""
+    """Turn the rotation R (3, 3) of a sector's middle by the angles among its coordinates y (m,).
+
+    These are the angle about the vertical axis, the two tilts and the spin of the tool, rad. Radius
+    and height are not used.
+    """
     R = pin.exp3(y[ANGLE] * np.array([0.0, 0.0, 1.0])) @ R
     if len(y) > 3:
         R = R @ pin.exp3(np.append(y[3:5], 0.0))

@@ -114,11 +114,10 @@ def require_limits(task: Task, Q: Array) -> None:
 def require_agreement(task: Task, Q: Array, p: Array, R: Array, *, quaternions: bool) -> None:
     """Raise an InputError if recorded poses differ from the forward kinematics of recorded joints.
 
-    A constant offset of the tool or of the base is refused if it exceeds both the noise, which
-    remains after the offset is subtracted, and the usual corrections by an arm's calibration, 3 mm
-    or 0.01 rad. Any other difference is refused if its median over the frames is above 0.05 m or
-    0.2 rad. If a mistake in the numbers would explain the difference, the message names the
-    mistake.
+    A constant offset of the tool or of the base is refused if it is larger than the noise, and also
+    larger than an arm's calibration usually corrects, 3 mm or 0.01 rad. Any other difference is
+    refused if its median over the frames is above 0.05 m or 0.2 rad. If a mistake in the numbers
+    would explain the difference, the message names the mistake.
 
     Parameters
     ----------
@@ -170,10 +169,11 @@ def _offset(task: Task, Q: Array, p: Array, R: Array) -> tuple[str, str] | None:
     """Find a constant offset of the tool or of the base; return its description and the remedy.
 
     Q are the recorded joints, p and R the recorded poses. Three offsets are fitted: another frame
-    of the tool, a shift of the base, and a shift with a rotation of the base. A later one is used
-    only if it leaves a clearly smaller difference. If it still leaves more than 0.05 m or 0.2 rad,
-    the text says that no offset explains the difference. Return None if the offset does not exceed
-    the noise and the usual corrections by calibration, or if there are fewer than four frames.
+    of the tool, a shift of the base, and a shift with a rotation of the base. A later one of these
+    is used only if it leaves a clearly smaller difference. If the one that is used still leaves
+    more than 0.05 m or 0.2 rad, the text says that no offset explains the difference. Return None
+    if the poses differ by no more than the noise or the usual corrections by calibration, or if
+    there are fewer than four frames.
     """
     if len(Q) < _FEWEST:
         return None

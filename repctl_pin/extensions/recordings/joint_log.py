@@ -87,14 +87,15 @@ class JointLog:
     q : (T, n) array
         Joint positions, rad or m.
     by_name : bool
-        True if the file names the joints; False if the order of the file's columns was used.
+        False if the joints of a file were taken in the order of its columns, or of numbers in their
+        names, because no names of joints were found; else True, also for arrays.
     dropped : int
         Number of rows left out, because a number is missing or the time equals that of the previous
         row.
     read : str
         Description of the columns that were read; empty for arrays.
     levels : (T, k) array
-        Commanded levels of the self-motion, rad or m; k is 0 if no levels were named.
+        Commanded levels of the self-motion, rad or m; k is 0 without levels.
     """
 
     name: str
@@ -169,7 +170,10 @@ def read_joint_log(file: Any, task: Task, units: Array, levels: Sequence[str] = 
 
 
 def _clock_of(table: Table) -> str:
-    """Find the name of the column of times; InputError if missing or not one number per row."""
+    """Find the name of the column of times.
+
+    InputError is raised if there is no such column, or it has not exactly one number per row.
+    """
     clock = _clock(list(table.widths))
     if clock is None:
         raise InputError(
@@ -217,11 +221,16 @@ def _of_data_set(path: Path, task: Task, units: Array, levels: Sequence[str]) ->
 def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
     """Find the unit of the times in the column ``clock``: "s", "ms", "us" or "ns".
 
-    Return also True if the times count from 1970. A unit in the name of the column is used, else
-    the only one in which the times are dates from 1990 to 2100. Else units are excluded in which
-    time steps are not those of a log, or joints are over five times faster than their limits
-    ``fastest``, rad/s or m/s. If none remains, the result is "s". InputError is raised if several
-    remain, unless the joints move at a usual speed in the first one only.
+    Return the unit, and True if the times count from 1970. The first rule that applies decides:
+
+    1. The name of the column ends in a unit.
+    2. The times are dates from 1990 to 2100 in one unit only.
+    3. Only one unit is plausible. A unit is plausible if the time step is that of a log, and no
+       joint is over five times faster than its limit in ``fastest`` (n,), rad/s or m/s. If any unit
+       gives a usual time step, 0.2 ms to 0.5 s, only such units count.
+    4. No unit is plausible: the result is "s".
+
+    InputError is raised if several units are plausible.
     """
     # steps of time, and the fastest joint relative to its limit
     steps = np.diff(log.t)
@@ -425,9 +434,9 @@ def _holds(name: str, joint: str) -> bool:
 def _whole(table: Table, n: int) -> str | None:
     """Find the name of an array (T, n) with the positions of all n joints; None if there is none.
 
-    The array has one of the usual names, such as ``q`` or ``joints``. InputError is raised if all
-    arrays with such names have another width, because a wider array can begin with the joints of
-    another arm, or if several have this width and different numbers.
+    The array has one of the usual names, such as ``q`` or ``joints``, and exactly n columns.
+    InputError is raised in two cases: there are arrays with usual names, but all have another
+    number of columns, or several have n columns and their numbers differ.
     """
     known = [name for name in _TABLES if table.widths.get(name, 0) > 1]
     found = [name for name in known if table.widths[name] == n]

@@ -80,11 +80,11 @@ def _refuse_another_order(task: Task, log: JointLog, found: str) -> None:
 
 
 def _speed_ratio(task: Task, t: Array, q: Array) -> float:
-    """Compute the largest ratio of joint speed and speed limit, except for outliers.
+    """Compute the largest ratio of a joint's speed to its speed limit.
 
-    The result is the maximum over the joints of the 99th percentile over time. ``t`` (T,) are
-    times, s, and q (T, n) joint positions, rad or m. In a wrong unit of time, the ratio is far too
-    large.
+    Outliers do not count: for each joint, the 99th percentile of the speed over time is used. ``t``
+    (T,) are times, s, and q (T, n) joint positions, rad or m. A ratio far above 1 is a sign of a
+    wrong unit of time.
     """
     speeds = np.abs(np.diff(q, axis=0)) / np.diff(t)[:, None]
     return float(np.max(np.quantile(speeds, 0.99, axis=0) / task.velocity_limit))

@@ -162,7 +162,11 @@ class Relabeled:
         return self.joints - self.recording.joints
 
     def figures(self) -> dict[str, str]:
-        """Return the figures of merit as text, by display name."""
+        """Return the figures of the relabelling as text, by display name.
+
+        The figures are the numbers of frames, the ambiguity and the smallest limit margin before
+        and after, the changes of the joints, the cell, the level, and the columns that change.
+        """
         unit = self.recording.task.unit
         count = len(self.recording)
         sessions = len(self.recording.names)
@@ -188,7 +192,7 @@ class Relabeled:
         }
 
     def summary(self) -> str:
-        """Return the figures of merit as text, one per line."""
+        """Return the texts of :meth:`figures` as one text, each with its name, under a title."""
         task = self.recording.task
         lines = []
         for name, text in self.figures().items():
@@ -252,7 +256,8 @@ class Relabeled:
     def recomputed(self) -> tuple[str, ...]:
         """Names of the columns of the pose that are computed from the new joints.
 
-        If the task commands only a part of the pose, the rest of the pose changes with the joints.
+        Empty for a pose task, where relabelling keeps the pose. Other tasks command only a part of
+        the pose, and the rest changes with the joints.
         """
         return self._columns.recomputed
 

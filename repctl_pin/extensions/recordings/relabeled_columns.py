@@ -127,9 +127,9 @@ def plain_columns(
     """Make the columns of a recording with new configurations Q (K, n), for any output format.
 
     Returns a dict from name to column. If the recording was read from a file, these columns are the
-    new joints and the columns of the file that are kept. Otherwise, they are the new joints, times,
-    sessions and poses. ``further`` are the new configurations of further columns of joints, by
-    name.
+    columns of the file except the removed ones, with new joints and recomputed poses. Otherwise,
+    they are the new joints, times, sessions and poses. ``further`` are the new configurations of
+    further columns of joints, by name.
     """
     source = recording.source
     if source is None:
@@ -155,9 +155,12 @@ joints (K, n)."""
 
 
 def _known_joints(recording: Recording, Q: Array, further: Mapping[str, Array]) -> list[_Known]:
-    """List the columns of joints of a recording, with the new configurations Q (K, n).
+    """List the columns of joints of a recording, with recorded and new configurations.
 
-    ``further`` are the new configurations of further columns of joints, by name.
+    Each item is a triple: the indices of the joints in a row of the column, or None if each joint
+    has a column; the recorded configurations (K, n); and the new ones (K, n). The first item is
+    that of the recorded joints, if any, with the new configurations Q (K, n). Then follow the
+    columns of ``further``: the new configurations of further columns of joints, by name.
     """
     old = recording.joints
     known: list[_Known] = [] if old is None else [(recording.places, old, Q)]
@@ -165,7 +168,12 @@ def _known_joints(recording: Recording, Q: Array, further: Mapping[str, Array]) 
 
 
 def _has_joints(columns: Collection[str], source: Table, joints: Sequence[str]) -> bool:
-    """Test by name whether a file's ``columns`` include the ``joints``, in one column or in n."""
+    """Test by name whether ``columns`` include the ``joints`` of the arm.
+
+    The result is True if each of the n joints has a column of its name, or if there is a column
+    with an array of all joints: one with a usual name, or the column of joints of a data set.
+    ``source`` is the file.
+    """
     whole = (*JOINTS, *([str(source.joints)] if isinstance(source, DataSet) else []))
     return set(joints) <= set(columns) or any(name in columns for name in whole)
 
@@ -173,10 +181,11 @@ def _has_joints(columns: Collection[str], source: Table, joints: Sequence[str]) 
 def _copy(source: Table, name: str, known: Sequence[_Known]) -> tuple[Array, Sequence[int]] | None:
     """Make new numbers for an array that repeats the recorded joints; None if it does not.
 
-    The recorded joints of each column that is ``known`` are looked for in the array ``name`` at
-    the indices of that column, if any, and then at any n consecutive indices. Return the new joints
-    (K, n), and their indices in a row of the array. If an array of a data set has the cosines or
-    sines of the recorded joints instead, return those of the new ones.
+    ``known`` has, for each column of joints, the indices of the joints in its rows (or None), the
+    recorded joints (K, n), and the new joints (K, n). The array ``name`` repeats a column if it has
+    equal numbers at the same indices, or at any n consecutive indices. Return the new joints (K, n)
+    and these indices. If an array of a data set has the cosines or sines of the recorded joints
+    instead, return those of the new joints.
     """
     width = source.widths[name]
     known = [one for one in known if 1 < one[1].shape[1] <= width]
@@ -235,9 +244,11 @@ def _beside(recording: Recording) -> dict[str, Column]:
 
 
 def _pose_columns(recording: Recording, Q: Array, widths: Mapping[str, int]) -> dict[str, Array]:
-    """Compute the columns of poses that are in ``widths``, by name, from the joints Q (K, n).
+    """Compute the columns of poses at the joints Q (K, n), by name.
 
-    ``widths`` are the file's columns, with their numbers per row.
+    They are the columns x, y, z, qx, qy, qz and qw, (K, 1) each, even if the file has none of them;
+    and the arrays of poses among ``widths``, the file's columns with their numbers per row. Such an
+    array has 3 numbers per row, a position, m; 7, a position and a quaternion; or 16, a matrix.
     """
     p, R = _poses(recording, Q)
     X = np.concatenate([p, matrix_quaternions(R)], axis=1)

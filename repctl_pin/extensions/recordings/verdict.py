@@ -116,8 +116,8 @@ def verdict(t: Array, q: Array, deviation: Array, bias: Array, scale: Array) -> 
     whose half-width is its deviation times a quantile of the normal distribution, plus its bias.
     The quantile is corrected for the number of pairs (Bonferroni), so that intervals of equal
     configurations with equal deviations fail to overlap in only one of 10,000 logs. The bias is a
-    generous bound, so intervals with the whole bias could hide a difference. An arm therefore
-    counts as repeating only if the intervals also overlap with a quarter of the bias.
+    generous bound, so intervals can overlap although the configurations differ. An arm therefore
+    counts as repeating only if shorter intervals, with a quarter of the bias, overlap too.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ class _Visits(NamedTuple):
     least: Array
 
     def drift(self, first: int, confidence: float = _CONFIDENCE) -> Trend:
-        """Fit the trend of the joints over the visits from number ``first`` on.
+        """Fit the trend of the joints over the visits from index ``first`` on.
 
         ``confidence`` is the probability, 0 to 1, with which the slopes' intervals of all joints
         hold at once.
@@ -180,7 +180,7 @@ class _Visits(NamedTuple):
         return trend(self.t[first:], self.q[first:], self.least, share)
 
     def steady(self, first: int, confidence: float) -> NDArray[np.bool_]:
-        """Test which joints drift steadily over the visits from number ``first`` on: (n,).
+        """Test which joints drift steadily over the visits from index ``first`` on: (n,).
 
         ``confidence`` is the probability, 0 to 1, with which the slopes' intervals of all joints
         hold at once.
@@ -192,9 +192,10 @@ class _Visits(NamedTuple):
         """Find the index of the visit at which a drift begins after equal visits; 0 if none does.
 
         ``groups`` (N,) has the number of each visit's group. The result is the index of the first
-        visit that is not in group 0, if two conditions hold for some joint. From that visit on, it
-        drifts steadily. And at the same rate, it would have left the noise by far between the first
-        visit and the last one before the drift, so it cannot have drifted from the beginning.
+        visit that is not in group 0, if at least 6 visits precede this visit, the drift has at
+        least 4 visits, and some joint meets two conditions. The joint drifts steadily from this
+        visit on. And it did not drift earlier: at the same rate, it would have moved by more than
+        6 times the median of r from the first visit to the last one before the drift.
         """
         head = int(np.argmax(groups != 0))
         if not ENOUGH <= head <= len(self.t) - _LATER:

@@ -95,14 +95,14 @@ class Visits:
     noise : (n,) array
         Noise of each joint, standard deviation, rad or m.
     nearest : float
-        How near the hand came a second time to a pose that the search tried: the smallest distance,
-        m, over all these poses. It can be larger than the tolerance. Rotations, and differences of
-        levels, count as in ``tolerance``. It is inf if the hand left none of these poses.
+        Smallest distance, m, at which the hand came again to a pose that it had left, over all
+        poses that the search tried. It can be larger than the tolerance. Rotations, and differences
+        of levels, count as in ``tolerance``. It is inf if the hand left none of these poses.
     deviation : (N, n) array
         Standard deviation of the joints at each visit due to the noise of the log, rad or m.
     bias : (N, n) array
         Bound on the other errors at each visit, rad or m: those of interpolation between rows of
-        the log, and of the correction by J⁺.
+        the log, of the correction by J⁺, and of levels that differ from visit to visit.
     """
 
     t: Array
@@ -121,8 +121,8 @@ def _most_visited(
 
     The rows of X (T, d) are points in m, ``steps`` (T - 1,) the distances between them; ``whole``
     is False at gaps of the log. Return three values: the index of the row; the passes at which the
-    hand is within the tolerance of the row's pose; and how near, m, the hand comes a second time to
-    any of the up to 65 poses that the search tries.
+    hand is within the tolerance of the row's pose; and the smallest distance, m, at which the hand
+    comes again to one of the up to 65 poses that the search tries.
     """
     radius = tolerance + float(np.quantile(steps, 0.95))
     tree = cKDTree(X)
@@ -197,9 +197,9 @@ def find_visits(
 def _score(there: list[_Pass], each: float, tolerance: float) -> tuple[float, float]:
     """Score a pose: the number of its visits, and the time that the hand stays there, s.
 
-    Only visits within a quarter of the tolerance, m, count; if nearly all visits are rests, their
-    number is doubled. ``there`` are the visits, and ``each`` is the time between two rows of the
-    log, s.
+    ``there`` are the visits. Only those that come within a quarter of the tolerance, m, of the pose
+    count. Their number is doubled if there are at least three visits, and over 80 % of them last
+    0.2 s or more. ``each`` is the time between two rows of the log, s.
     """
     stays = each * np.array([len(one.rows) for one in there])
     rests = len(there) > 2 and np.mean(stays >= _REST) > 0.8
@@ -240,7 +240,8 @@ def _noise_of(Q: Array) -> Array:
 def _quantum(Q: Array) -> Array:
     """Find the resolution of every column of Q (T, n): the smallest step between its values, (n,).
 
-    Encoders, and files with few digits, round to this resolution; it is at most 0.01 rad or m.
+    Encoders, and files with few digits, round to this resolution. Steps below 1e-9 rad or m are
+    ignored, as rounding errors. A larger resolution than 0.01 rad or m is returned as 0.01.
     """
     steps = np.diff(np.sort(Q, axis=0), axis=0)
     return np.min(np.where(steps > _EXACT, steps, np.inf), axis=0, initial=_COARSE)
@@ -466,15 +467,15 @@ def _average(
 def _interpolated(
     task: Task, t: Array, Q: Array, at: float, target: pin.SE3
 ) -> tuple[Array, Array, Array]:
-    """Interpolate the rows around a quick visit by a cubic, where the hand is nearest to the pose.
+    """Interpolate q by a cubic in time, at the moment at which the hand is nearest to the pose.
 
-    ``at`` is the approximate fractional row number. At gaps of the log, and at its ends, fewer rows
-    are used.
+    ``at`` is the approximate fractional row number of this moment. The cubic passes through the
+    four rows around ``at``, or through fewer rows at gaps and ends of the log.
 
     Returns
     -------
-    Configuration (n,); its derivative A (n, n) with respect to an error that all rows share,
-    including the effect of the error on the time of the visit; and the error (n,) of interpolation.
+    Configuration (n,); its derivative A (n, n) with respect to an error that is added to all rows,
+    and so also shifts the moment; and the error (n,) of interpolation, rad or m.
     """
     low = min(int(at), len(Q) - 2)
     step = t[low + 1] - t[low]

@@ -217,9 +217,9 @@ class BodyGuard:
     def _keeps_part(self, Q: Array, S: Array) -> bool:
         """Test whether all distances are kept along at most 32 samples of a motion.
 
-        If it is too much work to test all samples at once, the two halves of the motion are tested.
-        Q (K, n) are the samples, S (K, n) the travel of each joint from the first sample on, rad or
-        m.
+        If the test of all samples takes too much work, each half of the motion is tested in the
+        same way. Q (K, n) are the samples. S (K, n) is the travel of each joint from the motion's
+        first sample to each sample, rad or m.
         """
         self._own.left = _ENDLESS
         if self.allows(Q, S):
@@ -298,10 +298,10 @@ class BodyGuard:
 
 
 def _bodies_of(bodies: Bodies, task: Task, unchecked: bool) -> Bodies:
-    """Check that bodies are those of the task's robot and joints, and return them.
+    """Check that ``bodies`` fit the governor's task, and return them.
 
-    InputError is raised if they are not, or if there is no pair of bodies. With ``unchecked``,
-    links without a body are accepted.
+    InputError is raised if the bodies are of another robot or of other joints than ``task``; if
+    there is no pair of bodies; or if a link has no body, unless ``unchecked`` is True.
     """
     require_type(bodies, Bodies, "bodies", "rp.Bodies(task)")
     own = bodies.task

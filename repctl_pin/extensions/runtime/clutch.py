@@ -162,10 +162,11 @@ class Clutch:
         return np.asarray(at + self._scale * (self._axes @ (point - begin)))
 
     def _jumps(self, hand: pin.SE3, turn: Array) -> bool:
-        """Test whether the target turned far more than the hand since the last pose.
+        """Test whether the target turned over 5 ρ times as far as the hand since the last pose.
 
-        ``hand`` is the pose of the hand, ``turn`` (3, 3) the rotation of the target since the
-        clutch was engaged; both are stored for the next call.
+        The result is always False if ρ is an integer. ``hand`` is the pose of the hand, ``turn``
+        (3, 3) the rotation of the target since the clutch was engaged; both are stored for the next
+        call.
         """
         last_hand, last_turn = self._last
         self._last = hand, turn

@@ -466,9 +466,9 @@ class Governor:
         """Compute the next configuration (n,) and its status, with a guard of body distances.
 
         ``given`` tells which arguments of :meth:`step` were given: it is the sum of 1 for a target,
-        2 for a twist and 4 for a level. C finds their values in its memory. Errors of the guard
-        must not pass through C, so they are raised after the call. After an error, the governor is
-        as it was before the tick.
+        2 for a twist and 4 for a level. Write their values to the memory shared with C first.
+        Errors of the guard must not pass through C, so they are raised after the call of C. After
+        an error, the governor is as it was before the tick.
         """
         self._native.call_governor_keep(self._address)
         self._error: BaseException | None = None
@@ -518,9 +518,10 @@ class Governor:
 
 
 def _unmeasured(error: BaseException) -> BaseException:
-    """Make the one-line error of a tick in which the guard failed with ``error``.
+    """Convert an error of the guard, raised during a tick, to a RepctlError of one line.
 
-    An error of this package and an interruption are returned unchanged.
+    A RepctlError is returned unchanged, and so is a BaseException that is no Exception, such as
+    KeyboardInterrupt.
     """
     if isinstance(error, RepctlError) or not isinstance(error, Exception):
         return error

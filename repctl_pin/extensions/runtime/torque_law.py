@@ -169,8 +169,9 @@ class NumPyTorques:
     def _curvature(self, q: Array, qdot: Array) -> Array:
         """Evaluate ``J̇_V q̇`` (n,), the acceleration of (x, h) at constant q̇.
 
-        J̇_V is a central difference of J_V along q̇. Entries for polynomial potentials of degree 3
-        or less are exact but for rounding; others are accurate to 1e-6 of their size.
+        J̇_V is a central difference of J_V along q̇. The entries of polynomial potentials of degree
+        3 or less have rounding errors only. All other entries, those of the task included, are
+        accurate to 1e-6 of their size.
         """
         speed = float(np.linalg.norm(qdot))
         if speed == 0.0:

@@ -213,11 +213,12 @@ class Run:
         self._wish, self._looked = override, 0.0
 
     def _aim(self, wish: float) -> None:
-        """Begin a change to the requested override ``wish``, unless one is under way already.
+        """Begin a change of the override o to the requested value ``wish``, if one is needed.
 
-        If the limits do not allow the whole change, a change to a value on the way is begun, and
-        the next attempt follows after 5 ms. Before and after the motion, where the arm rests, o is
-        set to ``wish`` at once.
+        If the limits do not allow the whole change, o changes to a value between the present one
+        and ``wish``. Until ``wish`` is reached, a better change is sought every 5 ms. A change to
+        ``wish`` that is under way is replaced only by one that ends at least 5 % sooner. Before and
+        after the motion, where the arm rests, o is set to ``wish`` at once.
         """
         change, left = self._change, float(self._change.time[0]) - self._since
         if wish == self._wish and (

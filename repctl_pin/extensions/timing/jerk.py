@@ -96,8 +96,8 @@ class _JerkSegment(Segment):
     Attributes
     ----------
     x, bend : (K,), (K - 1,) arrays
-        x = ṡ² at the K stages, and x″ in each interval between them. The entries for the first and
-        the last interval are not used.
+        x = ṡ² at the K stages, and x″ in each interval between them. The first and the last entry
+        of ``bend`` are not used: in these intervals, s⃛ is constant.
     """
 
     x: Array
@@ -412,9 +412,10 @@ def _cubic(
 ) -> tuple[Array, Array, Array, Array]:
     """Evaluate s, ṡ, s̈, s⃛ in the first or last interval, where s⃛ is constant.
 
-    The interval has the length ``h`` and the duration ``T``, s. ``rest`` is the value of s at rest.
-    ``since``, of any shape, is the time, s, since rest if ``sign`` is 1, or until rest if it is −1.
-    All results have the shape of ``since``.
+    The interval has the length ``h`` and the duration ``T``, s. ``rest`` is s at that end of the
+    interval at which the arm rests: at its beginning if ``sign`` is 1, or at its end if ``sign`` is
+    −1. ``since``, of any shape, is the time, s, since or until this rest. All results have the
+    shape of ``since``.
     """
     since = np.clip(since, 0.0, T)
     jerk = 6 * h / T**3
@@ -552,8 +553,9 @@ class _Stages:
         """Yield the rows ``(A + more) z ≤ bounds``, then ``(−A + more) z ≤ bounds``.
 
         These rows are the two sides of a limit on an absolute value, ``|A z| ≤ bounds − more z``.
-        ``A`` and ``more`` are coefficients (I n, 4) at ``columns``, and ``bounds`` is (I n,). Each
-        of the two items is a block of R rows: coefficients and columns (R, 4), bounds (R,).
+        ``A`` and ``more`` (I n, 4) are coefficients of the unknowns whose indices in z are
+        ``columns``, and ``bounds`` is (I n,). Each of the two items is a tuple: coefficients
+        (I n, 4), ``columns``, and bounds (I n,).
         """
         for sign in (1, -1):
             yield sign * A + more, self.columns, bounds

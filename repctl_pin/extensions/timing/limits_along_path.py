@@ -91,9 +91,10 @@ def _inside_strips(
 
     λ is the position on the line. Strip j bounds a quantity that is ``foot_j`` at λ = 0 and changes
     by ``way_j`` per unit of λ: ``low_j ≤ foot_j + λ way_j ≤ high_j``; all arguments are (K, n).
-    ``size`` is the largest |way| that a line of any direction can have. A line is parallel to a
-    strip if its |way| is far smaller than ``size``. Return the range of λ as (first, last), (K,)
-    each; no part of the line lies inside if first > last.
+    ``size`` is the largest |way| that a line of any direction can have. A line counts as parallel
+    to a strip if its |way| is below 1e-12 times ``size``; then ``foot`` decides whether all of the
+    line or nothing lies inside the strip. Return the range of λ as (first, last), (K,) each; no
+    part of the line lies inside all strips if first > last.
     """
     parallel = np.abs(way) < 1e-12 * size
     inside = (foot >= low - _TOUCHING) & (foot <= high + _TOUCHING)

@@ -79,9 +79,9 @@ def with_own_times(
     limits
         Limits to respect.
     added
-        Number of ends of the path, 0 to 2, at which smoothing may make the motion longer: by half
-        the smoothing time per end. The lengthening at the other ends is compensated, because the
-        whole path is traversed a little faster.
+        Number of ends of the path, 0 to 2, at which smoothing may make the motion longer, by half
+        the smoothing time per end. For each other end, the whole path is traversed a little faster,
+        so that this end adds no time.
     most
         Longest smoothing time allowed, s.
     joints

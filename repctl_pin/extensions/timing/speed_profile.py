@@ -73,7 +73,8 @@ class Segment:
     s, speed, t : (K,) arrays
         s at the stages, ṡ there, and the time, s, from the segment's start.
     passed : (T,) array
-        The curve was made from T points; the time, s, at which the arm passes each of them.
+        Time, s, from the segment's start, at which the arm passes each of the T points from which
+        the curve was made.
     """
 
     curve: Any
@@ -499,8 +500,8 @@ def _rows(
     A row is a strip, ``low ≤ along s̈ + across x ≤ high``, at one end of an interval between
     stages. There, ``s̈ = (x₁ − x₀) / 2h``, where h is the interval's length, and x₀ and x₁ are x at
     its two ends. Strips without a finite bound give no row. ``along``, ``across``, ``low`` and
-    ``high`` (K, L) have L strips per stage. ``grid`` and ``scale`` (K,) are the stages and the unit
-    of each x. Return A, a sparse matrix, low and high.
+    ``high`` (K, S) have S strips per stage. ``grid`` and ``scale`` (K,) are the stages and the unit
+    of each x. Return the sparse matrix A (L, K), and low and high (L,), for all L rows.
     """
     from scipy.sparse import csr_array  # slow to import
 

@@ -334,7 +334,7 @@ def sampled_profile(
 def _differentiated(course: Course, t: Array, h: float) -> tuple[Array, Array, Array]:
     """Evaluate a course at times t (T,), s: q, and q̇, q̈ by central differences; (T, n) each.
 
-    ``h`` is the half-width of the differences of q̇, s, and a quarter of the width of those of q̈.
+    ``h`` is a time step, s. q̇ is computed from q at t ± h, and q̈ from q at t and t ± 2 h.
     """
     back, before, q, after, beyond = (course.positions(t + k * h) for k in range(-2, 3))
     return q, (after - before) / (2 * h), (beyond - 2 * q + back) / (4 * h**2)
@@ -345,7 +345,8 @@ def _whole_period(profile: Profile, dt: float, rate: float) -> tuple[int, float]
 
     The factor also makes the limits hold between the stages of the profile. Return the number of
     samples of a steady cycle, and the factor. With fewer than three cycles there is no steady one,
-    and the number is 0. ``dt`` is the time between samples, s, and ``rate`` = 1/dt.
+    and the number is 0. ``dt`` is the time between samples, s, and ``rate`` = 1/dt. InputError is
+    raised if a steady cycle has too many samples for memory.
     """
     if not len(profile.marks) > 3:
         return 0, profile.stretch

@@ -75,7 +75,9 @@ class Rates(NamedTuple):
     Attributes
     ----------
     E : (K, m, k + l) array or None
-        ∂x/∂u; None in an axis task, in which it depends on the rotation of the frame.
+        ∂x/∂u in the first k columns, and in the last l the derivatives with respect to the
+        symmetric coordinates. None in an axis task, in which E depends on the rotation of the
+        frame.
     C : (K, k + l, k + l) array
         (EᵀE)^(−1/2).
     E_C : (K, m, k + l) array or None
@@ -127,8 +129,10 @@ class Chart:
     def between(self, low: Array, high: Array) -> Chart:
         """Return the chart of the same function over the part of the cell with low ≤ u ≤ high.
 
-        ``low`` and ``high`` (k,) are in the coordinates u of this cell. The polynomials q_ref and
-        n_ref are rewritten in the coordinates of the part, which also go from −1 to 1.
+        ``low`` and ``high`` (k,) are in the coordinates u of this cell. Ranges of coordinates whose
+        middle is fixed, such as rotations, are first narrowed until they are symmetric. The
+        polynomials q_ref and n_ref are rewritten in the coordinates of the part, which also go from
+        −1 to 1.
         """
         low, high = self.cell._kept_middles(low, high)
         if (low == -1).all() and (high == 1).all():
@@ -200,7 +204,10 @@ class Chart:
         return _Goals(*self.reference(U), *self.cell.placements(U))
 
     def goals_of(self, at: Points) -> _Goals:
-        """Return the terms of :meth:`goals` at the poses of ``at``, which has q_ref and n_ref."""
+        """Return the terms of :meth:`goals` at the poses of ``at``.
+
+        q_ref and n_ref are those of ``at``; the polynomials are not evaluated again.
+        """
         return _Goals(at.q_ref, at.n_ref, *self.cell.placements(at.U))
 
     def solve(

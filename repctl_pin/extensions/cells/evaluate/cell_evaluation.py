@@ -411,11 +411,10 @@ def _limit_figures(
     """Evaluate the smallest limit margin at held-out poses, and at the poses ``low``.
 
     The limit margin is the distance of the nearest joint from its limit, rad (m for prismatic
-    joints). ``low`` are the poses that a search for the smallest limit margin found. At the poses
-    of both minima, also evaluate the largest limit margin on any leaf; with ``quick``, it is NaN.
-    The keys are attributes of :class:`Evaluation`: ``limit_margin`` and ``attainable_margin`` at
-    the held-out pose, ``limit_margin_worst`` and ``attainable_margin_worst`` at the worst pose
-    found.
+    joints). ``low`` are the poses that searches for the smallest margins visited. At the poses of
+    both minima, also evaluate the largest limit margin on any leaf; with ``quick``, it is NaN. The
+    keys are attributes of :class:`Evaluation`: ``limit_margin`` and ``attainable_margin`` at the
+    held-out pose, ``limit_margin_worst`` and ``attainable_margin_worst`` at the pose from ``low``.
     """
     chart = candidate.chart
     worst = int(np.argmin(np.where(low.sheet, low.limit_margin, np.inf)))

@@ -159,8 +159,9 @@ def folded(cell: Cell, U: Array, Q: Array, share: float) -> FailureReason | None
 def most_singular(cell: Cell, U: Array, Q: Array) -> tuple[Array, float]:
     """Search a cell for a singularity of J near poses U (K, k), from configurations Q (K, n).
 
-    The search changes one coordinate at a time, by ever smaller steps, such that the ratio σ_min /
-    σ_max of J falls. Return the pose (k,) with the smallest ratio, and this ratio.
+    The search begins at the pose of U with the smallest ratio σ_min / σ_max of J. It changes one
+    coordinate at a time, by ever smaller steps, such that the ratio falls. Return the pose (k,)
+    with the smallest ratio, and this ratio.
     """
     ratios = inverse_condition_number(placed(cell.task, Q)[2])
     first = int(np.argmin(ratios))

@@ -79,20 +79,22 @@ nearer are accurate to 1e-6."""
 
 
 _SAMPLED, _BETWEEN, _EDGES, _LIKELY = 4096, 4096, 1 / 3, 128
-"""Number of poses at which the distances of pairs of bodies are bounded, and of further ones, of
-which all coordinates but two are at an end; share of coordinates of the former that are at an end;
-and number of poses with small bounds, and of others, at which the distance of a pair is computed.
-"""
+"""Numbers of the search for the poses at which pairs of bodies are nearest: Sobol poses; further
+poses, of which all coordinates but two are −1 or 1; fraction of the coordinates of the Sobol poses
+that are moved to −1 or 1; and poses with the smallest bounds, and the same number of the last
+poses, at which the distance of a pair is computed."""
 
 _STARTS, _SPREAD = 3, 0.3
-"""Number of poses per pair from which nearer ones are searched for, and their least difference."""
+"""Maximum number of poses per pair from which the search starts, and the difference that they must
+exceed in some coordinate."""
 
 _BESIDE, _TRIED = (0.3, 0.1, 0.04, 0.015, 0.006, 0.002), 8
-"""How far from the nearest pose of a pair others are tried, in coordinates of the cell, one after
-the other; and how many each time, per coordinate."""
+"""Standard deviations of the random steps from the best pose of a pair, in coordinates of the cell,
+one per round of the search; and number of steps per round and coordinate."""
 
 _FARTHER = 0.01
-"""Distance above the smallest one, m, up to which a pair is looked at between the sampled poses."""
+"""A pair is searched for between the sampled poses if its distance at these, m, exceeds the
+smallest distance by less than this number."""
 
 
 class Quantity(ABC):
@@ -502,7 +504,8 @@ def _between_corners(cell: Cell, rng: np.random.Generator) -> Array:
 
     The two coordinates are selected at random for each pose, and have random values. Where two
     coordinates of a cell are at their ends, such as radius and height of a sector, bodies may be
-    near each other only in a small range of the other coordinates. Fewer poses would miss it.
+    near each other only in a small range of the other coordinates. Fewer poses would miss this
+    range.
     """
     U = np.sign(rng.uniform(-1, 1, (_BETWEEN, cell.k)))
     free = rng.random(U.shape).argsort(axis=1) < 2
@@ -576,11 +579,13 @@ def differences(
 
 
 def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> Array:
-    """Search the cell for poses with smaller margins, by projected gradient descent.
+    """Search the cell for poses at which quantities are smallest, by projected gradient descent.
 
     At the boundary of the cell, steps outward are suppressed. Return the coordinates (L, k) of the
     poses that the descents visited: starting poses, poses at which the quantity was lower than
-    before, and poses at which the function does not exist. The final poses are last.
+    before, and poses at which the function does not exist. The last rows are the final poses, one
+    per descent, in the order of the starting poses. Starting poses at which the function does not
+    exist have no descent, and are left out.
 
     Parameters
     ----------

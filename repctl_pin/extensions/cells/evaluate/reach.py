@@ -303,7 +303,8 @@ class _Rim:
     def outward(self, G: Array, error: Array) -> Array:
         """Compute the motion Δq (K C, n) of J⁺ to the rims that are one step larger.
 
-        ``G`` and ``error`` are J⁺ and the task errors at the rims of now.
+        ``G`` (K C, n, m) and ``error`` (K C, m), from :meth:`evaluated`, are J⁺ and the task errors
+        before this step; the motion corrects these errors, too.
         """
         ahead = error.copy()
         ahead[:, : self._step.shape[1]] += np.tile(self._step, (len(error) // self.C, 1))

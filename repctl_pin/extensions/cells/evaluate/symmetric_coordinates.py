@@ -266,8 +266,9 @@ def expanded(chart: Chart) -> Chart:
 def turn_at(chart: Chart, U: Array) -> Array | None:
     """Compute the width of the range of the angle, rad, at K pairs of radius and height: (K,).
 
-    Within the range, the joint that turns the arm stays within its limits at every tilt. The pairs
-    are those in the rows of U (K, k), coordinates in the sector; tilts and spin in U are ignored.
+    Within the range, the joint that turns the arm stays within its limits at every tilt and spin
+    that is sampled. The pairs are those in the rows of U (K, k), coordinates in the sector; tilts
+    and spin in U are ignored.
     The width is NaN where no pose is covered. Return None if the symmetry of the angle is not used.
     """
     sector = chart.cell

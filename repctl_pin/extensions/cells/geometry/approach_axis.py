@@ -21,14 +21,14 @@ AXES = ("x", "y", "z", "-x", "-y", "-z")
 """Names of the axes of a frame."""
 
 _STRAIGHT, _ROUGHLY = np.cos(np.radians(5)), np.cos(np.radians(25))
-"""Cosines of the angles up to which the axis of a joint, and the way to the frame or the fingers,
-are along an axis of the frame."""
+"""Cosines of the largest angles from an axis of the frame at which :func:`tool_axis` accepts the
+axis of the last joint, and the line from this joint to the tip."""
 
 _ACROSS = 0.5
-"""Cosine of the angle from which the way to the frame is across the axis of the last joint."""
+"""Cosine of the largest angle between the axis of the last joint and the line to the tip."""
 
 _SHORT = 0.01
-"""Length of the way from the last joint below which the way has no direction, m."""
+"""Distance from the last joint to the tip, m, up to which the direction of the tip is not used."""
 
 
 class Approach(NamedTuple):
@@ -76,15 +76,17 @@ def approach_axis(task: Task, given: Any = None) -> Approach:
 def tool_axis(task: Task) -> Approach | None:
     """Find the axis of a task's frame along which the tool points; None if there is none.
 
-    The tip is the mean position of the fingers or, without fingers, the origin of the frame. The
-    tool points along the axis of the last joint if this axis is within 5° of an axis of the frame,
-    and the direction from the joint to the tip is within 60° of it. The sense is from the joint
-    toward the tip. If the tip is within 1 cm of the joint, that direction is not tested, and the
-    tool points away from the joint before.
+    The tip is the mean position of the fingers or, without fingers, the origin of the frame. Two
+    directions are tried, in this order; the result is the axis of the frame nearest to the first
+    one that is accepted.
 
-    Otherwise, the tool points straight from the joint to the tip, if the tip is farther than 1 cm
-    and the direction within 25° of an axis of the frame. The result is the axis of the frame
-    nearest to the direction of the tool.
+    The first is the axis of the last joint, with the sign that points from the joint to the tip. It
+    is accepted if it is within 5° of an axis of the frame, and within 60° of the line from the
+    joint to the tip. If the tip is within 1 cm of the joint, the 60° are not tested, and the sign
+    is that of :func:`_outward`: away from the joint before the last.
+
+    The second is the line from the last joint to the tip. It is accepted if it is longer than 1 cm,
+    and within 25° of an axis of the frame.
     """
     name, (origin, axis) = last_axis(task)
     fingers = _fingers(task)

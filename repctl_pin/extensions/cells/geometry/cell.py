@@ -452,10 +452,11 @@ class Cell:
         return along
 
     def _split(self, U: Array) -> tuple[Array, Array]:
-        """Split coordinates U (K, k + l) of :attr:`whole` into those of this cell and the removed.
+        """Convert coordinates U of :attr:`whole` to those of this cell, and to joint motions.
 
-        Return the coordinates of this cell (K, k), and joint motions (K, n), rad. A function F adds
-        these motions to its configurations to reach the values of the removed coordinates.
+        U is (K, k + l). Return the coordinates of this cell (K, k), and the joint motions (K, n),
+        rad, along the removed coordinates. A function F adds these motions to its configurations to
+        reach the values of the removed coordinates.
         """
         kept = np.isin(self.whole.moved, self.moved)
         return U[:, kept], self.whole.spread(U)[:, self._removed] @ self.along.T

@@ -34,7 +34,7 @@ def stacked(task: Task, placements: Sequence[pin.SE3], name: str) -> tuple[Array
     """Convert placements to arrays of positions (K, 3) and rotation matrices (K, 3, 3).
 
     Rotations are checked if the task commands a rotation. Error messages refer to a placement by
-    ``name`` and its number, such as "target 3".
+    ``name`` and its index, from 0, such as "target 3".
     """
     p = np.array([x.translation for x in placements]).reshape(-1, 3)
     R = np.array([x.rotation for x in placements]).reshape(-1, 3, 3)
@@ -105,9 +105,10 @@ def of_positions(task: Task, value: ArrayLike, name: str) -> Array:
 def as_axis(task: Task, axis: ArrayLike | None) -> Array:
     """Convert the argument ``axis`` of a sector to a point, m, and a unit direction: (2, 3).
 
-    None stands for the axis of the joint that turns the whole arm, if this axis nearly coincides
-    with the base's z axis: the symmetry of the arm is then exact. Otherwise, None stands for the
-    base's z axis. An InputError is raised if the axis is not normal to the plane of a planar task.
+    None stands for the base's z axis, with one exception. If a joint turns the whole arm about an
+    axis that differs from the base's z axis by at most 2e-3 rad and m, None stands for the axis of
+    this joint, about which the arm is exactly symmetric. An InputError is raised if the axis is not
+    normal to the plane of a planar task.
     """
     if axis is None and task.m > 2 and axis_symmetry(task, VERTICAL) is None:
         own = own_axis(task)
@@ -216,10 +217,10 @@ def no_joint(task: Task, name: str, line: Array) -> InputError:
     """Make the error that no joint of the arm allows the range "all" of ``angle`` or ``spin``.
 
     ``name`` is ``angle`` or ``spin``. The range "all" requires a joint that alone moves the frame
-    along the coordinate. For the angle, the message states how far the axis of the joint that turns
-    the whole arm, if there is one, differs from the sector's axis ``line`` (2, 3); the remedy names
-    the axis of that joint. For the spin, it states how far the axis of the last joint differs from
-    the tool's z axis.
+    along the coordinate. For the angle, a joint may turn the whole arm about an axis other than
+    ``line`` (2, 3), the axis of the sector. The message then states how far the two axes differ,
+    and suggests the axis of the joint. For the spin, the message states how far the axis of the
+    last joint, if revolute, differs from the tool's z axis.
     """
     what = {
         "angle": "turns the whole arm about the axis",

@@ -13,11 +13,12 @@ def cut_sides(
 ) -> tuple[Array, Array]:
     """Find a large box of coordinates without bad poses; return its low and its high corner, (k,).
 
-    U (K, k) are K poses in k coordinates from −1 to 1, and ``bad`` (K,) is True where a function
-    fails. The box begins as [−1, 1]^k, and its sides are moved inward, one after the other. Each
-    time, the move is chosen that loses the smallest volume per excluded bad pose. The side moves
-    past the innermost of the excluded bad poses, by ``inside``. ``weights`` (k,) are factors of the
-    loss along each coordinate, by default 1. If no box is left, both corners are equal.
+    U (K, k) are K poses in k coordinates from −1 to 1, and ``bad`` (K,) is True for bad poses, at
+    which a function fails. The box begins as [−1, 1]^k. Then one side at a time is moved inward, to
+    ``inside`` beyond a bad pose, until no bad pose is left. Each time, the move with the smallest
+    loss of volume per excluded bad pose is chosen. ``weights`` (k,), by default 1, multiply the
+    losses along the coordinates: a side with a larger weight is moved less often. If no box is
+    left, both corners are equal.
     """
     k = U.shape[1]
     weights = np.ones(k) if weights is None else weights

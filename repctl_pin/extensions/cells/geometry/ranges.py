@@ -37,10 +37,13 @@ _POINTS = (("down", (0, 0, -1)), ("up", (0, 0, 1)), ("along x of the base", (1, 
 
 
 def range_rows(cell: Cell) -> dict[str, str]:
-    """Return the ranges of a cell as text, by name; a sector has a row for each coordinate.
+    """Return the ranges of a cell as text, by name.
 
-    A range of radius that depends on the height is given at five heights, one per line. The angle
-    and the spin are left out if their range is ``"all"``, because the design reports them.
+    A box has one row, ``cell``. A sector has the rows ``radius`` and ``height``, a row for each
+    angle that is not constant, and, if the task commands a rotation, the direction of the frame's
+    z axis as ``orientation``. A range of radius that depends on the height is given at five
+    heights, one per line. The angle and the spin are left out if their range is ``"all"``, because
+    the design reports them.
     """
     if not isinstance(cell, Sector):
         return {"cell": cell.size()}
@@ -98,8 +101,8 @@ def gap_phrase(sector: Sector, reaches: Mapping[str, float] | None = None) -> st
     """Write what a sector leaves out, ``0.30 m around the base at mid-height, 44° behind it``.
 
     The sector leaves out the poses nearer to the axis than its smallest radius, and the rest of a
-    full turn beyond its angle. The text is empty if neither exists. The radius and the angle are
-    those of :func:`range_phrase`, with the same ``reaches``.
+    full turn beyond its angle. The text is empty if neither exists. ``reaches`` has the full width
+    of the range of ``angle`` that a design found, rad; a wider range is replaced by this width.
     """
     parts, upright = [], _is_upright(sector)
     low, high = sector.radii(sector.middle[1])
@@ -119,10 +122,11 @@ def gap_phrase(sector: Sector, reaches: Mapping[str, float] | None = None) -> st
 def tool_direction(sector: Sector) -> str | None:
     """Return ``down`` or ``up`` if the tool has this direction in the whole sector, else None.
 
-    The tool points along the axis of the frame that :func:`.tool_axis` finds. The result is None if
-    no such axis is found, if the tool tilts in the sector, or if the sector's axis is not vertical.
-    In a ``ToolTask``, whose frame is no link frame of the URDF, the result is also None if the axis
-    found is not z, because z may be the intended direction.
+    The direction is that of the frame's axis along which the tool points, found from the last joint
+    and the fingers. The result is None if there is no such axis, if the tool tilts in the sector,
+    or if the sector's axis is not vertical. In a ``ToolTask``, whose frame the user placed in a
+    link, the z axis may be meant as the direction of the tool. So the result is then also None
+    unless the axis found is z.
     """
     task, (tilt, _) = sector.task, difference(sector.axis, VERTICAL)
     if not task.kind.turns or sector.widths[3:5].any() or tilt > NEAR:
@@ -215,8 +219,9 @@ def _rounded_inward(low: float, high: float) -> tuple[str, str]:
 def _pointing_axis(task: Task) -> str:
     """Name the z axis of a task's frame: ``z axis of the frame``.
 
-    The frame of a ``ToolTask`` is no link frame of the URDF. Its z axis is named as the axis of its
-    link with the same direction, such as ``-z axis of tool0``, or without one, of the tool.
+    The frame of a ``ToolTask`` is no link frame of the URDF. If its z axis is parallel to an axis
+    of the link that carries the tool, that axis is named, such as ``-z axis of tool0``. Otherwise,
+    the text is ``z axis of the tool``.
     """
     if not isinstance(task, ToolTask):
         return "z axis of the frame"

@@ -409,8 +409,9 @@ class Sector(Cell):
     def without(self, symmetries: Sequence[Symmetry], free: Sequence[int] | None = None) -> Sector:
         """Return the sector with the coordinates of the given symmetries removed from u.
 
-        No other coordinates are removed. ``free`` has the numbers of the coordinates with the range
-        ``"all"``; by default those of this sector.
+        No other coordinates are removed: a coordinate that this sector has removed is restored
+        unless it is given again. ``free`` has the numbers of the coordinates whose range the new
+        sector calls ``"all"``; by default, those of this sector.
         """
         free = self.free if free is None else tuple(free)
         return self._changed(removed=tuple(symmetries), free=free)
@@ -474,8 +475,8 @@ class Sector(Cell):
     def _part(self, low: Array, high: Array) -> Sector:
         """Return the part of the sector with low ≤ u ≤ high, for two corners (k,).
 
-        Tilts keep their middle, and so does the spin if the tool tilts. Their range is first
-        narrowed to the largest interval −a ≤ u_i ≤ a inside it.
+        Tilts keep their middle, and so does the spin if the tool tilts. For these coordinates, the
+        range from low_i to high_i is first narrowed to the largest interval −a ≤ u_i ≤ a in it.
         """
         middles, widths = self._middles_and_widths(low, high)
         p, R = self._placed(middles[None])

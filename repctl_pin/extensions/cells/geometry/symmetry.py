@@ -86,10 +86,11 @@ def own_axis(task: Task) -> Array | None:
 
 
 def last_axis(task: Task) -> tuple[str, Array]:
-    """Return the name of the last joint, which must be revolute, and its axis (2, 3).
+    """Return the name of the last joint, and its axis (2, 3) in the axes of the task's frame.
 
-    The direction of the axis is given in the axes of the task's frame, and its point, m, relative
-    to the frame's origin. An error message compares this axis with the tool's z axis.
+    The first row of the axis is one of its points relative to the frame's origin, m; the second row
+    is its direction. The axis is that at the reference configuration; if the joint is revolute, it
+    is the same at all configurations. An error message compares it with the tool's z axis.
     """
     q = np.array(task.reference)
     x = task.placement(q)

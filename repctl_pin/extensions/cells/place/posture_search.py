@@ -94,13 +94,16 @@ def searched(desired: Inverse, cell: Cell, seed: int = 0) -> list[Candidate]:
     """Search for configurations in the middle of the cell; return up to four, the best first.
 
     A design tries the configurations in this order. The norm of the difference of any two of them
-    is above 0.3 (rad and m). If some of the candidates that are evaluated together are free of
-    collisions in the middle, the others of them are dropped. From each remaining candidate, the arm
-    moves along rays to the corners. The criteria are, in this order: most corners reached, no
-    collision at these corners, largest joint-limit margin, smallest joint speed. Margins above 0.1
-    rad or m count as 0.1. Among nearly equal candidates, the one nearest to the task's reference
-    configuration is the first. ``seed`` is the random seed of the configurations at which the
-    search begins.
+    is above 0.3 (rad and m). The candidates come in groups: configurations found by inverse
+    kinematics, then, three times, configurations near the best candidate so far. In each group,
+    candidates with a collision in the middle are dropped, unless all have one. From each remaining
+    candidate, the arm moves along rays to the corners.
+
+    The criteria of the order are, one after the other: most corners reached, no collision in the
+    middle and at these corners, largest joint-limit margin (above 0.1 rad or m counts as 0.1),
+    smallest joint speed. The first configuration is an exception: among the candidates that are
+    nearly equal to the best one, it is the nearest to the task's reference configuration, see
+    :func:`chosen`. ``seed`` is the random seed of the starts of inverse kinematics.
 
     Raises
     ------
@@ -184,10 +187,10 @@ class Candidate:
         Minimum joint-limit margin on the rays that reach their corners, rad or m; infinite if no
         ray does.
     body_distance : float
-        Minimum body distance in the middle and at the corners reached, m. Where the bodies' convex
-        hulls do not overlap, it is the distance of the hulls, a lower bound. Where they do, only
-        the three corners with the deepest overlap count, so it can be too large. It serves to
-        compare candidates; a design measures its own body distance.
+        Minimum body distance in the middle and at the corners reached, m. At corners where the
+        bodies' convex hulls do not overlap, the distance of the hulls is used, a lower bound. Where
+        the hulls overlap, the bodies themselves are measured, but at three corners at most, so the
+        minimum can be too large. It serves to compare candidates; a design measures its own.
     speed : float
         Mean squared joint speed per unit of task speed at the corners reached: ``‖G_d E C‖_F²``
         with the desired inverse G_d, E = ∂x/∂u in the cell's coordinates u, and C = (EᵀE)^(−1/2).

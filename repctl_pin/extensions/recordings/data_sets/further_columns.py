@@ -47,10 +47,11 @@ def further_joints(
 
     Returns
     -------
-    A dict from the name of each further column to the indices of the joints in a row and their
-    positions (K, n), rad or m; and the names of the columns of actions that stay unchanged. Both
-    leave out columns of actions whose meaning is not known. :func:`.relabeled_columns` removes
-    these, unless their names say that they belong to the hand.
+    A dict from the name of each further column to a pair: the indices of the joints in a row, and
+    the positions of the joints (K, n), rad or m. Then the names of the columns of actions that stay
+    unchanged: all of them if actions command the hand, else none. A column of actions whose meaning
+    is not known is in neither; :func:`.relabeled_columns` removes such a column, unless its name
+    says that it belongs to the hand.
 
     Raises
     ------
@@ -81,10 +82,10 @@ def require_positions(
 ) -> None:
     """Raise InputError if the column of joints also has other data of the joints, such as speeds.
 
-    Relabelling would leave such numbers unchanged, although they depend on the joints. A number is
-    found by its name, which contains the name of a joint, and by its index, which is not one of
-    ``places``, the indices of the joint positions in a row. ``labels`` are the names of the numbers
-    in a row of the column ``table.joints``. If it is None, no error is raised.
+    Relabelling would leave such numbers unchanged, although they depend on the joints. ``labels``
+    are the names of the numbers in a row of the column ``table.joints``, and ``places`` the indices
+    of the joint positions in the row. The error is raised for a number at any other index whose
+    name contains the name of a joint. Without names, None, no error is raised.
     """
     for at, label in enumerate(labels or ()):
         if at not in places and any(joint in label for joint in task.joint_names):

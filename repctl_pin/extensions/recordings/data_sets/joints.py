@@ -18,11 +18,11 @@ from .robomimic import RobomimicData
 def open_data_set(
     path: Path, task: Task, joints: Sequence[str] | None = None
 ) -> tuple[DataSet, Sequence[str] | None]:
-    """Open a data set, and return it with the names of the numbers in its column of joints.
+    """Open a data set, and interpret the names ``joints`` that the user gave.
 
-    The names are those given as ``joints``; None if none are given. Exception: for an HDF5 file and
-    an arm of several joints, a single name in ``joints`` is that of the array of joints. The file
-    is then opened with this array, and None is returned instead of names.
+    ``joints`` usually names the numbers in a row of the column of joints. But in an HDF5 file, and
+    for an arm of several joints, a single name is that of the array of joints. Return the opened
+    data set, and the names of the numbers; None if they are not given.
     """
     if path.is_dir():
         return LeRobotData(path), joints
@@ -67,9 +67,9 @@ def joints_of(
 def require_known(name: str, lerobot: Sequence[str], task: Task) -> None:
     """Raise InputError if no number of a LeRobot column is named after a joint of the task.
 
-    ``lerobot`` are the names of the numbers in a row of the column, from ``meta/info.json``. Even
-    if there are n numbers, they could otherwise belong to another arm of n joints. ``name`` is the
-    name of the column, for the message.
+    Such a column probably belongs to another arm, even if it has one number per joint of the task.
+    ``lerobot`` are the names of the numbers in a row of the column, from ``meta/info.json``.
+    ``name`` is the name of the column, for the message.
     """
     own = task.joint_names
     if not set(own) & {stem(text, own) for text in lerobot}:

@@ -176,7 +176,8 @@ def _sizes(
 
     The sums (D + 1,) begin with 0, for D demonstrations; ``env_kwargs`` is a dict, empty if the
     file has none. ``demos`` are the names of the demonstrations, ``sets`` their arrays by name.
-    InputError is raised if an attribute of the file gives another number of frames.
+    InputError is raised if the file's attributes ``num_samples`` or ``total`` contradict the
+    arrays, or if ``env_args`` is not JSON.
     """
     sizes = []
     for demo in demos:
@@ -224,7 +225,10 @@ def _widths(sets: Mapping[str, Mapping[str, Any]], sizes: Array) -> dict[str, in
 
 
 def _types(configuration: Any) -> Iterator[str]:
-    """Yield each ``type`` in robosuite's nested configuration of controllers."""
+    """Yield the types of all controllers, such as ``OSC_POSE``, in a robosuite configuration.
+
+    The configuration is nested dicts; a type is the text at any key ``type``.
+    """
     if not isinstance(configuration, dict):
         return
     for key, value in configuration.items():

@@ -68,8 +68,9 @@ def constants(struct: Any, kind: str, name: str) -> str:
         A filled C struct of ctypes; ``struct.held`` maps the name of each pointer in it to the
         array, or to the list of structs, that it points to.
     kind
-        Name of the struct's type in C. The structs that a pointer ``x`` points to have the type
-        ``X``, except those of the pointer ``frame``: their type is ``Arm``.
+        Name of the struct's type in C. The type of structs that a pointer points to is the
+        pointer's name with a capital: that of ``part`` is ``Part``. The exception is the pointer
+        ``frame``, whose structs have the type ``Arm``.
     name
         Name of the constant; the names of its arrays begin with this name.
     """

@@ -81,9 +81,9 @@ def export_c(
         Prefix of the files and of every name in C.
     region
         Region, such as ``design.region``, that ``name_inside`` checks and from which the test
-        vectors are sampled; by default the inverse's own Ω, which is the cell for a cell's function
-        and its inverse. With the option ``stay_inside = 1``, ``name_step`` refuses a step from a q
-        outside Ω, or to a q beyond the joint limits.
+        vectors are sampled. The default is the inverse's own Ω; for the function of a cell, and for
+        the inverse of this function, Ω is the cell. With the option ``stay_inside = 1``,
+        ``name_step`` refuses a step from a q outside the region, or to a q beyond the joint limits.
     closes
         Closing radius of the design's certificate, ``design.proof.closes``. With this argument,
         ``name_within_closing_radius`` tests whether a pose is within the radius.
@@ -206,8 +206,8 @@ def _refuse_foreign(path: Path) -> None:
 def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
     """Choose the configuration (n,) at which the example and the test vectors begin.
 
-    If Ω is a cell, it is F(x; 0) at the cell's middle x; else the centre of Ω or, without Ω, the
-    task's reference configuration.
+    For a cell, the result is F(x; 0) at the middle pose x of the cell. For any other region, it is
+    the region's centre; without a region, it is the task's reference configuration.
     """
     if isinstance(region, Cell) and isinstance(inverse.potentials, CellPotentials):
         return InverseFunction(inverse.potentials.chart)(region.placement)
@@ -217,12 +217,12 @@ def _start(inverse: RepeatableInverse, region: Bounded | None) -> Array:
 def _loop(inverse: RepeatableInverse, region: Bounded | None) -> dict[str, str]:
     """Write the closed path of the example ``loop.c`` as C text, by name: ``along`` and ``radii``.
 
-    The path is an ellipse, ``p = p_0 + r_1 a_1 (cos s − 1) + r_2 a_2 sin s``, with the rows a_1 and
-    a_2 of ``along`` and the radii r_1 and r_2, m; the orientation is constant. If Ω is a cell, the
-    path lies inside. A sector is a cell in cylindrical coordinates: radius, angle and height. In a
-    sector, the orientation turns with the angle, so the path is at a constant angle, in the plane
-    of radius and height. A planar task has no height and leaves the orientation free; the path then
-    extends along radius and angle.
+    The path is an ellipse, ``p = p_0 + r_1 a_1 (cos s − 1) + r_2 a_2 sin s``, from the start p_0 of
+    the frame, with the rows a_1 and a_2 of ``along`` and the radii r_1 and r_2, m. The orientation
+    is constant. If Ω is a cell, the path lies inside. A sector is a cell in cylindrical
+    coordinates: radius, angle and height. In a sector, the orientation of a pose depends on the
+    angle, so the path lies at a constant angle, in the plane of radius and height. A planar task
+    has no height and leaves the orientation free; the path then extends along radius and angle.
     """
     axes = [int(axis) for axis in inverse.task.rows if axis < 3]
     along, most = np.eye(3)[axes], np.full(len(axes), np.inf)

@@ -164,13 +164,13 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
 
 
 def _frame_sizes(arm: Any) -> dict[str, str | int]:
-    """Return the sizes of one frame of the task for C, as numbers or C expressions.
+    """Return the sizes of a frame of the task, as numbers or C expressions, by placeholder.
 
-    The sizes are ``rows``, the number of task coordinates of the frame; ``joints``, its number of
-    joints; and ``most``, the largest number of joints of any frame. These names are placeholders of
-    the template. ``arm`` is the C struct of the task's joint chains. For a task of one frame, all
-    sizes are constants, so that the compiler can unroll loops. For several frames, ``rows`` and
-    ``joints`` are read from each frame's struct in C.
+    The placeholders of the template are ``rows``, for the number of task coordinates of a frame;
+    ``joints``, for its number of joints; and ``most``, for the largest number of joints of any
+    frame of the task. With one frame, all three are constants, so that the compiler can unroll
+    loops. With several frames, ``rows`` and ``joints`` are C expressions that read the struct of
+    each frame. ``arm`` is the C struct of the task's joint chains.
     """
     if arm.frames == 1:
         return {"rows": "M", "joints": arm.joints, "most": arm.joints}
