@@ -77,17 +77,24 @@ class Batches:
         self._tick = tick
         self._size = size
         self._kept: list[Batch] = []
+        self._most_bytes = most_bytes
         used = 0
         for batch in self._build(0):
             used += batch.EF.nbytes + batch.null_alignment.nbytes
             if used > most_bytes:
                 break
             self._kept.append(batch)
+        self._used = used
 
     @property
     def stored(self) -> bool:
         """True if all batches are in memory."""
         return len(self._kept) * self._size >= len(self._Q)
+
+    @property
+    def small(self) -> bool:
+        """True if the bound of memory has room for two more arrays as large as all batches."""
+        return 3 * self._used <= self._most_bytes
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches, item by item.
@@ -149,6 +156,11 @@ class BarrierCost:
     def stored(self) -> bool:
         """True if all nodes are in memory."""
         return self.batches.stored
+
+    @property
+    def small(self) -> bool:
+        """True if the bound of memory has room for two more arrays as large as all nodes."""
+        return self.batches.small
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches and the barrier points.

@@ -182,7 +182,7 @@ def descend(
     # products pass over all nodes often, so these must be in memory
     often = batches.stored and r**2 * size > _DENSE
     kind = _MatrixFree if often else _PenalisedCost
-    problem = kind(batches, basis, begin, penalty)
+    problem = kind(batches, basis, begin, penalty, tolerance)
     found = levenberg_marquardt(
         problem,
         scipy.linalg.solve_triangular(basis, A),
@@ -202,7 +202,8 @@ def descend(
 
 _Evaluated = tuple[Array, Any, SignCount]
 """Sums over the nodes: half the gradient (N, r), the Gauss–Newton matrix (r, N, r, N) or the
-differentials, and the number of nodes with either sign of det(Nᵀ V)."""
+differentials, from which the matrix follows, and the number of nodes with either sign of
+det(Nᵀ V)."""
 
 
 class _PenalisedCost:
@@ -212,19 +213,25 @@ class _PenalisedCost:
     shape of x, solves ``(H + μ I) dx = −g``. g is half the gradient of the penalised cost in x, H
     is its Gauss–Newton matrix, and μ is the damping. If potentials are nearly dependent, B is
     large, and rounding errors of H determine the smallest useful μ.
+
+    H takes most of the time. If memory allows, an evaluation keeps the differentials instead, from
+    which H follows, and H is built only for a step: not at rejected points, nor at the last point,
+    where the H of the step before tells that no step is worth while.
     """
 
-    terms: Sum = staticmethod(criterion.gauss_newton)
-
-    def __init__(self, batches: BarrierCost, basis: Array, begin: Start, penalty: float) -> None:
-        self.batches, self.basis = batches, basis
+    def __init__(
+        self, batches: BarrierCost, basis: Array, begin: Start, penalty: float, tolerance: float
+    ) -> None:
+        self.batches, self.basis, self.tolerance = batches, basis, tolerance
+        self.terms: Sum = criterion.linearised if batches.small else criterion.gauss_newton
         self.r = begin.A.shape[1]
         self.tau = penalty * begin.cost / self.r
         self.EE = basis.T @ begin.EE @ basis
         self.null_alignment = basis.T @ begin.null_alignment
+        self._last: tuple[Point[_Evaluated], Array] | None = None  # H of the last step, and where
 
     def evaluate(self, x: Array) -> Point[_Evaluated]:
-        """Evaluate the cost at x (N, r), half its gradient and its Gauss–Newton matrix in one pass.
+        """Evaluate the cost at x (N, r), half its gradient, and what H follows from, in one pass.
 
         Return them as a :class:`Point`. Its ``merit`` includes the penalty. Its ``allowed`` is True
         if det(Nᵀ V) has one sign at all nodes; otherwise the solver rejects a step to x. The pass
@@ -249,30 +256,47 @@ class _PenalisedCost:
         return self.basis.T @ at.data[0] + pull
 
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Any]:
-        """Evaluate half the gradient (N, r) and the Gauss–Newton matrix (r N, r N) in x.
-
-        The matrix has r × r blocks (N, N), one for each pair of columns of x (N, r). ``at`` is the
-        evaluation at x, whose sums over the nodes are used again.
-        """
-        basis, r = self.basis, range(self.r)
-        blocks = at.data[1]
-
-        def block(i: int, j: int) -> Array:
-            return basis.T @ blocks[i, :, j, :] @ basis + (self.tau * self.EE if i == j else 0.0)
-
-        return self.gradient(at), np.block([[block(i, j) for j in r] for i in r])
+        """Evaluate half the gradient (N, r) in x; return it and ``at``, from which H follows."""
+        return self.gradient(at), at
 
     def step(self, model: tuple[Array, Any], damping: float) -> Step:
         """Solve ``(H + μ I) dx = −g`` with μ = ``damping`` · mean(diag H).
 
-        ``model`` is (g, H): half the gradient and the Gauss–Newton matrix. The damping in the
-        returned step is larger than ``damping`` if the matrix would not be positive definite.
+        ``model`` is g, half the gradient, and the point at which H is to be built. The damping in
+        the returned step is larger than ``damping`` if the matrix would not be positive definite.
+        If the H of the last step predicts a decrease so small that the iteration ends, this H is
+        used.
         """
-        gradient, H = model
+        gradient, at = model
+        if self._last is not None:
+            where, H = self._last
+            step = self._step(gradient, H, damping)
+            if where is at or step.predicted <= self.tolerance * at.cost:
+                return step
+        H = self._matrix(at)
+        self._last = at, H
+        return self._step(gradient, H, damping)
+
+    def _step(self, gradient: Array, H: Array, damping: float) -> Step:
+        """Solve ``(H + μ I) dx = −g`` with half the gradient g (N, r), see :meth:`step`."""
         g = gradient.T.ravel()
         H, x, used = _damped_step(H, g, damping)
         predicted = -2 * float(g @ x) - float(x @ (H @ x))
         return Step(x.reshape(self.r, -1).T, predicted, used)
+
+    def _matrix(self, at: Point[_Evaluated]) -> Array:
+        """Build the Gauss–Newton matrix (r N, r N) in x, at an evaluated point.
+
+        The matrix has r × r blocks (N, N), one for each pair of columns of x (N, r).
+        """
+        basis, r = self.basis, range(self.r)
+        second = at.data[1]
+        blocks = sum(one.matrix() for one in second) if isinstance(second, list) else second
+
+        def block(i: int, j: int) -> Array:
+            return basis.T @ blocks[i, :, j, :] @ basis + (self.tau * self.EE if i == j else 0.0)
+
+        return np.block([[block(i, j) for j in r] for i in r])
 
     def _closeness(self, x: Array) -> float:
         """Evaluate the penalty ``τ mean ‖E A − Nᵀ N(center)‖²``, up to a constant, at ``A = B x``.
@@ -293,7 +317,9 @@ class _MatrixFree(_PenalisedCost):
     products.
     """
 
-    terms: Sum = staticmethod(criterion.linearised)
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
+        self.terms = criterion.linearised
 
     def model(self, at: Point[_Evaluated]) -> tuple[Array, Any]:
         """Evaluate half the gradient (N, r), and three data of the Gauss–Newton matrix H in x.
@@ -304,7 +330,8 @@ class _MatrixFree(_PenalisedCost):
         gradient, differentials, sides = at.data
         count = _SAMPLE * len(self.basis) // len(differentials[0].L)
         few, trace = criterion.sampled(differentials, self.basis, count)
-        g, H = super().model(replace(at, data=(gradient, few.matrix(), sides)))
+        g = self.gradient(at)
+        H = self._matrix(replace(at, data=(gradient, few.matrix(), sides)))
         level = (trace + self.tau * self.r * float(np.trace(self.EE))) / at.x.size
         return g, ([one.rounded() for one in differentials], H, level)
 

@@ -60,19 +60,43 @@ def frame_placements(model: pin.Model, ids: Iterable[int], Q: Array, base: int =
     ``ids`` are the ids of the F frames, and ``base`` is that of the frame relative to which they
     are placed, by default the root. Q has a value per joint of the model.
     """
+    frames = [model.frames[i] for i in ids]
+    if not len(Q):
+        return np.empty((0, len(frames), 4, 4))
     data = model.createData()
     root = model.frames[base]
-    frames = [model.frames[i] for i in ids]
-    parents = np.array([frame.parentJoint for frame in frames], int)
-    joints, which = np.unique(parents, return_inverse=True)
+    carriers = _carriers(model, Q)
+    joints, which = np.unique(
+        np.array([carriers[frame.parentJoint] for frame in frames], int), return_inverse=True
+    )
+    pin.forwardKinematics(model, data, Q[0])
+
+    def on_joint(j: int, frame: pin.Frame) -> Array:
+        parent = frame.parentJoint
+        moved = pin.SE3.Identity() if parent == j else data.oMi[j].actInv(data.oMi[parent])
+        return (moved * frame.placement).homogeneous
+
+    on_carrier = list(map(on_joint, joints[which].tolist(), frames))
     placed = np.empty((len(Q), len(joints), 4, 4))
     for q, row in zip(Q, placed, strict=True):
         pin.forwardKinematics(model, data, q)
         to_base = (data.oMi[root.parentJoint] * root.placement).inverse()
         for place, j in zip(row, joints.tolist(), strict=True):
             place[:] = (to_base * data.oMi[j]).homogeneous
-    on_joint = [frame.placement.homogeneous for frame in frames]
-    return placed[:, which] @ np.array(on_joint).reshape(-1, 4, 4)
+    return placed[:, which] @ np.array(on_carrier).reshape(-1, 4, 4)
+
+
+def _carriers(model: pin.Model, Q: Array) -> list[int]:
+    """Find, for each joint of the model, the joint that carries it while the rows of Q change.
+
+    The carrier is the last joint, on the way from the root to the joint itself, whose value differs
+    between rows of Q (T, N), or 0, the root. The joint is at rest relative to it.
+    """
+    changing = {0, *(np.flatnonzero(np.ptp(Q, axis=0)) + 1).tolist()}
+    carriers: list[int] = []
+    for joint, parent in enumerate(model.parents):
+        carriers.append(joint if joint in changing else carriers[parent])
+    return carriers
 
 
 def origin(solid: Shape) -> pin.SE3:

@@ -355,10 +355,10 @@ def _are_near(corners: Array, place: Array, solid: Array) -> bool:
     (P, 3), m, are in the shape's own frame, and ``place`` (4, 4) is the shape's placement on the
     link; ``solid`` (C, 3), m, is in the frame of the link.
     """
-    from scipy.spatial import cKDTree  # slow to import
-
     on_link = corners @ place[:3, :3].T + place[:3, 3]
-    return bool(cKDTree(solid).query(on_link)[0].max() <= _allowed(solid))
+    squares = np.sum(on_link**2, axis=1)[:, None] + np.sum(solid**2, axis=1)
+    squares -= 2 * on_link @ solid.T
+    return bool(squares.min(axis=1).max() <= _allowed(solid) ** 2)
 
 
 def _widened_hull(solid: Array) -> Array | None:

@@ -7,9 +7,9 @@ prismatic joints); s, a sample, which is a configuration of the motion.
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,7 @@ from ..base.arguments import (
     positive,
     read_only,
 )
+from ..native import library
 from .box import Box
 from .region import Density, Region, check_density, sobol, span
 
@@ -120,15 +121,34 @@ class Tube(Region):
 
         The distance is ``max_i |q_i − s_i| / radius_i``, at most 1 inside the tube.
         """
-        Q = as_configurations(Q, self.n, "this tube")
-        distance, which = self._tree.query(Q / self.radius, p=np.inf)
+        Q = as_configurations(Q, self.n, "this tube") / self.radius
+        native = library()
+        if native is None:
+            return self._nearest(Q)
+        which = np.empty(len(Q), np.intp)
+        distance = np.empty(len(Q))
+        sizes = ctypes.c_int(self.n), ctypes.c_long(len(Q)), ctypes.c_long(len(self._scaled))
+        arrays = np.ascontiguousarray(Q), self._scaled, which, distance
+        native.nearest_samples(*sizes, *(ctypes.c_void_p(array.ctypes.data) for array in arrays))
+        return which, distance
+
+    def _nearest(self, Q: Array) -> tuple[NDArray[np.intp], Array]:
+        """Find the sample nearest to each row of Q (K, n), in units of the radius, with NumPy.
+
+        Return its index (K,) and its distance (K,).
+        """
+        which = np.empty(len(Q), np.intp)
+        distance = np.empty(len(Q))
+        for k, q in enumerate(Q):
+            from_all = np.abs(self._scaled - q).max(axis=1)
+            which[k] = from_all.argmin()
+            distance[k] = from_all[which[k]]
         return which, distance
 
     @cached_property
-    def _tree(self) -> Any:
-        from scipy.spatial import cKDTree  # slow to import
-
-        return cKDTree(self.samples / self.radius)
+    def _scaled(self) -> Array:
+        """Samples (S, n) in units of the radius."""
+        return np.ascontiguousarray(self.samples / self.radius)
 
     def __str__(self) -> str:
         return f"tube of radius {span(self.radius)} around {len(self.samples)} configurations"

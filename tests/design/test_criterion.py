@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from importlib import import_module
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
@@ -145,6 +146,36 @@ def test_product_without_the_matrix_is_that_of_the_matrix(setting) -> None:
     whole, drawn = (M.reshape(len(A) * task.r, -1) for M in (matrix, many))
     assert np.linalg.norm(drawn - whole, 2) < 0.05 * np.linalg.norm(whole, 2)
     assert few.L.shape[1] <= 128
+
+
+def test_the_matrix_is_built_for_steps_alone_and_the_design_is_the_same(
+    panda_pose: rp.Task, q_panda_module: np.ndarray, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With memory for the differentials, and without: then each evaluation builds the matrix."""
+    differential = import_module(linearised.__module__).Differential
+    build, count = differential.matrix, 0
+
+    def counted(self: Any) -> np.ndarray:
+        nonlocal count
+        count += 1
+        return build(self)
+
+    monkeypatch.setattr(differential, "matrix", counted)
+    box, J_plus = rp.Box(q_panda_module, 0.3), rp.Pseudoinverse(panda_pose)
+
+    def fit(**more: Any) -> rp.Design:
+        options = rp.FitOptions(samples=1024, held_out=256, **more)
+        return rp.nearest_repeatable(J_plus, None, box, degree=2, options=options)
+
+    found, built = [], []
+    for small in (True, False):
+        monkeypatch.setattr(Batches, "small", property(lambda _, small=small: small))
+        count = 0
+        found.append(fit())
+        built.append(count)
+    assert all(one.converged for one in found) and 0 < built[0] < built[1]
+    assert np.array_equal(found[0].coefficients, found[1].coefficients)
+    assert found[0].fit_cost == pytest.approx(fit(tolerance=1e-13).fit_cost, rel=1e-6)
 
 
 @pytest.mark.slow

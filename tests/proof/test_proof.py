@@ -8,6 +8,8 @@ import sys
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from time import thread_time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -273,6 +275,44 @@ def test_the_commands_prove_and_check_what_they_saved(
         assert "--leaf requires --prove" in refused(capsys, *command, "--leaf", "0.1")
     assert "mutually exclusive" in refused(capsys, "check", file, "--prove", "--region", "0.1")
     assert "requires a saved design" in refused(capsys, "check", "panda", "--prove")
+
+
+@pytest.mark.parametrize("decided", [False, True])
+def test_a_proof_that_decides_nothing_is_given_up_early(decided: bool) -> None:
+    """A quarter of its time; a proof with one box that is decided takes all of it."""
+    found = import_module(rp.prove.__module__).bound_leaf_margin
+
+    class Undecided:
+        """Bounds that take 10 ms, and decide one box at most."""
+
+        first = decided
+
+        def bounds(self, Q: np.ndarray, half: np.ndarray) -> SimpleNamespace:
+            end = thread_time() + 0.01
+            while thread_time() < end:
+                pass
+            bound = np.zeros(len(Q))
+            if len(Q) > 1:
+                bound[0] = float(self.first)
+                self.first = False
+            return SimpleNamespace(
+                leaf_margin=bound,
+                center=np.ones(len(Q)),
+                sigma_min=bound,
+                split=np.zeros(len(Q), np.int32),
+            )
+
+        def undefined(self, Q: np.ndarray, half: np.ndarray) -> np.ndarray:
+            return np.zeros(len(Q), bool)
+
+    begin = thread_time()
+    low, high = np.zeros((1, 2)), np.ones((1, 2))
+    proof = found(Undecided(), low, high, 0.5, 0.2, lambda step, share: None, 0.25)
+    spent = thread_time() - begin
+    assert not proof and (spent > 0.2 if decided else 0.05 < spent < 0.15)
+    assert proof.reason == "stopped after " + (
+        "0.2 s" if decided else "0.05 s, with no box decided"
+    )
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 from designs import judged, over
+from scipy.spatial import cKDTree
 
 import repctl_pin as rp
 
@@ -57,6 +58,26 @@ def test_a_design_with_a_density_is_nearer_where_it_counts(panda_pose: rp.Task) 
         for d in (leaning, plain)
     )
     assert near < 0.7 * far
+
+
+@pytest.mark.parametrize("native", ["yes", "no"])
+def test_the_nearest_sample_of_a_tube_is_scipys(
+    native: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In C and in NumPy, against a k-d tree; the motion ends where it began, so there are ties."""
+    monkeypatch.setenv("REPCTL_NATIVE", native)
+    rng = np.random.default_rng(3)
+    samples = np.cumsum(rng.normal(0, 0.02, (80, 6)), axis=0)
+    radius = rng.uniform(0.05, 0.3, 6)
+    tube = rp.Tube(np.concatenate([samples, samples[::-1]]), radius)
+    Q = samples[rng.integers(80, size=500)] + radius * rng.uniform(-3, 3, (500, 6))
+    due, _ = cKDTree(tube.samples / radius).query(Q / radius, p=np.inf)
+    which, distance = tube.nearest(Q)
+    assert np.array_equal(distance, due)
+    away = np.abs((Q - tube.samples[which]) / radius).max(axis=1)
+    assert np.allclose(away, due, rtol=1e-13, atol=0)
+    assert (which < 80).all()  # of two equally near, the first
+    assert [len(part) for part in tube.nearest(Q[:0])] == [0, 0]
 
 
 @pytest.mark.slow

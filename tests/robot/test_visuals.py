@@ -74,6 +74,19 @@ def test_placements_are_pinocchios(name: str) -> None:
             )
 
 
+@pytest.mark.parametrize("name", some(["panda", "talos", "tiago", "ppr"], "panda", "ppr"))
+def test_links_beyond_joints_at_rest_are_placed_as_one_configuration_is(name: str) -> None:
+    """One row alone has no joint that changes, and all rows together have some."""
+    robot = rp.Robot.load(name)
+    visuals = Visuals.of(robot)
+    for at_rest in (slice(None, None, 2), slice(1, None, 2), slice(3), slice(3, None)):
+        Q = configurations(robot)
+        Q[:, at_rest] = Q[0, at_rest]
+        alone = [visuals.placements(q[None])[0] for q in Q]
+        np.testing.assert_allclose(visuals.placements(Q), alone, rtol=0, atol=1e-14)
+    assert visuals.placements(Q[:0]).shape == (0, len(visuals.shapes), 4, 4)
+
+
 @pytest.mark.parametrize("name", some(["panda", "talos", "kinova", "baxter"], "panda", "kinova"))
 def test_scales_and_colours_are_pinocchios(name: str) -> None:
     robot, _, geometry = loaded(name)

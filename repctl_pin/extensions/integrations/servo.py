@@ -219,7 +219,8 @@ class Servo:
     def couple(self, coupled: bool) -> None:
         """Engage the clutch at the next hand pose if ``coupled``; else release it and stop the arm.
 
-        The clutch is engaged only while the servo is RUNNING.
+        If the servo is not RUNNING, ``coupled`` has no effect. A servo that stops releases the
+        clutch; call this method again after that.
         """
         self._forget()
         self._coupled = coupled and self.state is State.RUNNING

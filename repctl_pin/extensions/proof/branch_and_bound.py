@@ -48,6 +48,7 @@ def bound_leaf_margin(
     goal: float | None,
     seconds: float,
     report: Callable[[str, float], None],
+    patience: float = 1.0,
 ) -> Proof:
     """Prove a lower bound of the leaf margin on a union of boxes of joint space.
 
@@ -64,6 +65,8 @@ def bound_leaf_margin(
         Processor time, s, after which the search stops and returns the bound found so far.
     report
         Progress callback (step, fraction); the fraction is the proved share of the volume.
+    patience
+        Share of ``seconds`` after which the search also stops if it has decided no box yet.
 
     Returns
     -------
@@ -71,10 +74,13 @@ def bound_leaf_margin(
         The proof of the leaf margin; its description is empty, and its limit margin is NaN.
     """
     search = _Search(problem, low, high, goal)
-    end, whole = thread_time() + seconds, search.volume()
+    begin, whole = thread_time(), search.volume()
     while len(search.low) and not search.reason:
-        if thread_time() > end:
+        spent = thread_time() - begin
+        if spent > seconds:
             search.give_up(f"after {seconds:g} s")
+        elif spent > patience * seconds and search.decided == np.inf:
+            search.give_up(f"after {patience * seconds:g} s, with no box decided")
         elif len(search.low) > _MOST:
             search.give_up(f"at {_MOST} undecided boxes")
         else:

@@ -231,10 +231,11 @@ def _other_frame(
 def _other_base(
     task: Task, p: Array, R: Array, p_own: Array, R_own: Array, rows: list[int], B: Array
 ) -> _Explanation:
-    """Fit another base, rotated by B (3, 3) and shifted by t: ``p = B p_own + t``, ``R = B R_own``.
+    """Explain a difference by another base, with the given rotation B (3, 3) and a fitted shift t.
 
-    p (K, 3) and R (K, 3, 3) are the recorded poses, p_own and R_own those by forward kinematics.
-    ``rows`` are the components of the position that the task commands.
+    Then ``p = B p_own + t`` and ``R = B R_own``. Return the explanation, with the difference that
+    remains. p (K, 3) and R (K, 3, 3) are the recorded poses, p_own and R_own those by forward
+    kinematics. ``rows`` are the components of the position that the task commands.
     """
     t = np.zeros(3)
     t[rows] = (p - p_own @ B.T).mean(axis=0)[rows]

@@ -464,9 +464,11 @@ class _Program:
 def _program(curve: Any, grid: Array, limits: JointLimits) -> _Program:
     """Create the linear program of a curve q(s) with stages ``grid`` (K,).
 
-    The unit of x at a stage is the smaller of two values: the largest x within the speed limits,
-    and an estimate of the x that the arm reaches from rest at the nearer end, at the largest
-    acceleration. Limits that cannot be the tightest at their stage are left out.
+    The unknown of a stage is x divided by a scale, so that all unknowns are of similar size. The
+    scale is the smaller of two values. The first is the largest x within the speed limits. The
+    second is an estimate of the x that the arm reaches at the stage with the largest acceleration,
+    from rest at the nearer end of the curve. Limits that cannot be the tightest at their stage are
+    left out.
     """
     Q, slope, bend = curve(grid), curve(grid, 1), curve(grid, 2)
 

@@ -352,9 +352,10 @@ class CellFit:
             Maximum number of minimisations with penalties per degree, see :class:`PenaltyMethod`;
             the weight of the penalties rises from one to the next.
         guess
-            Result of an earlier quick design, or ``()`` without one. The minimisations with
-            penalties begin at the function of this design if the last degree is above 2. Otherwise
-            they begin at the functions found with rising degree, which are computed in any case.
+            Result of an earlier quick design, or ``()`` without one. If the highest degree tried in
+            this call is above 2, the minimisations with penalties begin at the function of the
+            quick design. Otherwise they begin at the results of the minimisations without
+            penalties, which are done in either case.
 
         Returns
         -------

@@ -358,9 +358,9 @@ class Cell:
             )
         if off[at] > TURNED and (np.abs(U[at]) <= self._bounds + EDGE).all():
             raise InputError(
-                f"{which} lies outside the cell: it deviates by {off[at]:.3g} m or rad along a "
-                f"coordinate that the cell holds constant, as all but {', '.join(self.names)}; "
-                "make a cell with a half-width there"
+                f"{which} lies outside the cell: only {', '.join(self.names)} vary in it, and the "
+                f"target deviates by {off[at]:.3g} m or rad in another coordinate; "
+                "move the target, or make a cell with a half-width for that coordinate"
             )
         i = int(np.argmax(np.abs(U[at]) - self._bounds))
         name, unit, width = self.names[i], self.units[i], self._widths_at(U[at])[i]

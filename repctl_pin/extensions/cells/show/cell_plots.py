@@ -155,7 +155,8 @@ def _scale_of(ax: Axes) -> Axes | None:
 def _beside(whole: Image.Image, *axes: Axes) -> tuple[Image.Image, str]:
     """Cut axes with their labels out of the picture ``whole``, and put them side by side.
 
-    Return the picture, and the CSS polygon around its text, without map and colour bar.
+    Return the new picture, and a CSS polygon. The polygon covers the labels; it leaves out the
+    rectangles inside the axes: the map and its colour bar.
     """
     tight = [_pixels(whole, ax, ax.get_tightbbox()) for ax in axes]
     top, bottom = min(box[1] for box in tight), max(box[3] for box in tight)
