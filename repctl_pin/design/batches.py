@@ -92,8 +92,8 @@ class Batches:
         return len(self._kept) * self._size >= len(self._Q)
 
     @property
-    def small(self) -> bool:
-        """True if the bound of memory has room for two more arrays as large as all batches."""
+    def copies_fit(self) -> bool:
+        """True if two more copies of all batches would fit into the memory allowed for them."""
         return 3 * self._used <= self._most_bytes
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
@@ -158,9 +158,9 @@ class BarrierCost:
         return self.batches.stored
 
     @property
-    def small(self) -> bool:
-        """True if the bound of memory has room for two more arrays as large as all nodes."""
-        return self.batches.small
+    def copies_fit(self) -> bool:
+        """True if two more copies of all batches would fit into the memory allowed for them."""
+        return self.batches.copies_fit
 
     def total(self, function: Sum, *arguments: Any) -> Sums:
         """Sum the tuples ``function(batch, *arguments)`` of all batches and the barrier points.

@@ -54,6 +54,10 @@ _RESIDUAL, _MOST_PRODUCTS, _SAMPLE = 1e-3, 200, 16
 """Conjugate gradients: relative residual, maximum number of products, and equations per potential
 in the sample from which the preconditioner is built."""
 
+_STALE = 0.1
+"""A step with the Gauss–Newton matrix of the last step is the last one if its predicted decrease of
+the cost is at most this share of the tolerance."""
+
 _EMPHASIS = (1.0, 0.1, 0.01)
 
 
@@ -223,7 +227,7 @@ class _PenalisedCost:
         self, batches: BarrierCost, basis: Array, begin: Start, penalty: float, tolerance: float
     ) -> None:
         self.batches, self.basis, self.tolerance = batches, basis, tolerance
-        self.terms: Sum = criterion.linearised if batches.small else criterion.gauss_newton
+        self.terms: Sum = criterion.linearised if batches.copies_fit else criterion.gauss_newton
         self.r = begin.A.shape[1]
         self.tau = penalty * begin.cost / self.r
         self.EE = basis.T @ begin.EE @ basis
@@ -271,7 +275,7 @@ class _PenalisedCost:
         if self._last is not None:
             where, H = self._last
             step = self._step(gradient, H, damping)
-            if where is at or step.predicted <= self.tolerance * at.cost:
+            if where is at or step.predicted <= _STALE * self.tolerance * at.cost:
                 return step
         H = self._matrix(at)
         self._last = at, H

@@ -352,7 +352,9 @@ def refuse_singular(
     if isinstance(measure, LeafMargin):
         free = f"region with the same centre and a leaf margin of at least {SHRUNK_MARGIN:g}"
     found = f"{where}; the largest {free} is a {largest}"
-    return SingularRegionError(found, at, largest, "use shrink=True to design there")
+    return SingularRegionError(
+        found, at, largest, "use shrink=True to design in this smaller region"
+    )
 
 
 def _length(vectors: Array) -> Array:

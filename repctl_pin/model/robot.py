@@ -138,11 +138,11 @@ class Robot(Mechanism):
     def _poses_within(
         self, free: Sequence[str], ranges: Sequence[Range], notes: list[str]
     ) -> dict[str, Array]:
-        """Compute the named poses of joints, within their ``ranges``: {pose name: values}.
+        """Compute the robot's named poses, ``reference`` among them: {pose name: values}.
 
         ``free`` are the names of the joints that mimic no other joint. A pose has one value per
-        joint of ``free``, rad or m. A text is added to ``notes`` for each value of the reference
-        pose that is moved into the limits.
+        joint of ``free``, rad or m. A value outside its range is moved to the nearer end of its
+        range in ``ranges``; for the reference pose, a text on it is added to ``notes``.
         """
         lower, upper = np.array([(one.lower, one.upper) for one in ranges]).reshape(-1, 2).T
         turns = self._revolute(free)

@@ -275,8 +275,9 @@ class _Beside:
         file = (folder / name.strip()).resolve()
         if not file.is_relative_to(folder.parent):  # ../textures is common
             raise InputError(
-                f"the mesh names the file {name[:60]!r}, which lies outside the folder above the "
-                "mesh; move that file beside the mesh"
+                f"the mesh names the file {name[:60]!r}, which is neither in the folder of the "
+                "mesh nor in the folder above; move the file beside the mesh, and change its name "
+                "in the mesh"
             )
         if not file.exists():
             raise FileNotFoundError(name)

@@ -212,7 +212,10 @@ class Task:
         return pin.SE3(data.oMf[self._frame_id])
 
     def placements(self, q: ArrayLike) -> tuple[pin.SE3, ...]:
-        """Evaluate the placement at q (n,), as a tuple of one; it can be a target of this task."""
+        """Evaluate the placement at q (n,), as a tuple of one.
+
+        Both the tuple and the placement in it can be targets of this task.
+        """
         return (self.placement(q),)
 
     def jacobian(self, q: ArrayLike) -> Array:

@@ -30,7 +30,7 @@ def test_a_singular_region_names_the_option_that_helps(tmp_path, monkeypatch, ca
     for name, many in (("_STARTS", 16), ("_CORNERS", 256)):  # as shipped
         monkeypatch.setattr(f"repctl_pin.design.singularity_search.{name}", many)
     error = refused(capsys, "design", *SINGULAR, "--region", "0.7", "--degree", "1")
-    assert "use --shrink to design there" in error and "=True" not in error
+    assert "use --shrink to design in this smaller region" in error and "=True" not in error
     study = ["study", *SINGULAR, "--cycles", "1", "--steps", "40", "--degree", "1", "--quiet"]
     width, tries = "10", 0
     while main([*study, "--region", width]) == 2:  # the advice is taken, until it is good

@@ -168,14 +168,14 @@ def test_the_matrix_is_built_for_steps_alone_and_the_design_is_the_same(
         return rp.nearest_repeatable(J_plus, None, box, degree=2, options=options)
 
     found, built = [], []
-    for small in (True, False):
-        monkeypatch.setattr(Batches, "small", property(lambda _, small=small: small))
+    for fits in (True, False):
+        monkeypatch.setattr(Batches, "copies_fit", property(lambda _, fit=fits: fit))
         count = 0
-        found.append(fit())
+        found.append(fit(tolerance=1e-3))
         built.append(count)
     assert all(one.converged for one in found) and 0 < built[0] < built[1]
     assert np.array_equal(found[0].coefficients, found[1].coefficients)
-    assert found[0].fit_cost == pytest.approx(fit(tolerance=1e-13).fit_cost, rel=1e-6)
+    assert found[0].fit_cost == pytest.approx(fit(tolerance=1e-13).fit_cost, rel=1e-4)
 
 
 @pytest.mark.slow

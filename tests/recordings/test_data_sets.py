@@ -454,5 +454,5 @@ def test_the_audit_of_a_robomimic_file_has_the_rate_of_its_controller(
     assert np.allclose(np.diff(found.log.t), 1 / FPS) and np.array_equal(found.log.q, np.vstack(Q))
     with h5py.File(old, "r+") as h5:
         del h5["data"].attrs["env_args"]
-    with pytest.raises(rp.InputError, match="has no times: 'control_freq' in env_args is None"):
+    with pytest.raises(rp.InputError, match="has no times: 'control_freq' is None"):
         rp.audit(old, design.task)

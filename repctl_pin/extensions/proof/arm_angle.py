@@ -131,8 +131,9 @@ class ArmAngleChain:
         )
         if not 0 < len(chain.moving) <= _MOST:
             raise InputError(
-                f"nothing can be proved about {angle!r}: it depends on {len(chain.moving)} joints",
-                remedy=f"use links that 1 to {_MOST} joints move",
+                f"nothing can be proved about {angle!r}: it depends on {len(chain.moving)} joints, "
+                f"and a proof needs 1 to {_MOST}",
+                remedy="define the angle by other links",
             )
         return chain
 

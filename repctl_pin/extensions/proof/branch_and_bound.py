@@ -92,12 +92,15 @@ def bound_leaf_margin(
 class _Search:
     """State of branch and bound: undecided boxes, and the smallest bounds over all decided boxes.
 
+    ``goal`` is the leaf margin to prove; None if the largest bound is sought.
+
     ``low``, ``high``, ``bound``, ``sigma`` and ``split`` have one row per undecided box: the lower
     corner, the upper corner, the bounds of the leaf margin and of σ_min(J) on the box, and the
     joint along which to halve the box. ``split`` is −1 for boxes that were not evaluated yet.
+    ``decided`` and ``settled_sigma`` are the smallest bounds of the two over all decided boxes, and
     ``upper`` is the smallest leaf margin at the centre of any box so far. ``reason`` says why the
-    search stopped; it is empty while the search runs. A box is named by its centre and half-widths,
-    Q ± half.
+    search stopped; it is empty while the search runs. As arguments of methods, Q and half (K, n)
+    are the centres and half-widths of K boxes.
     """
 
     def __init__(
@@ -152,8 +155,8 @@ class _Search:
     def _next(self) -> NDArray[np.intp]:
         """Choose the undecided boxes to halve next, at most one batch; return their indices.
 
-        With a goal, the newest boxes are chosen; without a goal, the boxes with the smallest
-        bounds.
+        With a goal, the newest boxes are chosen; without one, the boxes whose lower bounds of the
+        leaf margin are smallest.
         """
         count = len(self.low)
         if self.goal is not None:

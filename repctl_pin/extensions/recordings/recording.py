@@ -204,8 +204,8 @@ class Recording:
         - session: ``session`` or ``episode``
 
         A data set is the folder of a LeRobot data set, of version 2.1 or 3.0, or an HDF5 file of
-        robomimic. Its actions are read, too, and :func:`relabel` replaces them. Parquet requires
-        pyarrow, HDF5 h5py.
+        robomimic. Its actions are read, too; :func:`relabel` replaces them if they are joint
+        positions. Parquet requires pyarrow, HDF5 h5py.
 
         Parameters
         ----------
@@ -219,7 +219,8 @@ class Recording:
             single name is that of the array.
         action : str, optional
             For a data set, ``joints`` if its actions are joint positions in the joints' order, or
-            ``hand`` if they command the hand and are kept. By default, the data set says which.
+            ``hand`` if they command the hand; :func:`relabel` then leaves them unchanged. By
+            default, the data set says which.
 
         Raises
         ------

@@ -567,11 +567,12 @@ def _rank(found: _Found, limit_margin: float) -> tuple[float, bool, bool, float,
 
 
 def _share(found: CellDesign) -> float:
-    """Compute the fraction of its joint's range that a coordinate with the range ``"all"`` gets.
+    """Compute which fraction of its possible range a coordinate with the range ``"all"`` gets.
 
-    Such a coordinate, angle or spin, gets the range of its joint, at most a full turn, minus the
-    joint's motion over the cell. The result is the minimum over these coordinates, rounded to 5 %;
-    1 if there are none.
+    For such a coordinate, angle or spin, R is the range of the joint that moves it, at most a full
+    turn. The coordinate gets R minus the joint's motion over the cell, so the fraction is that
+    divided by R. The result is the smallest fraction, rounded to 5 %; 1 if no coordinate has the
+    range ``"all"``.
     """
     cell = found.cell
     names = [cell.coordinate_names[i] for i in cell.free]

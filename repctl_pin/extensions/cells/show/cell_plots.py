@@ -76,8 +76,9 @@ def _name_axes(ax: Axes, cell: Cell, i: int, j: int) -> None:
 def cell_figure(design: CellDesign, cuts: Sequence[Slice]) -> Figure:
     """Draw the figure of slices, with a panel for each slice and quantity.
 
-    The quantities are the limit margin, the extra joint speed and, for a sector, the range of its
-    angle. All panels of a quantity have the same colour scale.
+    The quantities are the limit margin, the extra joint speed and, for a sector, the width of the
+    range of angles about its axis within which the joint limits are kept at each pose of the slice.
+    All panels of a quantity have the same colour scale.
     """
     cell = design.function.chart.cell
     shapes = [cell.widths[cell.moved][list(cut.axes)] for cut in cuts]

@@ -400,7 +400,8 @@ def whole_table(
         raise InputError(
             f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
             f"at this orientation{_colliding(table, floods)}",
-            remedy="give another orientation, the size of a box, or another kind of task",
+            remedy="give another orientation or another kind of task; or give a size, for a "
+            "function over a box of poses",
         )
     fit = CellFit(
         Pseudoinverse(task),

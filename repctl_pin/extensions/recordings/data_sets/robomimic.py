@@ -90,8 +90,9 @@ class RobomimicData(DataSet):
         rate = self._arguments.get("control_freq")
         if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not rate > 0:
             raise InputError(
-                f"{self.file} has no times: 'control_freq' in env_args is {rate!r}",
-                remedy="write the rate, Hz, into env_kwargs of the attribute env_args",
+                f"{self.file} has no times: 'control_freq' is {rate!r} in env_kwargs of the "
+                "attribute env_args",
+                remedy="set it to the rate, Hz",
             )
         return np.arange(int(self._ends[-1])) / rate
 

@@ -157,8 +157,9 @@ def _checked_region(inverse: RepeatableInverse, region: Region | None) -> Bounde
     kept = region_of(inverse, region)
     if isinstance(kept, Cell) and not _own(kept, inverse):
         raise InputError(
-            "a cell as the region can be written as C only for the inverse of its own function; "
-            "use a box, a tube or a workspace box, or an inverse without a region"
+            "a cell as the region can be written as C only for the controller that was made from "
+            "the function of this cell; use a box, a tube or a workspace box as the region, or an "
+            "inverse without a region"
         )
     return kept
 
