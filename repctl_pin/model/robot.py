@@ -141,8 +141,8 @@ class Robot(Mechanism):
         """Compute the robot's named poses, ``reference`` among them: {pose name: values}.
 
         ``free`` are the names of the joints that mimic no other joint. A pose has one value per
-        joint of ``free``, rad or m. A value outside its range is moved to the nearer end of its
-        range in ``ranges``; for the reference pose, a text on it is added to ``notes``.
+        joint of ``free``, rad or m. A value outside its range in ``ranges`` is replaced by one
+        inside; for the reference pose, a text on it is added to ``notes``.
         """
         lower, upper = np.array([(one.lower, one.upper) for one in ranges]).reshape(-1, 2).T
         turns = self._revolute(free)

@@ -10,6 +10,7 @@ are those of the processor, so that ratios hold on a busy machine:
 from __future__ import annotations
 
 import json
+import math
 import os
 import resource
 import subprocess
@@ -327,9 +328,10 @@ def main(commit: str, parts: list[str]) -> None:
                     for k, side in enumerate(sides):
                         for what, value in measured(side, part).items():
                             rows.setdefault(what, ([], []))[k].append(value)
-            for what, (one, two) in rows.items():
-                a, b = statistics.median(one), statistics.median(two)
-                ratio = f"{b / a:.3g}" if a else "–"
+            for what, sides_of in rows.items():
+                # one side may not know the quantity
+                a, b = (statistics.median(turns) if turns else math.nan for turns in sides_of)
+                ratio = f"{b / a:.3g}" if a and math.isfinite(b / a) else "–"
                 print(f"| {what} | {a:.3g} | {b:.3g} | {ratio} |", flush=True)
         finally:
             subprocess.run([*git, "remove", "--force", str(other)], check=True)

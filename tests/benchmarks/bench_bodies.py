@@ -18,10 +18,10 @@ from timing import seconds
 import repctl_pin as rp
 
 
-@pytest.mark.parametrize("name", ["panda", "talos", "baxter"])
-def test_distances_beside_frame_jacobians(name: str, say) -> None:
+@pytest.mark.parametrize(("name", "most"), [("panda", 50), ("talos", 100), ("baxter", 200)])
+def test_distances_beside_frame_jacobians(name: str, most: float, say) -> None:
     """64 random configurations, and as many on the way from one to another, where bodies do not
-    touch."""
+    touch; ``most`` is the bound on the ratio. Baxter measures 2.4 exact distances on average."""
     task = rp.Robot.load(name).task()
     bodies, rng = rp.Bodies(task), np.random.default_rng(3)
     low, high = np.maximum(task.lower, -np.pi), np.minimum(task.upper, np.pi)
@@ -45,4 +45,4 @@ def test_distances_beside_frame_jacobians(name: str, say) -> None:
         f"{along / base:.0f} × along a way ({1e6 * random:.0f} and {1e6 * along:.0f} µs, "
         f"{1e6 * base:.2f} µs)"
     )
-    assert max(random, along) < min(100 * base, 100e-6)
+    assert max(random, along) < most * base
