@@ -39,8 +39,8 @@ _EPOCH = (6.3e8, 4.1e9)
 _STEPS, _USUAL_STEPS = (1e-5, 100.0), (2e-4, 0.5)
 """Time steps of logs that are possible, and those that are usual, s."""
 
-_TOO_FAST, _TOO_SLOW = 5.0, 2e-3
-"""Joint speeds relative to their limits that are impossible, and that are unusually low."""
+_TOO_FAST = 5.0
+"""Joint speed, relative to its limit, above which a log's unit of time cannot be right."""
 
 _TABLES = ("q", "Q", "joints", "positions", "position", "qpos", "observation.state")
 """Names of an array with the positions of all joints, one row per time."""
@@ -251,7 +251,7 @@ def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
         return named, named in since
     if len(since) == 1:
         return since.pop(), True
-    # else the unit in which the joints are neither too fast nor at rest
+    # else the unit in which the step is usual and the joints are not too fast
     possible = [
         unit
         for unit, s in _UNITS.items()
@@ -261,8 +261,7 @@ def _unit(log: JointLog, clock: str, fastest: Array) -> tuple[str, bool]:
     units = usual or possible
     if not units:
         return "s", False  # the speeds are noted
-    moving = [unit for unit in units if ratio / _UNITS[unit] >= _TOO_SLOW]
-    if len(units) == 1 or moving == units[:1]:
+    if len(units) == 1:
         return units[0], False
     raise InputError(
         f"{log.name}: the times in {clock!r} may be in {' or '.join(units)}",

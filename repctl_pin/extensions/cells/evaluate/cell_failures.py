@@ -33,7 +33,7 @@ neighbour has another configuration."""
 @dataclass(frozen=True, eq=False)
 @read_only
 class FailureReason:
-    """One reason why a function fails at some poses of its cell, with the worst pose.
+    """One reason why a function fails at some poses of its cell, with one of these poses.
 
     Attributes
     ----------
@@ -43,9 +43,10 @@ class FailureReason:
         Fraction of the sampled poses that fail for this reason, 0 to 1. For collisions, it is an
         estimate from some of these poses.
     u : (k,) array
-        Worst pose, in all coordinates u of the cell, from −1 to 1 (those of :attr:`Cell.whole`).
+        The worst of these poses or, for a fold, any of them, in all coordinates u of the cell, from
+        −1 to 1 (those of :attr:`Cell.whole`).
     what : str
-        Message that describes the failure and its worst pose.
+        Message that describes the failure and this pose.
     """
 
     cause: str
