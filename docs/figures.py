@@ -18,7 +18,7 @@ import repctl_pin as rp
 from repctl_pin.extensions.cells.cell_design_result import slices
 from repctl_pin.extensions.cells.show.cell_plots import cell_figure
 from repctl_pin.show.palette import BLUE, GREEN, VERMILLION
-from repctl_pin.show.plots.motions import drift_over_cycles
+from repctl_pin.show.plots.drift import drift_over_cycles
 from repctl_pin.show.plots.orbits import orbit
 
 

@@ -11,8 +11,10 @@ from matplotlib.figure import Figure
 from ..base.arguments import as_int
 from ..base.errors import InputError
 from ..studies.study_result import Study
+from .plots.drift import drift_figure
 from .plots.figure_layout import png
-from .plots.motions import drawn, drift_figure, joints_figure
+from .plots.joints import joints_figure
+from .plots.motions import drawn
 from .study_files import study_page
 from .text import captions
 from .text.table import study_table

@@ -28,8 +28,10 @@ from .page.snapshot import still_figure
 from .palette import COLOURS, colours
 from .plots.cycles import cycle_figure
 from .plots.designs import cost_against_degree, joint_map, maps_that_vary
+from .plots.drift import drift_figure
 from .plots.figure_layout import png
-from .plots.motions import drawn, drift_figure, joints_figure
+from .plots.joints import joints_figure
+from .plots.motions import drawn
 from .plots.orbits import orbits_figure
 from .study_files import study_page
 from .text import captions

@@ -21,8 +21,10 @@ from ..studies.study_result import Study
 from .page.own_loop import study_loop
 from .page.playback import playback_of, playback_page, traced_chains
 from .palette import colours
+from .plots.drift import drift_figure
 from .plots.figure_layout import png
-from .plots.motions import drawn, drift_figure, joints_figure
+from .plots.joints import joints_figure
+from .plots.motions import drawn
 from .text.headline import stopped_words
 
 _CSV_ROWS_PER_CYCLE = 100

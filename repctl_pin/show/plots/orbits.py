@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from ...motion import Motion
 from .figure_layout import axis_label, legend_below, quiet, titled
-from .motions import liveliest_joints
+from .joints import liveliest_joints
 
 
 def orbit(ax: Axes, motions: Sequence[tuple[str, Motion, str]], across: int, upward: int) -> Axes:
