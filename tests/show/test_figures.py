@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,7 +18,9 @@ from page_file import COLOURS
 from store import study_of
 
 import repctl_pin as rp
-from repctl_pin.show.plots import cycles, designs, motions
+from repctl_pin.show.plots import cycles, designs, joints
+
+drift = import_module(f"{joints.__package__}.drift")
 
 NAMES = ("drift", "joints", "still", "drift again", "joints again", "orbits", "cycle", "maps")
 """The figures of a report, as they are written."""
@@ -221,12 +224,12 @@ def test_a_control_that_goes_away_at_once_does_not_hide_the_drift(
     study, _ = mixed
     away = study.row("posture_off").motion
     rest = [row.motion for row in study.rows if row.motion is not away]
-    ax = motions.drift_over_cycles(axes(), rows_of(study))
+    ax = drift.drift_over_cycles(axes(), rows_of(study))
     assert max(m.drift.max() for m in rest) < ax.get_ylim()[1] < away.drift.min() / 2
     (beyond,) = [note.get_text() for note in ax.texts if "↑" in note.get_text()]
     assert beyond == f"J⁺ + other posture: {away.drift[-1]:.3g} rad and m ↑"
     both = [row for row in rows_of(study) if row[1] in (rest[0], rest[-1])]
-    ax = motions.drift_over_cycles(axes(), both)  # J⁺ and ours: nothing is left out
+    ax = drift.drift_over_cycles(axes(), both)  # J⁺ and ours: nothing is left out
     assert not any("↑" in note.get_text() for note in ax.texts)
 
 
@@ -247,7 +250,7 @@ def test_the_joints_shown_are_the_four_that_drift_most() -> None:
         (name, rp.follow(control, path, q0, cycles=3, steps=40), "#000000")
         for name, control in controls.items()
     ]
-    seen = [ax.get_title(loc="left") for ax in motions.joints_figure(shown, "").axes]
+    seen = [ax.get_title(loc="left") for ax in joints.joints_figure(shown, "").axes]
     most = drifting_most(shown[0][1], 4)
     assert seen == [task.joint_names[joint] for joint in most]
 
@@ -259,7 +262,7 @@ def test_joints_without_limits_are_said(study: rp.Study) -> None:
     free = [("a", replace(motion, task=robot.task(kind="xy")), "#000000")]
     (said,) = cycles.margin_over_cycles(axes(), free).texts
     assert said.get_text() == "no joint limits"
-    for ax in motions.joints_figure(free, "").axes:
+    for ax in joints.joints_figure(free, "").axes:
         assert ax.get_title(loc="right") == "no limits"
 
 
