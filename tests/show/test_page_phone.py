@@ -160,9 +160,10 @@ def test_what_is_proved_is_in_sight(driver: Any, page: Path) -> None:
 _RINGS = """
 repctl.placed();
 return [...document.querySelectorAll(".ring")].map((ring) => {
-  const { inset, borderTopWidth } = getComputedStyle(ring, "::before");
-  const shrink = 2 * parseFloat(inset);
-  return [ring.offsetWidth, ring.offsetWidth - shrink, parseFloat(borderTopWidth)];
+  const { borderTopWidth, inset, transform } = getComputedStyle(ring, "::before");
+  const scale = transform === "none" ? 1 : new DOMMatrix(transform).a;
+  const across = ring.offsetWidth - 2 * parseFloat(inset);
+  return [ring.offsetWidth, scale * across, scale * parseFloat(borderTopWidth)];
 });
 """
 

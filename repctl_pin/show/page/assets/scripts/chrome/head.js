@@ -3,7 +3,8 @@
 import { byId, element, setAttribute, setText } from "../dom.js";
 
 const FOOT = 8; // px to leave free under the notes
-const LOOP_TITLE = "your loop, 88 cm long so far, 88° from horizontal"; // the longest but for rare ones
+// the longest of a loop, but for those of several hands
+const LOOP_TITLE = "your loop, 88 cm long so far, 88° from horizontal";
 
 export class Head {
   // `subject`: begins the titles; `longest`: by node, its longest words while a hand is led;
