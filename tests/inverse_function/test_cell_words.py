@@ -16,7 +16,6 @@ import repctl_pin as rp
 PAGE = import_module("repctl_pin.extensions.cells.show.cell_page")
 BEST_CELL = import_module(rp.best_cell.__module__)
 DESIGN = import_module(rp.CellDesign.__module__)
-RANGES = import_module("repctl_pin.extensions.cells.geometry.ranges")
 
 
 def numbers(text: str) -> list[float]:
@@ -31,7 +30,7 @@ def test_the_sentence_promises_no_more_than_the_sector() -> None:
     # of which height the range of radius is
     assert abs(at - z.mean()) <= 0.005
     assert f" at height {at:.2f} m" in PAGE.range_phrase(sector)
-    assert f" m around the base at height {at:.2f} m" in RANGES.gap_phrase(sector)
+    assert f" m around the base at height {at:.2f} m" in PAGE.gap_phrase(sector)
     rho = sector.radii([sector.middle[1] + at - z.mean()])[0]
     cut = [low - z[0], z[1] - high, inner - rho[0], rho[1] - outer]
     assert -1e-9 < min(cut) and max(cut) < 0.01
