@@ -515,6 +515,12 @@ def length_below(value: float) -> str:
     return f"{below(value / 1e-3, 2)} mm"
 
 
+def degrees_below(angle: float, digits: int = 0) -> str:
+    """Format an angle, rad, in degrees, rounded down to ``digits`` decimals, such as ``302``."""
+    scale = 10**digits
+    return f"{np.floor(scale * np.degrees(angle) + 1e-6) / scale:g}"
+
+
 def proved_words(proof: Proof | None) -> str:
     """State whether a leaf margin is proved, with its bound, or only found by a search.
 

@@ -25,9 +25,13 @@ def numbers(text: str) -> list[float]:
 def test_the_sentence_promises_no_more_than_the_sector() -> None:
     """Every end is rounded inward, by at most 1 cm or 1°; heights are from the base."""
     sector = sector_of("one orientation by height", angle=1.0)
-    rho = sector.radii([sector.middle[1]])[0]
     z = sector.placement.translation[2] + sector.widths[2] * np.array([-1, 1])
-    low, high, inner, outer, angle = numbers(PAGE.range_phrase(sector))
+    low, high, inner, outer, at, angle = numbers(PAGE.range_phrase(sector))
+    # of which height the range of radius is
+    assert abs(at - z.mean()) <= 0.005
+    assert f" at height {at:.2f} m" in PAGE.range_phrase(sector)
+    assert f" m around the base at height {at:.2f} m" in PAGE.gap_phrase(sector)
+    rho = sector.radii([sector.middle[1] + at - z.mean()])[0]
     cut = [low - z[0], z[1] - high, inner - rho[0], rho[1] - outer]
     assert -1e-9 < min(cut) and max(cut) < 0.01
     assert 0 <= np.degrees(2.0) - angle < 1
@@ -61,6 +65,12 @@ def test_each_height_has_a_line_of_its_own() -> None:
     for line in lines:
         low, high, height = numbers(line)
         assert sector.radii([height])[0] == pytest.approx([low, high], abs=2e-3)
+    # a range is a promise: in the numbers, too, its ends are rounded inward
+    u = np.linspace(-1, 1, 5)
+    exact = sector.radii(sector.middle[1] + sector.widths[2] * u)
+    ends = np.array([numbers(line)[:2] for line in lines])
+    assert (ends[:, 0] >= exact[:, 0] - 1e-9).all() and (ends[:, 1] <= exact[:, 1] + 1e-9).all()
+    assert np.abs(ends - exact).max() < 1.001e-3
 
 
 def test_the_rows_of_a_sector_are_explained_by_their_own_names() -> None:

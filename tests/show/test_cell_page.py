@@ -16,6 +16,7 @@ from commands import main
 from PIL import Image
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
+from test_own_loop import wait_until_computed
 
 import repctl_pin as rp
 
@@ -360,3 +361,33 @@ def test_a_loop_beyond_f_is_told_the_range_that_ends_it(
     else:
         assert float(found[4]) == pytest.approx((low + high) / 2 + 0.4, abs=0.006)
     assert told.endswith(" Limits are checked, collisions are not.")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(768, 1024), (1024, 768), (844, 1100)])
+def test_on_a_touch_tablet_values_and_words_cover_no_button(
+    page: Path, driver: Any, size: tuple[int, int]
+) -> None:
+    """The values lay over "Once more", whose buttons are taller where a finger presses them; what
+    the bars are ran into the readings."""
+    touch = "Emulation.setTouchEmulationEnabled"
+    driver.execute_cdp_cmd(touch, {"enabled": True, "maxTouchPoints": 1})
+    try:
+        opened(driver, page, width=size[0], height=size[1])
+        driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+        driver.execute_script("repctl.own.preset('circle')")
+        wait_until_computed(driver)
+        driver.execute_async_script("requestAnimationFrame(() => setTimeout(arguments[0]))")
+        values = box(driver, "#legend")
+        again, back = box(driver, "#again"), box(driver, "#back")
+        assert again["height"] >= 44 and back["width"] and values["height"]
+        assert values["bottom"] <= min(again["top"], back["top"])
+        assert box(driver, "#bars")["height"] and driver.execute_script(
+            "const { right } = [...document.querySelectorAll('#bars > span:not(.sign)')].at(-1)"
+            ".getBoundingClientRect(), { left, top } = document.getElementById('readings')"
+            ".getBoundingClientRect(), { bottom } = document.getElementById('bars')"
+            ".getBoundingClientRect(); return right < left || bottom <= top"
+        )
+        assert errors(driver) == []
+    finally:
+        driver.execute_cdp_cmd(touch, {"enabled": False})

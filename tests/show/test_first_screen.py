@@ -22,16 +22,19 @@ def test_first_screen(page: Path, driver: Any) -> None:
     """One load for all that follows."""
     schemes(driver, width=1280, height=760)
     open_page(driver, page)
-    a_small_drift_is_pale_and_its_bars_are_low(driver)
+    a_small_drift_is_pale(driver)
     how_to_cite_is_seen_at_once(driver)
     the_menu_says_what_writes_the_control(driver)
     the_sentence_is_seen_where_notes_are_hidden(driver)
     assert errors(driver) == []
 
 
-def a_small_drift_is_pale_and_its_bars_are_low(driver: Any) -> None:
-    """Colours and bars have one scale, of 5 cm or more: 9 mm were in full orange."""
-    scales = "return [[1, 0.009], [1, 0.37], [1, 0.5], [50, 0.009]].map((of) => fullScale(...of))"
+def a_small_drift_is_pale(driver: Any) -> None:
+    """Colours have a scale of 5 cm or more: 9 mm were in full orange."""
+    scales = (
+        "return [[1, 0.009], [1, 0.37], [1, 0.5], [50, 0.009]].map(([gain, off]) =>"
+        " fullDrift([{ gain, mostOff: () => off }]))"
+    )
     assert driver.execute_script(scales) == [0.05, 0.5, 0.5, pytest.approx(0.01)]
     shown = "return [fullDrift(repctl.own.arms), document.getElementById('drift-to').textContent]"
     full, legend = driver.execute_script(shown)

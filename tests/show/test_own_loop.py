@@ -333,8 +333,12 @@ def wait_until_computed(driver: Any) -> None:
 
 
 def said(driver: Any) -> str:
+    """The sentence, without its clause on what is proved, see test_page_phone.py."""
     wait_until_computed(driver)
-    return driver.execute_script("return document.getElementById('verdict').textContent")
+    return driver.execute_script(
+        "return [...document.getElementById('verdict').childNodes].filter((node) =>"
+        " node.className !== 'aside proof').map((node) => node.textContent).join('')"
+    )
 
 
 ENDS = """

@@ -429,3 +429,7 @@ def test_lines_of_glsl_that_begin_with_a_sign_stay_lines() -> None:
         '"use strict";\nconst CODE = `void main() {\n#ifdef TINT\ntint();\n#endif\n}`;\n'
     )
     assert html._joined(["f({\n  a,\n});\n"]) == '"use strict";\nf({a});\n'
+
+
+def test_styles_reach_the_page_without_comments() -> None:
+    assert html._dense("/* a\n b */\na b > c {\n  d: e, f;\n}\n") == "\na b > c{d:e,f;}"

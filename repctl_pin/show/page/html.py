@@ -153,8 +153,8 @@ def _templates() -> Environment:
 
 
 def _dense(style: str) -> str:
-    """Remove from a style sheet the white space that only human readers need."""
-    return re.sub(r"\s*([{}])\s*|([;,:])\s+", r"\1\2", style)
+    """Remove from a style sheet the comments and white space that only human readers need."""
+    return re.sub(r"/\*.*?\*/|\s*([{}])\s*|([;,:])\s+", r"\1\2", style, flags=re.DOTALL)
 
 
 def _left_out(scene: dict[str, Any]) -> tuple[str, ...]:

@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.arguments import Array, percentage
+from ....base.certificate import degrees_below
 from ....model.task import Task
 from ....strategies.strategy import Inverse
 from ..chart.chart import Chart, Points
@@ -104,19 +105,19 @@ class Turn:
         return (self.joint_range - self.spread - self.reach) / 2 if full else 0.0
 
     def __str__(self) -> str:
-        text = f"{np.degrees(max(self.reach, 0)):.4g}° at every covered pose"
+        text = f"{degrees_below(max(self.reach, 0), 1)}° at every covered pose"
         if self.bodies:
             return f"{text}\nended by bodies: {self.bodies} collide beyond it"
         if self.reach >= 2 * np.pi:
             return text
         if 0 < self.covered < 1 and self.as_covered > self.reach + 0.01:
             text += (
-                f", {np.degrees(self.as_covered):.4g}° at {percentage(self.covered)} of them, "
+                f", {degrees_below(self.as_covered, 1)}° at {percentage(self.covered)} of them, "
                 "as many as F covers of all"
             )
         shares = [("99.9 %", self.nearly), ("99 %", self.most)]
         more = [
-            f"{np.degrees(range_):.4g}° at {share}"
+            f"{degrees_below(range_, 1)}° at {share}"
             for share, range_ in shares
             if range_ > self.reach + 0.01
         ]
@@ -129,7 +130,7 @@ class Turn:
             return text
         return (
             f"{text}\nthe range asked for costs {100 * max(self.price, 0.0):.2f} % joint speed; "
-            f"'all' gives {np.degrees(self.unasked):.4g}°"
+            f"'all' gives {degrees_below(self.unasked, 1)}°"
         )
 
 

@@ -14,6 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ....base.arguments import Array
+from ....base.certificate import degrees_below
 from ....model.task import Task
 from ....model.tool import ToolTask
 from .approach_axis import named_axis, tool_axis
@@ -51,12 +52,11 @@ def range_rows(cell: Cell) -> dict[str, str]:
     rows = {"radius": _radius_row(cell)}
     if cell.task.m > 2:
         low, high = _heights(cell, np.array([-1.0, 1.0]))
-        rows["height"] = (
-            f"{low:.3g} to {high:.3g} m above the base" if high > low else f"{low:.3g} m"
-        )
+        ends = _inward(low, high, 1e-3)
+        rows["height"] = f"{ends} m above the base" if high > low else f"{ends} m"
     for i, name in enumerate(cell.coordinate_names):
         if i not in (RADIUS, HEIGHT, *cell.free) and w[i]:
-            rows[name] = f"±{w[i]:.3g} rad"
+            rows[name] = f"±{np.floor(1e3 * w[i] + 1e-6) / 1e3:g} rad"
     rows = {name: text.replace("-", "−") for name, text in rows.items()}
     if cell.task.kind.turns:
         where = _pointing(cell.placement.rotation[:, 2])
@@ -98,19 +98,17 @@ def range_phrase(
 
 
 def gap_phrase(sector: Sector, reaches: Mapping[str, float] | None = None) -> str:
-    """Write what a sector leaves out, ``0.30 m around the base at mid-height, 44° behind it``.
+    """Write what a sector leaves out, ``0.30 m around the base at height 0.25 m, 44° behind it``.
 
     The sector leaves out the poses nearer to the axis than its smallest radius, and the rest of a
     full turn beyond its angle. The text is empty if neither exists. ``reaches`` has the full width
     of the range of ``angle`` that a design found, rad; a wider range is replaced by this width.
     """
     parts, upright = [], _is_upright(sector)
-    low, high = sector.radii(sector.middle[1])
+    (low, high), at = _radii(sector)
     if high > low > 0:
         inner, _ = _rounded_inward(low, high)
-        around = "the base" if upright else "the axis"
-        at = " at mid-height" if sector.profile.degree else ""
-        parts.append(f"{inner} m around {around}{at}")
+        parts.append(f"{inner} m around {'the base' if upright else 'the axis'}{at}")
     turn = degrees_turned(sector, reaches).get("angle", 360)
     if turn < 360:
         ahead = upright and sector.directions[0][0] > _AHEAD
@@ -157,7 +155,7 @@ def degrees_turned(sector: Sector, reaches: Mapping[str, float] | None = None) -
         if i not in (RADIUS, HEIGHT) and sector.widths[i]
     }
     turns = {name: min(width, found.get(name, width), 2 * np.pi) for name, width in widths.items()}
-    return {name: int(np.floor(np.degrees(turn) + 1e-6)) for name, turn in turns.items()}
+    return {name: int(degrees_below(turn)) for name, turn in turns.items()}
 
 
 def _box_phrase(cell: Cell) -> str:
@@ -167,7 +165,7 @@ def _box_phrase(cell: Cell) -> str:
     text = f"{edges} m around ({', '.join(f'{v:.2f}' for v in middle)}) m".replace("-", "−")
     if not cell.rotation.any():
         return text + (", one orientation" if len(cell.rotation) else "")
-    turns = [f"{np.floor(np.degrees(w) + 1e-6):.0f}°" for w in cell.rotation]
+    turns = [f"{degrees_below(w)}°" for w in cell.rotation]
     return f"{text}, turned by up to {turns[0] if len({*turns}) == 1 else ', '.join(turns)}"
 
 
@@ -175,19 +173,32 @@ def _radius_row(sector: Sector) -> str:
     """Write the range of radius, ``0.3 to 0.7 m``; if it depends on the height, at five heights."""
     rho, half = sector.middle[0], sector.widths[RADIUS]
     if not sector.profile.degree:
-        return f"{rho - half:.3g} to {rho + half:.3g} m" if half else f"{rho:.3g} m"
+        return f"{_inward(rho - half, rho + half, 1e-3)} m"
     u = np.array(_HEIGHTS)
     ranges = sector.radii(sector.middle[1] + sector.widths[HEIGHT] * u)
     return "\n".join(
-        f"{low:.3g} to {high:.3g} m at the height {h:.3g} m"
+        f"{_inward(low, high, 1e-3)} m at the height {h:.3g} m"
         for (low, high), h in zip(ranges, _heights(sector, u), strict=True)
     )
 
 
 def _radius_phrase(sector: Sector) -> str:
     """Write ``radius 0.30 to 0.70 m``: the range, or that at mid-height if the range varies."""
-    at = " at mid-height" if sector.profile.degree else ""
-    return f"radius {_inward(*sector.radii(sector.middle[1]))} m{at}"
+    radii, at = _radii(sector)
+    return f"radius {_inward(*radii)} m{at}"
+
+
+def _radii(sector: Sector) -> tuple[Array, str]:
+    """Return the range of radius, m, and, if it varies, its height in words: ``at height 0.25 m``.
+
+    The height is the middle one, rounded to 1 cm, if the sector is high enough.
+    """
+    if not sector.profile.degree:
+        return sector.radii(sector.middle[1]), ""
+    low, middle, high = _heights(sector, np.array([-1.0, 0.0, 1.0]))
+    at = float(np.clip(np.round(middle, 2), low, high)) + 0.0
+    radii = sector.radii(sector.middle[1] + at - middle)
+    return radii, f" at height {at:.2f} m".replace("-", "−")
 
 
 def _heights(sector: Sector, u: Array) -> Array:
@@ -199,17 +210,17 @@ def _heights(sector: Sector, u: Array) -> Array:
     return float(origin @ a) + sector.middle[1] + sector.widths[HEIGHT] * u
 
 
-def _inward(low: float, high: float) -> str:
-    """Write a range, m, its ends rounded inward by steps of at most 1 cm: ``0.35 to 0.70``."""
-    return " to ".join(_rounded_inward(low, high)) if high > low else f"{low:.3g}"
+def _inward(low: float, high: float, most: float = _LARGEST_STEP) -> str:
+    """Write a range, m, its ends rounded inward by steps of at most ``most``: ``0.35 to 0.70``."""
+    return " to ".join(_rounded_inward(low, high, most)) if high > low else f"{low:.3g}"
 
 
-def _rounded_inward(low: float, high: float) -> tuple[str, str]:
+def _rounded_inward(low: float, high: float, most: float = _LARGEST_STEP) -> tuple[str, str]:
     """Format both ends of a range, m, rounded inward: ``0.35`` and ``0.70``; ``low`` < ``high``.
 
-    The step of the rounding is 1 cm, and smaller for ranges below 10 cm.
+    The step of the rounding is ``most``, by default 1 cm, and smaller for ranges below ten steps.
     """
-    digits = int(-np.floor(np.log10(min(_LARGEST_STEP, (high - low) / 10)) + 1e-9))
+    digits = int(-np.floor(np.log10(min(most, (high - low) / 10)) + 1e-9))
     step = 10.0**-digits
     ends = np.ceil(low / step - 1e-6) * step, np.floor(high / step + 1e-6) * step
     first, last = (f"{end + 0.0:.{digits}f}".replace("-", "−") for end in ends)

@@ -216,6 +216,8 @@ def _slice_words(design: CellDesign) -> str:
         f"joint-limit margin. Second: joint speed relative to the {usual(design)} control at the "
         "same configurations."
     )
+    if isinstance(design.cell, Sector) and design.cell.profile.degree:
+        words += " The radius in the first line is the range at the height of the +."
     if isinstance(design.cell, Sector) and design.evaluation.turns and design.cell.tilted:
         words += " Third: range of the angle that is inside the joint's limits at every tilt."
     return words

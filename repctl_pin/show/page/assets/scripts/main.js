@@ -231,7 +231,7 @@ async function main() {
       resize();
     },
     enlarge(on) {
-      for (const one of [...arms, chart]) one.gain = on ? GAIN : 1;
+      for (const arm of arms) arm.gain = on ? GAIN : 1;
       byId("enlarge").setAttribute("aria-pressed", String(on));
       document.body.classList.toggle("enlarged", on);
       finished(trace());
@@ -242,7 +242,8 @@ async function main() {
   const isOutside = (p) => {
     const { x, y } = panes.seen(0, p);
     const { width, height } = panes.place(0);
-    return !(x >= 0 && y >= panes.size.above && x <= width && y <= height);
+    const rim = 0.04 * width; // a ball at the edge would be cut
+    return !(x >= rim && y >= panes.size.above && x <= width - rim && y <= height);
   };
   const offerEnlarge = () => {
     const most = Math.max(...scene.arms.flatMap(({ off }) => off.flat()));

@@ -7,7 +7,7 @@ import { hull, outlined, OUTLINE } from "./outline.js";
 import { tone } from "../dom.js";
 import { stepAbove } from "../numbers.js";
 
-const LEAST_FULL = 0.05; // m off, of which colour and bars are full, at least
+const LEAST_FULL = 0.05; // m off, of which colour is full, at least
 const LEAST_ENLARGED = 1e-3; // the same where drift is drawn enlarged
 export const GAIN = 50; // how many times as large a small drift is drawn
 const SAME = 1e-4; // m, within which a body covers its ghost
@@ -588,12 +588,8 @@ export function displaced(arms) {
 // How far off a body of these arms is coloured in full, m: as far as one is after any cycle, also
 // one beside the arm, such as the head.
 export function fullDrift(arms) {
-  return fullScale(arms[0].gain, ...arms.map((arm) => arm.mostOff()));
-}
-
-// The end of the scale of colours, or of bars, for these distances, m: a step of 1, 2 or 5.
-export function fullScale(gain, ...offs) {
-  return stepAbove(Math.max(gain > 1 ? LEAST_ENLARGED : LEAST_FULL, ...offs));
+  const least = arms[0].gain > 1 ? LEAST_ENLARGED : LEAST_FULL;
+  return stepAbove(Math.max(least, ...arms.map((arm) => arm.mostOff())));
 }
 
 function fanned(place, material, order) {

@@ -39,7 +39,7 @@ export class TableMarks {
     const [near, far] = spanOf(own);
     const [least, most] = spanOf([...own, ...lines.flat()]);
     const rim = 1.04 * most;
-    const half = Math.round(turns.angle / 2);
+    const half = Math.floor(turns.angle / 2);
     // beside the ends of the arc, where no path leads
     const aside = Math.min((WHOLE - to + from) / 6, 0.14);
     const ends =

@@ -40,9 +40,7 @@ export class Callouts {
     this.sets.forEach(({ arm, part, hands, mark }, k) => {
       const reason = failure && failure[k];
       const edge = Boolean(this.scene.cover) && k === this.sets.length - 1;
-      // on a phone, what holds for more than one arm is said once
-      const once = this.narrow.matches && Boolean(failure) && failure.indexOf(reason) < k;
-      if (reason) sayWhatStops(mark, edge ? "F ends here" : "cannot follow", reason, once);
+      if (reason) sayWhatStops(mark, edge ? "F ends here" : "cannot follow", reason);
       else sayWhatBreaks(mark, arm, leading, this.isNarrow(k));
       const short = this.isNarrow(k);
       const off = times && atEnd ? arm.ends[cycle][end] : arm.partOff();
@@ -155,9 +153,9 @@ function makeCallout(pane, kind) {
 const isStopped = ({ scene: { failure } }, k) => Boolean(failure && failure[k]);
 
 // Say at the red ball why a visitor's loop could not be followed.
-function sayWhatStops(mark, what, reason, once) {
-  mark.on = !once;
-  mark.box.style.visibility = once ? "hidden" : "";
+function sayWhatStops(mark, what, reason) {
+  mark.on = true;
+  mark.box.style.visibility = "";
   setText(mark.value, what);
   setText(mark.note, reason);
 }

@@ -1,11 +1,11 @@
 // The time line over the slider: how far each arm is off at the end of each cycle, or the joints.
 
-import { fullScale } from "../arm/arm.js";
 import { byId, element, setAttribute, setColor, setText, sharp, sizeOf, tone } from "../dom.js";
-import { formatLength, formatNumber } from "../numbers.js";
+import { formatLength, formatNumber, stepAbove } from "../numbers.js";
 
 const INSET = 8; // px: the slider's thumb is as far inside its ends
 const DOT = 2; // px, of a dotted bar
+const LEAST_AXIS = 1e-3; // m, at which the axis of the bars ends, at least
 const CONTRAST = 3; // of a bar to the paper, at least, as WCAG 2 measures it
 const TEXT_CONTRAST = 5; // of words to it
 
@@ -13,7 +13,7 @@ export class Chart {
   // `seek`: goes to the end of a shown cycle
   constructor(arms, scene, seek) {
     const canvas = byId("chart");
-    Object.assign(this, { arms, scene, canvas, gain: 1 });
+    Object.assign(this, { arms, scene, canvas });
     canvas.addEventListener("click", ({ offsetX }) => {
       const last = scene.cycles.length;
       seek(
@@ -150,7 +150,7 @@ export class Chart {
     const group = Math.min(0.66 * pitch, 4.5 * em);
     const wide = group / arms.length;
     const offs = arms.flatMap(({ data }) => data.off.flat());
-    const top = fullScale(this.gain, ...offs);
+    const top = stepAbove(Math.max(LEAST_AXIS, ...offs));
     const level = (v) => foot - (v / top) * room;
     draw.strokeStyle = tone("--edge");
     line(draw, INSET, foot + 0.5, width - INSET, foot + 0.5, []);

@@ -3,6 +3,8 @@
 import { byId, element, setAttribute, setText } from "../dom.js";
 
 const FOOT = 8; // px to leave free under the notes
+// the longest of a loop, but for those of several hands
+const LOOP_TITLE = "your loop, 88 cm long so far, 88° from horizontal";
 
 export class Head {
   // `subject`: begins the titles; `longest`: by node, its longest words while a hand is led;
@@ -44,9 +46,13 @@ export class Head {
     const own = classList.contains("own");
     // what is said of a loop has the room of the head, whatever its sentence takes of it
     notes.style.minHeight = own ? "0" : this.notesHeight;
+    verdict.style.minHeight = own ? this.verdictHeight : this.studyHeight;
     notes.style.maxHeight = "";
     // a sentence that is longer than any of a study or a gesture
-    classList.toggle("tall", height && verdict.offsetTop + verdict.offsetHeight > height + 1);
+    const isTall = () => height && verdict.offsetTop + verdict.offsetHeight > height + 1;
+    const [proof] = verdict.getElementsByClassName("proof");
+    if (proof) proof.hidden = true;
+    classList.toggle("tall", isTall());
     const open = classList.contains("unfolded");
     const clear = () => notes.offsetTop + notes.scrollHeight <= height - FOOT;
     header.classList.remove("cut");
@@ -55,6 +61,11 @@ export class Head {
     header.classList.toggle("cut", Boolean(folded));
     more.textContent = open ? "Fewer notes" : "All notes";
     more.setAttribute("aria-expanded", String(open));
+    // what is proved is a note, and a clause of the sentence where that note is not in sight
+    if (proof && !open && (folded || !notes.offsetHeight)) {
+      proof.hidden = false;
+      proof.hidden = isTall();
+    }
     if (!folded || open) return;
     const line = parseFloat(getComputedStyle(notes).lineHeight);
     const lines = Math.floor((height - FOOT - notes.offsetTop) / line + 0.01);
@@ -96,10 +107,21 @@ export class Head {
       node.replaceChildren(...children);
       if (height) node.style.minHeight = `${height}px`;
     }
-    const [[title]] = this.texts;
+    const [[title], [verdict], [notes]] = this.texts;
     body.style.setProperty("--title", `${title.offsetWidth}px`);
-    title.style.minHeight = `${title.offsetHeight}px`;
-    this.notesHeight = byId("notes").style.minHeight;
+    const tall = title.offsetHeight;
+    // the title of a loop may need one line more: a study's sentence has its room
+    const titled = [...title.childNodes];
+    title.textContent = `${this.subject}: ${LOOP_TITLE}`;
+    body.classList.add("own");
+    const more = Math.max(title.offsetHeight - tall, 0);
+    body.classList.remove("own");
+    title.replaceChildren(...titled);
+    title.style.minHeight = `${tall}px`;
+    this.notesHeight = notes.style.minHeight;
+    this.verdictHeight = verdict.style.minHeight;
+    this.studyHeight = `calc(${this.verdictHeight || "0px"} + ${more}px)`;
+    verdict.style.minHeight = this.studyHeight;
     this.height = header.getBoundingClientRect().height;
     body.style.setProperty("--head", `${this.height}px`);
     nodes.forEach((node, k) => node.replaceChildren(...now[k]));

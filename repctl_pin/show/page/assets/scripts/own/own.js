@@ -75,6 +75,7 @@ export class Own {
       state: "study", // or "leading", or "own" while a loop is shown
       work: null, // what is computed in slices
     });
+    this.rings.know(loops.studied);
     this.listen();
   }
 
@@ -186,6 +187,7 @@ export class Own {
     const { chain, clock, loops, piece, report, scene } = this;
     Object.assign(loops, { points, missed });
     const paths = loops.paths();
+    this.rings.know(paths);
     const failed = yield* failedStrokes(this.steps, points, missed);
     const [failure] = [...failed.values(), null];
     const yours = loops.keeping().length ? "your loops" : "your loop";
@@ -235,6 +237,7 @@ export class Own {
     this.ledArms.end();
     this.elbow.stand(0, this.elbow.first);
     this.loops.clear();
+    this.rings.know(this.loops.studied);
     this.state = "study";
     Object.assign(this.scene, { failure: null, idle: false });
     this.clock.whole = true;

@@ -16,6 +16,14 @@ export function proofHint({ proved }, beyond) {
     : [` Within the pale disc, ${far} around the start, the repeatable arm closes: proved.`];
 }
 
+// The same in few words.
+export function proofClause(chain, points) {
+  const beyond = isBeyond(chain, points);
+  return beyond
+    ? ` Closing is proved within ${formatLength(chain.proved)}.`
+    : " Closing is proved.";
+}
+
 // What is said of a loop; `broken`: it does not keep all limits.
 export function proofNote(chain, points, broken) {
   const far = formatLength(chain.proved);

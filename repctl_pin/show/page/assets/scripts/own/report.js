@@ -5,7 +5,7 @@ import { pointAt } from "../arm/arm.js";
 import { byId } from "../dom.js";
 import { formatLength } from "../numbers.js";
 import { enclosing, lengthOf, normalOf, planeWords } from "./loops.js";
-import { proofNote } from "./proof.js";
+import { proofClause, proofNote } from "./proof.js";
 import { answer, CHECKED, edgeWords, failureWords, lineWords } from "./sentence.js";
 
 export const CYCLES = 10;
@@ -28,6 +28,7 @@ export class Report {
     scene.part = part;
     pointAt(arms, chain.isOf(part));
     notes.push(...this.notes(cycles));
+    const clause = this.isProvable() && proofClause(chain, loops.points);
     const far = elbow.off();
     const moved = far > 1e-4 ? `, ${elbow.part} moved by ${formatLength(far)}` : "";
     const path = loops.points ? `${shape.whose}${this.sizeWords()}` : "the study’s path";
@@ -47,6 +48,7 @@ export class Report {
       sentence.splice(0, Infinity, ...words, lineWords(this.length, shape));
     }
     sentence.push([CHECKED, "aside"]);
+    if (clause && !failure && !this.isBroken()) sentence.push([clause, "aside proof"]);
     this.head.write(sentence, notes, path + moved);
     byId("again").textContent =
       cycles < result.cycles ? `Do it ${result.cycles} times` : "Once more";
@@ -69,13 +71,10 @@ export class Report {
   // What is said of a loop beside its motion: whether it was proved to close; and after all cycles,
   // how far the usual arm has drifted, and after those of the best loop.
   notes(cycles) {
-    const { best, chain, elbow, loops, result } = this;
+    const { best, chain, loops, result } = this;
     const { points } = loops;
     const words = [];
-    if (chain.proved && points && !elbow.at && !loops.keeping().length) {
-      const broken = result.runs.some(({ data }) => data.broken);
-      words.push(proofNote(chain, points, broken));
-    }
+    if (this.isProvable()) words.push(proofNote(chain, points, this.isBroken()));
     if (best && points && cycles === result.cycles) {
       const long = formatLength(LEAST_LENGTH * chain.size);
       const off = this.usualOff();
@@ -89,6 +88,15 @@ export class Report {
     return words;
   }
 
+  // Whether a proof speaks of this loop; whether the loop breaks a limit.
+  isProvable() {
+    const { chain, elbow, loops } = this;
+    return Boolean(chain.proved && loops.points && !elbow.at && !loops.keeping().length);
+  }
+  isBroken() {
+    return this.result.runs.some(({ data }) => data.broken);
+  }
+
   // How far the usual arm is from its start after all cycles, m; null if it has not completed them.
   usualOff() {
     const { result, steps } = this;
@@ -100,12 +108,11 @@ export class Report {
   // Keep the drawn loop under which the usual control drifts least, of those that are long enough
   // where they enclose something, and on which all controls keep the limits.
   keepBest() {
-    const { best, chain, elbow, loops, result } = this;
+    const { best, chain, elbow, loops } = this;
     const { points, mirrored } = loops;
     if (!points || loops.missed.length || loops.keeping().length) return;
     const off = this.usualOff();
-    const withinLimits = result.runs.every(({ data }) => !data.broken);
-    if (off === null || !withinLimits || enclosing(points) < LEAST_LENGTH * chain.size) return;
+    if (off === null || this.isBroken() || enclosing(points) < LEAST_LENGTH * chain.size) return;
     const { at, level } = elbow;
     if (!best || off < best.off)
       this.best = { off, points, hand: chain.led, mirrored, elbow: at, level };

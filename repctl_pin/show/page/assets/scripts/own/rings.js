@@ -1,6 +1,7 @@
 // The rings at the hands, by which a hand is led, and their words "Drag me".
 
 import { element } from "../dom.js";
+import { gap, vector } from "./loops.js";
 
 const CUT = 1000; // how much worse it is to be cut than to cover something
 const CROWDED = 400; // px² that these words cover at most, at the first hand
@@ -43,6 +44,11 @@ export class Rings {
     return ring;
   }
 
+  // Know how far the loop of each hand goes from its start, m; null for one that holds still.
+  know(paths) {
+    this.far = (paths || []).map((path) => path && Math.max(...path.map((p) => gap(p, path[0]))));
+  }
+
   // Invite to draw a loop, or do so no more.
   pulse(on) {
     this.rows[0][0].classList.toggle("pulse", on);
@@ -71,9 +77,11 @@ export class Rings {
   // Put the rings where the hands are, and their words where `rooms` has room; they are not there
   // while the hands go round without them.
   place(rooms = [], spots = this.spots()) {
+    const small = spots[0].map((spot, f) => this.isSmall(f, spot));
     this.rows.forEach((row, k) =>
       row.forEach((ring, f) => {
         const { x, y } = spots[k][f];
+        ring.classList.toggle("small", small[f]);
         ring.style.transform = `translate(calc(${x}px - 50%), calc(${y}px - 50%))`;
         ring.classList.toggle("away", this.clock.playing && this.isAway(k, f));
         if (rooms[k] && !k && this.sizes) this.placeWords(ring, f, spots[k][f], rooms[k]);
@@ -104,6 +112,16 @@ export class Rings {
     ring.classList.toggle("short", Boolean(place.short));
     ring.classList.toggle("mute", cost(place) > (f ? 0 : CROWDED));
     if (!ring.matches(".mute, .away")) room.box(place);
+  }
+
+  // Whether the loop of a hand, which is seen at this spot, goes no farther than a ring is wide.
+  isSmall(f, { x, y }) {
+    if (!this.far[f] || this.gesture.lead || !this.reach) return false;
+    const { elements } = this.panes.viewer.camera.matrixWorld;
+    const right = vector([elements[0], -elements[2], elements[1]]);
+    const beside = this.piece.now(0, this.rest[f]).addScaledVector(right, this.far[f]);
+    const side = this.panes.seen(0, beside);
+    return Math.hypot(side.x - x, side.y - y) < 2 * this.reach;
   }
 
   isAway(k, f) {
