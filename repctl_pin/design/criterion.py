@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import Array, read_only
 from ..base.errors import InputError, SingularityError
+from ..model.native_kinematics import jacobians
 from ..model.task import Task
 from ..potentials.basis import PotentialBasis
 from ..redundancy.inverses import inverse_condition_number, row_factor
@@ -130,7 +131,7 @@ def evaluate(desired: Inverse, potentials: PotentialBasis, Q: Array) -> tuple[Ar
         If a gradient is not finite or has the wrong shape, or ``J G_d = I`` does not hold.
     """
     task = desired.task
-    J = task.jacobians(Q)
+    J = jacobians(task, Q)
     N, J_plus = null_space_and_inverse(J, task, Q)
     G = J_plus if type(desired) is Pseudoinverse else desired.batch(Q, J)
     residual = np.abs(J @ G - np.eye(task.m)).max(axis=(1, 2))

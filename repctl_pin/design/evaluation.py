@@ -25,6 +25,7 @@ import numpy as np
 from ..base.arguments import Array, read_only
 from ..base.errors import RepctlError
 from ..base.progress import Report
+from ..model.native_kinematics import jacobians
 from ..model.task import Task
 from ..potentials.polynomial import Polynomial
 from ..redundancy.augmented import leaf_margin
@@ -177,7 +178,7 @@ def _evaluated(
     task = inverse.task
     sets = [region.random(count, seed) for seed in seeds]
     Q = np.concatenate(sets)
-    J = task.jacobians(Q)
+    J = jacobians(task, Q)
     N, J_plus = null_space_and_inverse(J, task, Q)
     V = inverse.potentials.gradients(Q)
     side = np.sign(np.linalg.det(np.swapaxes(N, -1, -2) @ V)) * measure.side
@@ -235,7 +236,7 @@ def spectral_cost(
     costs = []
     for replicate in range(REPLICATES):
         Q = region.random(-(-samples // REPLICATES), seed * REPLICATES + replicate)
-        J = inverse.task.jacobians(Q)
+        J = jacobians(inverse.task, Q)
         gap = inverse.batch(Q, J) - desired.batch(Q, J)
         costs.append(region.weights(Q) @ np.linalg.norm(gap, 2, axis=(1, 2)) ** 2)
     return float(np.mean(costs))

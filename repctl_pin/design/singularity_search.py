@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import Array, read_only
 from ..base.errors import SingularityError
+from ..model.native_kinematics import jacobians
 from ..model.task import Task
 from ..potentials.basis import Potentials
 from ..regions import Region
@@ -119,7 +120,7 @@ class Dexterity:
 
     def __call__(self, Q: Array) -> Array:
         """Evaluate σ_min / σ_max of J (K,) at every row of Q (K, n); 0 at a singularity."""
-        values = np.linalg.svd(self.task.jacobians(Q), compute_uv=False)
+        values = np.linalg.svd(jacobians(self.task, Q), compute_uv=False)
         return np.where(values[:, -1] > _RANK * values[:, 0], values[:, -1] / values[:, 0], 0.0)
 
     def newton(self, Q: Array, scale: Array) -> Array:
@@ -132,7 +133,7 @@ class Dexterity:
         converge.
         """
         m = self.task.m
-        U, sigma, Vt = np.linalg.svd(self.task.jacobians(Q))
+        U, sigma, Vt = np.linalg.svd(jacobians(self.task, Q))
         turned = np.einsum("Kaik,Ka->Kik", self.task.hessians(Q), U[:, :, -1])
         slope = Vt[:, m - 1 :] @ turned
         step: Array = -np.linalg.pinv(slope * scale, rcond=1e-6)[:, :, 0] * sigma[:, -1:]
@@ -170,7 +171,7 @@ class LeafMargin:
 
     def _augmented(self, Q: Array) -> tuple[Array, Array]:
         """Evaluate J_V = [J; Vᵀ] (K, n, n) and the gradients V (K, n, r) at Q (K, n)."""
-        J = self.task.jacobians(Q)
+        J = jacobians(self.task, Q)
         V = self.potentials.gradients(Q)
         return np.concatenate([J, np.swapaxes(V, -1, -2)], axis=1), V
 

@@ -77,10 +77,11 @@ EXPORT long call_least_inverses(const Arm *arm, long count, const double *J, dou
   return a;
 }
 
-/* Compute the frame's position, rotation and Jacobian at every row of Q; p, R, or J may be NULL. */
+/* Compute the positions and rotations of all frames and the Jacobian at every row of Q; p, R, or J may be NULL. */
 EXPORT void call_places(const Arm *arm, long count, const double *Q, double *p, double *R, double *J) {
   for (long a = 0; a < count; a++) {
-    double here[3], turned[9];
-    place(arm, Q + a * N, p ? p + 3 * a : here, R ? R + 9 * a : turned, J ? (double(*)[N])(J + a * M * N) : NULL);
+    double here[3 * MOST_FRAMES], turned[9 * MOST_FRAMES];
+    place(arm, Q + a * N, p ? p + 3 * FRAMES * a : here, R ? R + 9 * FRAMES * a : turned,
+          J ? (double(*)[N])(J + a * M * N) : NULL);
   }
 }

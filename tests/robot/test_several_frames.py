@@ -1,5 +1,8 @@
 """A task of several frames: kinematics against Pinocchio and finite differences, and its door."""
 
+from importlib import import_module
+from typing import Any
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -135,3 +138,27 @@ def test_a_target_of_several_frames_has_one_placement_per_frame():
         task.placement(q)
     with pytest.raises(rp.InputError, match="target"):
         rp.Robot.load("talos").task(HANDS[0]).error(q[:9], (left, right))
+
+
+@pytest.mark.parametrize("native", ["yes", "no"])
+@pytest.mark.parametrize(
+    ("name", "frames"),
+    [
+        ("panda", None),
+        ("tiago", [("wrist_ft_tool_link", "axis")]),
+        ("panda", [("panda_link4", "xy"), ("panda_link8", "position")]),
+        ("baxter", [("left_gripper", "axis"), ("right_gripper", "pose")]),
+    ],
+)
+def test_jacobians_of_many_configurations_in_c_are_pinocchios(
+    name: str, frames: Any, native: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """C holds each frame's position and rotation beside the Jacobian, whether asked for or not."""
+    monkeypatch.setenv("REPCTL_NATIVE", native)
+    room = import_module(f"{rp.Task.__module__.rpartition('.')[0]}.native_kinematics")
+    task = rp.Robot.load(name).task(frames)
+    Q = task.reference + np.random.default_rng(4).uniform(-1, 1, (300, task.n))
+    J = room.jacobians(task, Q)
+    np.testing.assert_allclose(J, task.jacobians(Q), rtol=0, atol=3e-15)
+    assert np.array_equal(J, task.jacobians(Q)) == (native == "no")
+    assert room.jacobians(task, Q[:0]).shape == (0, task.m, task.n)

@@ -36,6 +36,7 @@ from ...base.arguments import (
 from ...base.errors import InputError
 from ...base.threads import PerThread
 from ...model.chain_formulas import Placement, as_placement, as_placements
+from ...model.native_kinematics import placed
 from ...model.task import Task
 from ...native import CHART_CALL, filled_struct, library
 from ...redundancy import leaf_margin
@@ -43,7 +44,7 @@ from ...strategies import RepeatableInverse
 from ...strategies.native_arm import library_arm
 from .chart.chart import CellPotentials, Chart, native_chart
 from .geometry.cell import Cell
-from .geometry.kinematics import null_bases, placed
+from .geometry.kinematics import null_bases
 from .targets import FORMS, as_poses, homogeneous
 
 if TYPE_CHECKING:

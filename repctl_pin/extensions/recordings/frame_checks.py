@@ -22,9 +22,9 @@ from ...base.arguments import Array, percentage, row
 from ...base.errors import InputError
 from ...model.chain_formulas import rotation_vectors
 from ...model.length import arm_reach
+from ...model.native_kinematics import placed
 from ...model.rotations import matrix_quaternions, mean_rotation, quaternion_matrices
 from ...model.task import Task
-from ..cells.geometry.kinematics import placed
 
 _SOME = 256
 """Maximum number of frames at which recorded joints and poses are compared."""

@@ -29,10 +29,10 @@ from ...base.arguments import (
 )
 from ...base.data_tables import Column, Table, read_table
 from ...base.errors import InputError
+from ...model.native_kinematics import placed
 from ...model.rotations import quaternion_matrices
 from ...model.several_frames import one_frame
 from ...model.task import Task, require_task
-from ..cells.geometry.kinematics import placed
 from ..cells.targets import homogeneous
 from .data_sets.data_set import DataSet, is_data_set
 from .data_sets.further_columns import ACTIONS, Joints, further_joints, require_positions

@@ -27,11 +27,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.arguments import Array, read_only
+from ....model.native_kinematics import chain_for_c, placed, run
 from ....native import CHART, PART, filled_struct, point
 from ....solvers import newton_rows
 from ....strategies.strategy import Inverse
 from ..geometry.cell import Cell, unit_speeds
-from ..geometry.kinematics import chain_for_c, placed, run, solved
+from ..geometry.kinematics import solved
 from .monomials import Monomials
 
 _STEP = 0.3

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....base.arguments import Array, read_only
+from ....model.native_kinematics import placed
 from ....redundancy.inverses import inverse_condition_number
 from ..geometry.cell import Cell
-from ..geometry.kinematics import placed
 from ..geometry.sector import Sector
 from .reach import SINGULAR, reached
 

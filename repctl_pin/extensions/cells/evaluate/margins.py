@@ -32,13 +32,14 @@ from numpy.typing import NDArray
 
 from ....base.arguments import Array, read_only
 from ....model.bodies import Bodies, bodies_of
+from ....model.native_kinematics import placed
 from ....model.task import Task
 from ....redundancy import leaf_margin
 from ....solvers import StepLengths, descend_in_box
 from ..chart.chart import Chart, Points
 from ..chart.monomials import Monomials
 from ..geometry.cell import Cell
-from ..geometry.kinematics import null_bases, placed, regular, rows_of, singular_values
+from ..geometry.kinematics import null_bases, regular, rows_of, singular_values
 from .reach import unlike_rows
 
 _DIFFERENCE = 3e-4

@@ -21,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.arguments import Array
+from ....model.native_kinematics import placed
 from ....model.task import Task
 from ....motion.solve_ik import random_configurations
 from ....redundancy import nullspace
 from ....solvers import newton_rows
 from ....strategies.strategy import Inverse
 from ..geometry.cell import Cell
-from ..geometry.kinematics import inverses, null_bases, placed, regular
+from ..geometry.kinematics import inverses, null_bases, regular
 
 EXACT = 1e-9
 """Norm of the task error, m and rad, below which a pose is reached."""

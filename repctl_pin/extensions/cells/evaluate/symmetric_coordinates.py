@@ -26,12 +26,12 @@ from numpy.typing import NDArray
 
 from ....base.arguments import Array, percentage
 from ....base.certificate import degrees_below
+from ....model.native_kinematics import placed
 from ....model.task import Task
 from ....strategies.strategy import Inverse
 from ..chart.chart import Chart, Points
 from ..chart.monomials import Monomials
 from ..geometry.cell import Cell
-from ..geometry.kinematics import placed
 from ..geometry.sector import ANGLE, HEIGHT, SPIN, Sector
 from .margins import CandidateFunction, Margin, searched
 

@@ -41,6 +41,7 @@ from numpy.typing import NDArray
 from ....base.arguments import Array
 from ....base.errors import InputError
 from ....model.bodies import bodies_of
+from ....model.native_kinematics import placed
 from ....model.task import Task
 from ..cell_design_result import CellDesign
 from ..chart.chart import Chart
@@ -50,7 +51,6 @@ from ..evaluate.reach import rays
 from ..evaluate.symmetric_coordinates import expanded, narrowed
 from ..geometry.cell import Cell
 from ..geometry.cut import cut_sides
-from ..geometry.kinematics import placed
 from ..geometry.sector import ANGLE, Sector
 from ..geometry.symmetry import Symmetry
 from ..place.posture_search import given

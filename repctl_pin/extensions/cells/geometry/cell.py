@@ -48,13 +48,14 @@ from ....model.chain_formulas import (
     axis_turns,
     rotation_vectors,
 )
+from ....model.native_kinematics import placed
 from ....model.rotations import exp3
 from ....model.several_frames import one_frame
 from ....model.task import Task, require_task
 from ....native import CHART, REGION, filled_struct, point
 from ....regions.sobol import scrambled_points
 from .cell_arguments import LEAST_WIDTH, as_middle, of_positions, sizes, stacked
-from .kinematics import left_jacobian, placed
+from .kinematics import left_jacobian
 from .symmetry import Symmetry
 
 EDGE = 1e-9

@@ -1,4 +1,4 @@
-"""Kinematics, rotations, linear systems and null-space bases of many configurations at once.
+"""Rotations, linear systems and null-space bases of many configurations at once.
 
 Arrays have one row per configuration, K in all, and records are named tuples of such arrays. A
 singular matrix does not affect the results of the other rows. Letters: n joints, m task
@@ -8,7 +8,6 @@ coordinates, r = n − m; N are bases of the null space of J, J⁺ is the pseudo
 from __future__ import annotations
 
 import ctypes
-import weakref
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any, TypeVar
@@ -18,10 +17,8 @@ from numpy.typing import NDArray
 
 from ....base.arguments import Array
 from ....model.chain_formulas import skew
-from ....model.task import Task
 from ....native import library
 from ....redundancy import align
-from ....strategies.native_arm import library_arm
 
 _REGULAR = 1e-6
 """Value of (σ_min / σ_max)² of J above which J Jᵀ gives the singular values to a relative accuracy
@@ -33,35 +30,6 @@ computed from linear equations."""
 
 Record = TypeVar("Record", bound=tuple[Any, ...])
 """A named tuple of arrays with K rows each."""
-
-_arms: weakref.WeakKeyDictionary[Task, Any] = weakref.WeakKeyDictionary()
-"""Kinematic chains for C, by task; None where there is none."""
-
-
-def chain_for_c(task: Task) -> Any | None:
-    """Return the kinematic chain of a task as a struct for calls of C, cached per task.
-
-    Return None without the native library, or with more than 64 joints, which C cannot hold.
-    """
-    if library() is None:
-        return None
-    if task not in _arms:
-        _arms[task] = library_arm(task)
-    return _arms[task]
-
-
-def run(name: str, arm: Any, count: int, *given: Any) -> None:
-    """Call a function of the native library for ``count`` configurations, with a kinematic chain.
-
-    ``name`` is the name of the function, and ``arm`` the C struct of the chain. The function is
-    called with the address of ``arm``, ``count``, and ``given``: further arguments, arrays or C
-    numbers. Arrays that the function fills must be contiguous arrays of float.
-    """
-    kept = [np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x for x in given]
-    pointers = (ctypes.c_void_p(x.ctypes.data) if isinstance(x, np.ndarray) else x for x in kept)
-    native = library()
-    assert native is not None, "there is a chain for it"
-    getattr(native, name)(ctypes.byref(arm), ctypes.c_long(count), *pointers)
 
 
 def rows_of(record: Record, which: NDArray[Any] | list[int] | slice) -> Record:
@@ -76,21 +44,6 @@ def joined(records: Sequence[Record]) -> Record:
     make: Any = type(records[0])
     together: Record = make(*map(np.concatenate, zip(*records, strict=True)))
     return together
-
-
-def placed(task: Task, Q: Array) -> tuple[Array, Array, Array]:
-    """Evaluate the forward kinematics and the task Jacobian at every row of Q (K, n).
-
-    C evaluates them if possible. Return positions (K, 3), m, rotation matrices (K, 3, 3), and J (K,
-    m, n).
-    """
-    arm = chain_for_c(task)
-    if arm is None:
-        return (*task._placements(task._matrix(Q)), task.jacobians(Q))
-    K = len(Q)
-    found = np.empty((K, 3)), np.empty((K, 3, 3)), np.empty((K, task.m, task.n))
-    run("call_places", arm, K, Q, *found)
-    return found
 
 
 def solved(A: Array, b: Array) -> Array:

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ....base.arguments import Array, read_only, vector
 from ....base.errors import InputError, RepctlError
 from ....model.bodies import Bodies, bodies_of
+from ....model.native_kinematics import placed
 from ....model.task import unit_of
 from ....motion import solve_ik
 from ....motion.solve_ik import random_configurations
@@ -31,7 +32,7 @@ from ....studies.problem import Problem
 from ..evaluate.reach import EXACT, SINGULAR, Rays, rays, reached, unlike_rows
 from ..evaluate.symmetric_coordinates import reduced
 from ..geometry.cell import Cell
-from ..geometry.kinematics import bases, placed
+from ..geometry.kinematics import bases
 
 _STARTS, _KEPT, _OFFERED = 128, 24, 4
 _TESTED = 3

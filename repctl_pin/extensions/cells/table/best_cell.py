@@ -37,6 +37,7 @@ from ....base.threads import one_blas_thread
 from ....model.base_motion import base_placements
 from ....model.bodies import bodies_of
 from ....model.chain_formulas import require_rotation
+from ....model.native_kinematics import placed
 from ....model.several_frames import one_frame
 from ....model.task import Task, require_task
 from ....redundancy.inverses import inverse_condition_number
@@ -49,7 +50,7 @@ from ..fit.cell_fit import CellFit
 from ..geometry.approach_axis import Approach, approach_axis, with_approach
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import of_positions
-from ..geometry.kinematics import joined, placed, rows_of
+from ..geometry.kinematics import joined, rows_of
 from ..place.posture_search import Candidate, judged, searched
 from .middles import APART, ENOUGH, beside, collision_free, ordered
 from .whole_table import WholeTable, middles_in_floods, whole_table

@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.arguments import Array
+from ....model.native_kinematics import placed
 from ....model.task import Task
-from ..geometry.kinematics import placed
 from ..geometry.symmetry import Symmetry
 
 SPACING = 0.03

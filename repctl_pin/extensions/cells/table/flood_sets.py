@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 
 from ....base.arguments import Array
 from ....base.errors import InputError
+from ....model.native_kinematics import placed
 from ....model.task import Task
 from ....motion.solve_ik import random_configurations
 from ..evaluate.reach import unlike_rows
-from ..geometry.kinematics import placed
 from ..geometry.symmetry import Symmetry
 from .flood import SPACING, Rectangles, Table, flooded, rectangles
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.arguments import Array
+from ....model.native_kinematics import placed
 from ..geometry.cell import Cell
-from ..geometry.kinematics import placed
 
 
 def locked_price(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[float, float]:

@@ -28,10 +28,11 @@ from numpy.typing import NDArray
 
 from ....base.arguments import Array
 from ....model.bodies import bodies_of
+from ....model.native_kinematics import placed
 from ..cell_design_result import CellDesign, joint_values
 from ..evaluate.reach import unlike_rows
 from ..fit.trimming import Required, near_all_round
-from ..geometry.kinematics import joined, placed
+from ..geometry.kinematics import joined
 from ..geometry.sector import ANGLE, HEIGHT, Sector
 from .flood import SPACING, Table, flooded, rectangles
 from .flood_sets import ALIKE, SETTLED, Floods

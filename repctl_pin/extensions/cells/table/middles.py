@@ -14,10 +14,11 @@ import numpy as np
 
 from ....base.arguments import Array
 from ....model.bodies import bodies_of
+from ....model.native_kinematics import placed
 from ....motion.solve_ik import random_configurations
 from ..evaluate.reach import EXACT, STEPS, Grown, grown, reached, unlike_rows
 from ..geometry.cell import Cell
-from ..geometry.kinematics import bases, joined, placed, rows_of
+from ..geometry.kinematics import bases, joined, rows_of
 
 ENOUGH, APART = 0.3, 0.02
 """Limit margin, rad or m, and body distance, m, above which larger ones are no longer an
