@@ -381,6 +381,29 @@ def test_a_node_is_free_if_bodies_are_apart_at_all_angles_of_a_range() -> None:
     assert there.free((-1.0, 1.0)).tolist() == [[True, True, True, False]]
 
 
+@pytest.mark.slow
+def test_a_seed_does_not_change_the_reach_or_the_best_flood(panda_pose: rp.Task) -> None:
+    """Floods begin at the configuration with joint 3 at 0, and end at no edge of the table."""
+    line, symmetries = whole_table._symmetries(panda_pose)
+    down, heights = np.diag([1.0, -1.0, -1.0]), (-np.inf, np.inf)
+    worths = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        drawn = tables.flood_sets.drawn_nodes(panda_pose, down, line, symmetries, heights, rng)
+        table = drawn[0]
+        corners = np.zeros(2, int), np.array(table.shape) - 1
+        cell = whole_table._sector(table, line, symmetries, *corners)
+        worth = whole_table.partial(whole_table._affordable_worth, table, cell, symmetries, 0.3)
+        locked = tables.flood_sets.locked_floods(*drawn, rng)
+        floods = tables.flood_sets.free_floods(*drawn, locked, worth)
+        reached = floods.reached.any(axis=0)
+        assert not reached[:, [0, -1]].any() and not reached[-1].any()
+        best = tables.flood_sets.unlike_floods(table, floods, worth)
+        worths.append(worth(best)[0])
+        assert worths[-1] == worth(floods).max()
+    assert max(worths) < 1.02 * min(worths)
+
+
 def test_searches_of_free_nodes_agree(panda_pose: rp.Task) -> None:
     """Oracle: the test of all nodes at all angles. With a result for a larger distance, and with
     nodes left out after the first angle at which bodies are near, the nodes are the same."""
