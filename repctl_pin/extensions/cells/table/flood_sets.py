@@ -240,7 +240,7 @@ def _unlike(
 
     They are up to ``count`` floods with the largest rectangles. With ``worth``, up to half as many
     others, which it rates highest, come before them. The middles of the rectangles are compared.
-    Of the joints of :func:`compared`, those that do not move the task are left out.
+    The joints of :func:`compared` count, except those that do not move the task.
     """
     found = rectangles(floods.reached)
     postures = floods.middles(found)[1]
