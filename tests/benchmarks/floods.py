@@ -14,6 +14,10 @@ bodies apart, but at a singularity, too, and without a path to it: by a flood, f
 starts, along the self-motion, or from a neighbour. Both searches give lower bounds. A node is
 *affordable* if a configuration of a flood is there through which a function can have at most 30 %
 extra joint speed, the limit of the search. Only the configuration at the node itself counts.
+*One function* is the largest connected set of affordable nodes of one flood over which a function
+could be taken: neighbours differ by at most 0.45 rad or m, the mean extra joint speed is at most
+5 %, and the joints that turn the arm and the tool leave half a turn of angle and spin, or what the
+designed sector has of it if that is less.
 
 Areas are in m²: 9 cm² per node of a set; of rectangles, between the outer nodes. The best flood has
 the most nodes, and the first rectangle is the largest in any one flood. The share is that of the
@@ -28,6 +32,8 @@ from collections.abc import Iterator
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from whole_tables import print_table, task_of
 
 import repctl_pin as rp
@@ -44,12 +50,13 @@ TRIALS, WALKED, WALK, STRIDE = 40, 8, 40, 0.15
 """Random starts per node; walks per node along the self-motion to either side, their steps, and the
 length of a step, rad or m."""
 
-MOST_EXTRA = 0.3
-"""Maximum extra joint speed at the worst pose that the search permits by default."""
+MOST_EXTRA, MEAN_EXTRA = 0.3, 0.05
+"""Maximum extra joint speeds, at the worst pose and on average, that the search permits by
+default."""
 
 TITLES = (
-    "arm | reach: best flood, union, any, affordable | rectangle in: one flood, union, any, "
-    "affordable | one range | designed | share | exceeds | time, s"
+    "arm | reach: best flood, union, any, affordable, one function | rectangle in: one flood, "
+    "union, any, affordable, one function | one range | designed | share | exceeds | time, s"
 )
 
 
@@ -168,7 +175,12 @@ class Grid:
         return int(on[np.linalg.norm(at - at.mean(axis=0), axis=1).argmin()])
 
     def extra_speed(self, nodes: Nodes, Q: Array) -> Array:
-        """Compute the minimum extra joint speed (K,) of functions through Q (K, n) at nodes (K,).
+        """Compute the minimum extra joint speed (K,) of functions through Q (K, n) at K nodes."""
+        own, least = self.squares(nodes, Q)
+        return np.asarray(np.sqrt(own / least) - 1)
+
+    def squares(self, nodes: Nodes, Q: Array) -> list[Array]:
+        """Compute squared joint speeds of a function through Q (K, n) at nodes (K,), and of J⁺.
 
         Along radius and height, such a function moves as J⁺ does at best. Along the angle and the
         spin, the joint that alone turns the arm, or the tool, moves alone.
@@ -185,8 +197,7 @@ class Grid:
         own = least.copy()
         own[:, :, 2:] = np.eye(self.task.n)[:, turns[: E.shape[2] - 2]]
         W = np.linalg.inv(E.swapaxes(1, 2) @ E)
-        squares = [np.einsum("Kni,Kij,Knj->K", X, W, X) for X in (own, least)]
-        return np.asarray(np.sqrt(squares[0] / squares[1]) - 1)
+        return [np.einsum("Kni,Kij,Knj->K", X, W, X) for X in (own, least)]
 
     def affordable(self, floods: Array) -> Mask:
         """Return a mask (N,) of the nodes with an affordable configuration in a flood."""
@@ -194,6 +205,36 @@ class Grid:
         found = np.zeros(self.size, bool)
         found[node[self.extra_speed(node, floods[flood, node]) <= MOST_EXTRA]] = True
         return found
+
+    def for_one_function(self, flood: Array) -> Mask:
+        """Return a mask (N,) of a connected set of nodes over which a function could be taken."""
+        nodes = np.flatnonzero(np.isfinite(flood[:, 0]))
+        own, least = self.squares(nodes, flood[nodes])
+        extra = np.sqrt(own / least) - 1
+        good = extra <= MOST_EXTRA
+        for joint in np.flatnonzero(~self.counted):
+            turn = min(np.pi, 2 * self.cell.widths[1])
+            room = self.task.upper[joint] - self.task.lower[joint] - turn
+            q = flood[nodes, joint]
+            low = np.sort(q[good])
+            inside = np.searchsorted(low, low + room, side="right") - np.arange(len(low))
+            if len(low):
+                first = low[inside.argmax()]
+                good &= (q >= first) & (q <= first + room)
+        order = np.flatnonzero(good)[np.argsort(extra[good])]
+        mean = np.sqrt(np.cumsum(own[order]) / np.cumsum(least[order])) - 1
+        within = np.zeros(self.size, bool)
+        within[nodes[order[: np.searchsorted(mean, MEAN_EXTRA)]]] = True
+        return self.connected(flood, within)
+
+    def connected(self, flood: Array, within: Mask) -> Mask:
+        """Return the largest part of a mask (N,) whose neighbours differ by at most the step."""
+        a, way = np.nonzero((self.beside >= 0) & within[:, None] & within[self.beside])
+        b = self.beside[a, way]
+        near = np.abs(flood[a] - flood[b]).max(axis=1) <= STEP
+        links = coo_array((np.ones(near.sum()), (a[near], b[near])), shape=2 * (self.size,))
+        part = connected_components(links, directed=False)[1]
+        return np.asarray(within & (part == np.bincount(part[within], minlength=1).argmax()))
 
     def covered(self) -> Mask:
         """Return a mask (N,) of the nodes inside the sector."""
@@ -343,7 +384,8 @@ def line(name: str) -> list[str]:
     any_ = AnyConfiguration(grid, floods).found
     seconds = time.process_time() - begin
     best = reached[reached.sum(axis=1).argmax()]
-    sets = np.array([best, reached.any(axis=0), any_, grid.affordable(floods)])
+    one = max(map(grid.for_one_function, floods), key=np.sum)
+    sets = np.array([best, reached.any(axis=0), any_, grid.affordable(floods), one])
     areas, inside = SPACING**2 * sets.sum(axis=1), grid.covered()
     rectangles = [rectangle(mask.reshape(grid.shape)) for mask in sets]
     rectangles[0] = max(rectangle(mask.reshape(grid.shape)) for mask in reached)

@@ -50,6 +50,19 @@ def test_floods_and_the_search_without_paths_end_at_the_ring(grid: floods.Grid) 
     assert grid.extra_speed(on, Q) == pytest.approx(0.0, abs=1e-6)
 
 
+def test_one_function_takes_no_jump(grid: floods.Grid) -> None:
+    """A flood without extra joint speed is taken as a whole; with a jump, its larger side."""
+    flood = max(floods.floods_of(grid), key=lambda each: np.isfinite(each[:, 0]).sum())
+    reached = np.isfinite(flood[:, 0])
+    whole = grid.for_one_function(flood)
+    assert not (whole & ~reached).any() and whole.sum() > 0.95 * reached.sum()
+    place = np.arange(grid.size) // len(grid.z)  # number of the radius
+    far = whole & (place > np.quantile(place[whole], 0.7))
+    flood[far, 2] += 1.0  # beyond the step
+    found = grid.for_one_function(flood)
+    assert not (found & far).any() and 0.5 * whole.sum() < found.sum() <= (whole & ~far).sum()
+
+
 def test_the_largest_rectangle_is_that_of_a_search_over_all() -> None:
     mask = np.random.default_rng(3).random((7, 9)) < 0.8
     every = [

@@ -16,6 +16,7 @@ of the frame: the indices of both, and the sign, 1 or −1, of the change.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -41,8 +42,9 @@ ALIKE, _STILL = 0.3, 1e-9
 """Difference of the joints, rad or m, below which two postures are alike; and largest entry of J,
 per joint, of joints that do not move the task."""
 
-NEAREST = 0.06
-"""Smallest radius of a node, m."""
+NEAREST, _BEYOND = 0.06, 0.1
+"""Smallest radius of a node, m; and share of the range of the drawn heights by which a table
+extends beyond it if r = 1, because few random configurations are near its ends."""
 
 SETTLED = 40
 """Newton steps with which a random configuration is brought to a node."""
@@ -102,7 +104,9 @@ def drawn_nodes(
     z = p @ line[1]
     flat = p - z[:, None] * line[1]
     rho = np.linalg.norm(flat, axis=1)
-    table = grid_around(task, rotation, line, symmetries, heights, rho, z)
+    more = _BEYOND * (task.r == 1) * np.ptp(z) * np.array([-1.0, 1.0])
+    ends = np.array([z.min(), z.max()]) + more
+    table = grid_around(task, rotation, line, symmetries, heights, rho, ends)
     # turned so that the frame lies at the angle 0
     around = symmetries[0]
     Q[:, around.joint] -= around.sign * np.arctan2(flat[:, 1], flat[:, 0])
@@ -127,9 +131,9 @@ def grid_around(
     rho: Array,
     z: Array,
 ) -> Table:
-    """Create a table that spans the radii ``rho`` and heights ``z`` of K configurations, m.
+    """Create a table that spans the radii ``rho`` and the heights ``z``, m, one array of each.
 
-    ``rho`` and ``z`` are (K,) each. Radii begin at 0.06 m. Heights are above the point of ``line``,
+    Radii begin at 0.06 m. Heights are above the point of ``line``,
     and limited to the range ``heights`` (lowest, highest). The first of the ``symmetries`` is that
     of the joint that turns the arm about ``line``. The joints of symmetries are not
     :attr:`~.Table.counted`: floods do not check their limits.
@@ -180,11 +184,18 @@ def locked_floods(
     return Floods(flooded(table, nodes[rows], solved, held), nodes[rows], held)
 
 
-def free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: Floods) -> Floods:
+def free_floods(
+    table: Table,
+    nodes: NDArray[np.intp],
+    Q: Array,
+    locked: Floods,
+    worth: Callable[[Floods], Array] | None = None,
+) -> Floods:
     """Flood a table without locked joints, from up to 24 nodes with unlike configurations.
 
     These nodes are chosen from ``nodes`` (K, 2), with the configurations Q (K, n). Further floods
-    begin in the middles of the largest rectangles of the floods ``locked``.
+    begin in the middles of the largest rectangles of floods ``locked``, which are selected as by
+    :func:`unlike_floods`.
     """
     counted = table.counted
     kept, distance = [0], np.linalg.norm((Q - Q[0])[:, counted], axis=1)
@@ -193,24 +204,54 @@ def free_floods(table: Table, nodes: NDArray[np.intp], Q: Array, locked: Floods)
         distance = np.minimum(distance, np.linalg.norm((Q - Q[kept[-1]])[:, counted], axis=1))
     begin, at = Q[kept], nodes[kept]
     if len(locked.Q):
-        found = rectangles(locked.reached)
-        middles, postures = locked.middles(found)
-        order = np.argsort(-found.area)
-        order = order[unlike_rows(postures[order], ALIKE, _MIDDLES)]
-        begin = np.concatenate([begin, postures[order]])
-        at = np.concatenate([at, middles[order]])
+        rows = _unlike(table, locked, _MIDDLES, worth)
+        middles, postures = locked.middles(rectangles(locked.reached))
+        begin = np.concatenate([begin, postures[rows]])
+        at = np.concatenate([at, middles[rows]])
     held = np.zeros(begin.shape, bool)
     return Floods(flooded(table, at, begin, held), at, held)
 
 
-def unlike_floods(table: Table, floods: Floods) -> Floods:
+def unlike_floods(
+    table: Table, floods: Floods, worth: Callable[[Floods], Array] | None = None
+) -> Floods:
     """Select up to eight floods, those with the largest rectangles of nodes first.
 
-    The configurations in the middles of these rectangles differ from flood to flood. Joints that do
-    not move the task, such as the last joint in an axis task, are not compared.
+    The configurations in the middles of these rectangles differ from flood to flood. If ``worth``
+    is given, which rates floods (S,), up to four with the highest ratings come before these.
+    """
+    rows = _unlike(table, floods, _TESTED, worth)
+    return Floods(floods.Q[rows], floods.nodes[rows], floods.held[rows])
+
+
+def compared(table: Table) -> NDArray[np.bool_]:
+    """Return a mask (n,) of the joints in which configurations of unlike floods differ.
+
+    If r = 1, joints that alone turn the arm or the tool do not count: after full turns of them, a
+    flood has the same nodes.
+    """
+    return table.counted | (table.task.r > 1)
+
+
+def _unlike(
+    table: Table, floods: Floods, count: int, worth: Callable[[Floods], Array] | None
+) -> list[int]:
+    """Select unlike floods: return their indices.
+
+    They are up to ``count`` floods with the largest rectangles. With ``worth``, up to half as many
+    others, which it rates highest, come before them. The middles of the rectangles are compared.
+    The joints of :func:`compared` count, except those that do not move the task.
     """
     found = rectangles(floods.reached)
-    order, postures = np.argsort(-found.area), floods.middles(found)[1]
+    postures = floods.middles(found)[1]
     moving = np.abs(placed(table.task, postures)[2]).max(axis=(0, 1)) > _STILL
-    order = order[unlike_rows(postures[order][:, moving], ALIKE, _TESTED)]
-    return Floods(floods.Q[order], floods.nodes[order], floods.held[order])
+    postures = postures[:, moving & compared(table)]
+    ratings = [(found.area, count)]
+    if worth is not None:
+        ratings = [(worth(floods), count // 2), *ratings]
+    rows: list[int] = []
+    for rating, most in ratings:
+        order = np.argsort(-rating, kind="stable")
+        order = order[np.isin(order, rows, invert=True)]
+        rows += order[unlike_rows(postures[order], ALIKE, most)].tolist()
+    return rows

@@ -15,7 +15,7 @@ is 5 %), and body distance, m.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -23,6 +23,7 @@ import pinocchio as pin
 
 from ....base.arguments import Array
 from ....base.errors import InputError
+from ....model.task import Task
 from ....strategies import Pseudoinverse
 from ..cell_design_result import CellDesign
 from ..evaluate.cell_evaluation import sampled
@@ -33,6 +34,7 @@ from ..fit.trimming import Required, kept_where_good
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import Angle
 from ..geometry.sector import HEIGHT, SPIN, Sector
+from ..geometry.symmetry import Symmetry
 from ..place.posture_search import given
 from .joint_speeds import least_speeds
 from .largest_profile import SMOOTH, SPARE, affordable_between
@@ -114,17 +116,33 @@ def _affordable_part(
     i = int(np.abs(radii[:, j] - (between.low[0] + between.high[0]) / 2).argmin())
     z = (heights[between.first] + heights[between.last]) / 2
     p = cell.axis[0] + (low[0] + high[0]) / 2 * cell.directions[0] + z * cell.axis[1]
-    about_tool = any(one.coordinate == SPIN for one in cell.symmetries)
-    spin: Angle = "all" if about_tool else 0.0
-    sector = Sector(
+    part = whole_sector(
         cell.task,
         pin.SE3(cell.placement.rotation, p),
-        radius=(low, high),
-        height=float(heights[between.last] - z),
-        angle="all",
-        spin=spin,
-        axis=cell.axis,
+        (low, high),
+        float(heights[between.last] - z),
+        cell.axis,
+        cell.symmetries,
     )
-    part = reduced(sector, Pseudoinverse(cell.task))
-    assert isinstance(part, Sector), "a part of a sector is a sector"
     return part, at.Q.reshape(*shape, -1)[i, j]
+
+
+def whole_sector(
+    task: Task,
+    middle: pin.SE3,
+    radius: float | tuple[Array, Array],
+    height: float,
+    axis: Array,
+    symmetries: Sequence[Symmetry],
+) -> Sector:
+    """Make a sector with the range "all" of the angle and, if a joint turns the tool, of the spin.
+
+    ``radius`` and ``height`` are half-widths, m, around the pose ``middle``; ``radius`` can be two
+    polynomials of the height, see :class:`.Sector`. ``axis`` (2, 3) is the axis of the arm.
+    Coordinates along which a symmetry moves the frame are removed from u.
+    """
+    spin: Angle = "all" if any(one.coordinate == SPIN for one in symmetries) else 0.0
+    sector = Sector(task, middle, radius=radius, height=height, angle="all", spin=spin, axis=axis)
+    part = reduced(sector, Pseudoinverse(task))
+    assert isinstance(part, Sector), "reduced keeps the kind"
+    return part

@@ -49,7 +49,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property, partial
-from itertools import takewhile, zip_longest
+from itertools import takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,12 +64,12 @@ from ....model.task import Task
 from ....strategies import Pseudoinverse
 from ..cell_design_result import CellDesign
 from ..evaluate.reach import unlike_rows
-from ..evaluate.symmetric_coordinates import narrowed, reduced
+from ..evaluate.symmetric_coordinates import narrowed
 from ..fit.cell_fit import CellFit
 from ..fit.locked_function import locked_function
 from ..fit.trimming import Required, Window, covered_share, kept_where_good, trimmed, turned
 from ..geometry.cell import Cell
-from ..geometry.cell_arguments import VERTICAL, Angle
+from ..geometry.cell_arguments import VERTICAL
 from ..geometry.sector import ANGLE, Sector
 from ..geometry.sector_profile import MOST_DEGREE
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
@@ -79,6 +79,7 @@ from .flood_sets import (
     ALIKE,
     NEAREST,
     Floods,
+    compared,
     drawn_nodes,
     free_floods,
     locked_floods,
@@ -89,6 +90,7 @@ from .largest_profile import (
     DEAREST,
     SHARES,
     SMOOTH,
+    SPARE,
     Between,
     affordable_between,
     area_of,
@@ -97,7 +99,7 @@ from .largest_profile import (
 )
 from .locked_arms import LargerArm, LockedJoints, best_locked, larger_arm, with_middles
 from .outline import outlines
-from .priced_sides import by_price
+from .priced_sides import by_price, whole_sector
 from .windows import STEP, Shut, free_nodes, shut, windows
 
 _DESIGNED = 3
@@ -117,10 +119,10 @@ _KEPT, _AS_GOOD = 3, 0.95
 """Number of windows of the angle per flood for which rectangles are searched for; and share of what
 a flood would be worth without bodies, or of the best rating, from which on others are as good."""
 
-_ATTEMPTS, _SLIGHTLY, _NEARLY = 4, 0.02, 0.8
+_ATTEMPTS, _SLIGHTLY, _NEARLY = 3, 0.05, 0.8
 """Number of places for which functions are designed if the first ones lose much, the advantage in
-worth below which a place is left out, and share of a sector that a cut must leave, else it gets new
-sides."""
+expected worth below which a place is left out, and share of a sector that a cut must leave, else it
+gets new sides."""
 
 _LOOKED = 96
 """Number of configurations at which colliding links are looked for, to name them."""
@@ -385,11 +387,14 @@ def whole_table(
     table, nodes, Q = drawn_nodes(task, rotation, line, symmetries, heights, rng)
     report("floods", 0.1)
     locked = locked_floods(table, nodes, Q, rng)
-    floods = free_floods(table, nodes, Q, locked)
+    widest = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
+    # with r > 1, functions stay far below this bound, and rectangles alone choose as well
+    rate = partial(_affordable_worth, table, widest, symmetries, most_extra[1])
+    worth = rate if task.r == 1 else None
+    floods = free_floods(table, nodes, Q, locked, worth)
     reach = float(floods.reached.any(axis=0).sum() * SPACING**2)
     report("bodies", 0.25)
-    widest = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
-    tested = unlike_floods(table, floods)
+    tested = unlike_floods(table, floods, worth)
     whole = _whole_turns(tested)
     speeds = _speeds(tested, widest)
     free = _affordable(whole, speeds, Required(*most_extra))
@@ -702,17 +707,17 @@ def _places(
     """
     return [
         _place(table, openings, k, symmetries, postures[k], float(rating[k]), partial(sector, k))
-        for k in map(int, _unlike(rating, postures))
+        for k in map(int, _unlike(table, rating, postures))
     ]
 
 
-def _unlike(rating: Array, postures: Array) -> NDArray[np.intp]:
+def _unlike(table: Table, rating: Array, postures: Array) -> NDArray[np.intp]:
     """Select up to three rows of ``rating`` (K,) with unlike ``postures`` (K, n), the best first.
 
-    Rows with the rating 0 are left out.
+    Rows with the rating 0 are left out. The joints of :func:`compared` are compared.
     """
     order = np.argsort(-rating, kind="stable")[: int((rating > 0).sum())]
-    return order[unlike_rows(postures[order], ALIKE, _DESIGNED)]
+    return order[unlike_rows(postures[order][:, compared(table)], ALIKE, _DESIGNED)]
 
 
 def _place(
@@ -777,7 +782,7 @@ def _shaped_places(
             rating[k] = found.area * SPACING**2 * (0.5 + 0.5 * share)
             every[k], postures[k] = (table, found), Q[found.middle]
     cell = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
-    for k in map(int, () if smooth else _unlike(rating, postures)):
+    for k in map(int, () if smooth else _unlike(table, rating, postures)):
         found = every[k][1]
         angles = float(openings.middle[k]), float(openings.half[k])
         fine, inner, q = _refined(table, cell, found, postures[k], angles, limits)
@@ -880,51 +885,71 @@ def _larger_of(found: CellDesign, design: CellDesign) -> CellDesign:
 def _best_of(
     fit: CellFit, shaped: list[_Place], smooth: list[_Place], limits: Required
 ) -> CellDesign | None:
-    """Design places of both kinds in turn; return the design with the largest worth, or None.
+    """Design places of both kinds, the likely ones first; return the largest design, or None.
 
-    The places are taken alternately from ``shaped`` and ``smooth``, at most four in all. A place is
-    left out if the upper bound of its worth, ``most``, is at most 2 % above the worth of the best
-    design so far. The search ends when that worth exceeds 95 % of the largest bound of all places.
+    The largest design is that with the largest worth. At most three places are tried. A place is
+    left out if the worth expected of it is at most 5 % above that of the best design so far. The
+    search ends when that worth exceeds 95 % of the largest bound of all places.
     """
     best: CellDesign | None = None
-    pairs = zip_longest(shaped, smooth)
-    places = [one for pair in pairs for one in pair if one is not None]
-    most = max((place.most for place in places), default=0.0)
-    for place in places[:_ATTEMPTS]:
+    likely = _likely(fit, sorted([*shaped, *smooth], key=lambda place: -place.most), limits)
+    most = max((place.most for place, _ in likely), default=0.0)
+    for place, share in likely[:_ATTEMPTS]:
         least = 0.0 if best is None else _worth(best)
         if least > _AS_GOOD * most:
             break
-        if place.most > (1 + _SLIGHTLY) * least:
-            found = _design_of(fit, place, limits, least)
+        if place.rating > (1 + _SLIGHTLY) * least:
+            found = _design_of(fit, place, limits, share, least)
             best = max((one for one in (best, found) if one), key=_worth, default=None)
     return best
 
 
-def _design_of(fit: CellFit, place: _Place, limits: Required, least: float) -> CellDesign | None:
+def _likely(fit: CellFit, places: list[_Place], limits: Required) -> list[tuple[_Place, float]]:
+    """Add quick designs to places, and sort the places by the worth that is expected of them.
+
+    A quick design shows which ``share`` of the sector a cut would leave. New sides leave more, so
+    the place is expected to have √share times its bound. ``places`` have the largest bound first;
+    the rest is left out after a place of which as much is expected as the best of the rest can
+    have, with 5 % tolerance. Return each place with its share.
+    """
+    found: list[tuple[_Place, float]] = []
+    for place in places:
+        if max((one.rating for one, _ in found), default=0.0) > _AS_GOOD * place.most:
+            break
+        with suppress(InputError):
+            q, there = given(place.cell, place.posture), limits._replace(window=place.window)
+            share, quick = covered_share(fit, place.cell, q, there, place.design)
+            rating = place.most * float(np.sqrt(share))
+            found.append((place._replace(design=quick, rating=rating), share))
+    return sorted(found, key=lambda one: -one[0].rating)
+
+
+def _design_of(
+    fit: CellFit, place: _Place, limits: Required, share: float, least: float
+) -> CellDesign | None:
     """Design a function for a place, whose sector is cut, or gets new sides, where it fails.
 
-    A quick design shows which share of the sector a cut would leave. If this is less than 80 %, a
-    design with new sides is made first, see :func:`by_price`. A design with a cut is made, too, if
-    its worth may exceed ``least``, m², and the worth of the design with new sides. Return the
-    design with the larger worth, or None if neither succeeds. No design is made over a part whose
-    worth cannot exceed ``least``.
+    ``share`` is the part of the sector that a cut of the place's quick design would leave. If this
+    is less than 80 %, a design with new sides is made first, see :func:`by_price`. A design with a
+    cut is made, too, if its worth may exceed ``least``, m², and the worth of the design with new
+    sides. Return the design with the larger worth, or None if neither succeeds. No design is made
+    over a part whose worth cannot exceed ``least``.
     """
-    there = limits._replace(window=place.window)
+    found, there = None, limits._replace(window=place.window)
 
     def useful(part: Cell) -> bool:
         return _most_of(place, part) > least
 
     with suppress(InputError):
-        q, found = given(place.cell, place.posture), None
-        share, quick = covered_share(fit, place.cell, q, there, place.design)
-        if quick is not None and share < _NEARLY:
-            found = by_price(fit, quick, there, useful)
+        if place.design is not None and share < _NEARLY:
+            found = by_price(fit, place.design, there, useful)
             least = least if found is None else max(least, _worth(found))
-        if share * place.most > least:
-            other = trimmed(fit, place.cell, q, there, quick, useful=useful)
-            found = max((one for one in (found, other) if one), key=_worth, default=None)
-        return found
-    return None
+    if share * place.most > least:
+        other = _first_design(
+            fit, [place], limits, lambda place, part: _most_of(place, part) > least
+        )
+        found = max((one for one in (found, other) if one), key=_worth, default=None)
+    return found
 
 
 def _or_better(
@@ -1033,6 +1058,24 @@ def _speeds(floods: Floods, cell: Cell) -> Array:
     speeds = np.full((2, *floods.reached.shape), np.nan)
     speeds[:, floods.reached] = least_speeds(cell, floods.Q[floods.reached])
     return speeds
+
+
+def _affordable_worth(
+    table: Table, cell: Cell, symmetries: tuple[Symmetry, ...], worst: float, floods: Floods
+) -> Array:
+    """Rate S floods by the worth, without bodies, of their nodes that are within a limit: (S,).
+
+    The limit ``worst`` is that of the extra joint speed at a node, of which sectors whose range of
+    radius depends on the height use 92 %. The area is in units of the nodes' spacing squared.
+    """
+    own, usual = _speeds(floods, cell)
+    with np.errstate(invalid="ignore"):
+        good = np.sqrt(own / usual) - 1 < SPARE * worst
+    share = [
+        _turn_share(table.task, symmetries, Q[mask], 1.0) if mask.any() else 0.0
+        for Q, mask in zip(floods.Q, good, strict=True)
+    ]
+    return np.array([most_between(mask) for mask in good]) * (0.5 + 0.5 * np.array(share))
 
 
 def _mean_extra(found: Rectangles, own: Array, usual: Array) -> Array:
@@ -1365,17 +1408,8 @@ def _sector(
     around = pin.exp3(turns[0] * table.up)
     p = table.origin + around @ (rho * table.outward) + z * table.up
     R = around @ table.rotation @ pin.exp3(np.array([0.0, 0.0, turns[1]]))
-    spin: Angle = "all" if len(symmetries) > 1 else 0.0
-    sector = Sector(
-        table.task,
-        pin.SE3(R, p),
-        radius=float(half[0]) if found is None else found.sides(table.radii[0], table.spacing),
-        height=float(half[1]),
-        angle="all",
-        spin=spin,
-        axis=line,
-    )
-    return reduced(sector, Pseudoinverse(table.task))
+    radius = float(half[0]) if found is None else found.sides(table.radii[0], table.spacing)
+    return whole_sector(table.task, pin.SE3(R, p), radius, float(half[1]), line, symmetries)
 
 
 def _shaped_sector(
