@@ -402,12 +402,7 @@ def whole_table(
     distance, openings = _best_clear(table, tested, bound, symmetries)
     rectangle = rectangles(openings.clear).area.max()
     if not rectangle:
-        raise InputError(
-            f"no sector of {task.robot.name} is free of collisions, singularities and joint limits "
-            f"at this orientation{_colliding(table, floods)}",
-            remedy="give another orientation or another kind of task; or give a size, for a "
-            "function over a box of poses",
-        )
+        raise _no_sector(table, floods)
     fit = CellFit(
         Pseudoinverse(task),
         # with more unknowns than that, joint speed is lower on average but higher at the corners
@@ -447,6 +442,16 @@ def whole_table(
         float(within.area.max() * SPACING**2),
         list(openings.clear),
         table,
+    )
+
+
+def _no_sector(table: Table, floods: Floods) -> InputError:
+    """Make the error of a table without a free sector; it names the links that collide, if any."""
+    return InputError(
+        f"no sector of {table.task.robot.name} is free of collisions, singularities and joint "
+        f"limits at this orientation{_colliding(table, floods)}",
+        remedy="give another orientation or another kind of task; or give a size, for a function "
+        "over a box of poses",
     )
 
 
