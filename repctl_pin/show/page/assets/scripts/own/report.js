@@ -37,7 +37,8 @@ export class Report {
       const [red, plain] = [true, false].map((bad) =>
         sentence.filter(([, kind]) => (kind === "bad") === bad).map(([text]) => text),
       );
-      notes.unshift(...red.map((text) => [`${text} `, "bad"]), [plain.join("").trimStart()]);
+      if (shape.encloses) notes.unshift([plain.join("").trimStart()]);
+      notes.unshift(...red.map((text) => [`${text} `, "bad"]));
       // its ball is not drawn: the one that is seen is where the loop stops
       for (const note of notes)
         note[0] = note[0]

@@ -75,8 +75,10 @@ export function edgeWords({ after, reasons, edge, goes }) {
 // What the solid line of such a loop is, this long, m. It encloses nothing if the way home was
 // blocked, too.
 export function lineWords(length, { encloses }) {
-  const how = encloses ? "leaves that part out" : "goes out and comes back the same way";
-  return [` The solid line, ${unbroken(formatLength(length))} long, ${how}.`];
+  const line = `he solid line, ${unbroken(formatLength(length))} long,`;
+  if (encloses) return [` T${line} leaves that part out.`];
+  const how = "goes as far as it can and comes back the same way";
+  return [` There is no way around: t${line} ${how}.`];
 }
 
 // Which range of a coordinate F covers where it ends, see CellPotentials.beyond().
@@ -126,7 +128,9 @@ function noneWords(runs, { whose }) {
   const each = runs.map(({ data: { under, broken } }, k) =>
     k ? `${under} in cycle ${broken.cycle}` : `${under} fails in cycle ${broken.cycle}`,
   );
-  return `No arm can follow ${whose} to its end: ${each.join(", ")}, ${WHERE}.`;
+  const solid = whose === "the solid line";
+  const none = solid ? `On ${whose}` : `No arm can follow ${whose} to its end:`;
+  return `${none} ${each.join(", ")}, ${WHERE}.`;
 }
 
 // Who is back and who is not, of the arms that have gone all the way; after a limit is `broken`,
