@@ -915,11 +915,11 @@ def _likely(fit: CellFit, places: list[_Place], limits: Required) -> list[tuple[
     A quick design shows which ``share`` of the sector a cut would leave. New sides leave more, so
     the place is expected to have √share times its bound. ``places`` have the largest bound first;
     the rest is left out after a place of which as much is expected as the best of the rest can
-    have, with 5 % tolerance. Return each place with its share.
+    have. Return each place with its share.
     """
     found: list[tuple[_Place, float]] = []
     for place in places:
-        if max((one.rating for one, _ in found), default=0.0) > _AS_GOOD * place.most:
+        if max((one.rating for one, _ in found), default=0.0) >= place.most:
             break
         with suppress(InputError):
             q, there = given(place.cell, place.posture), limits._replace(window=place.window)
