@@ -394,8 +394,8 @@ def test_the_verdict_comes_first(made: Path, capsys, no_tours: None) -> None:
     assert main([*command, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     mean, worst = (said["extra_speed"], said["extra_speed_worst"])
-    cost = f"Joint speed of all poses: {100 * mean:.2g} % above that of the usual control "
-    assert cost + f"on average, {100 * worst:.2g} % at the worst pose" in first
+    cost = f"Joint speed of all poses above that of the usual control: +{100 * mean:.2g} % "
+    assert cost + f"on average, at worst +{100 * worst:.2g} %" in first
     assert "Tested at 256 poses, not proved." in first
     least = min(said["limit_margin"], said["limit_margin_worst"])
     assert 1 < least < 10  # so that two digits are tenths, rounded down because of "or more"

@@ -72,11 +72,12 @@ export function edgeWords({ after, reasons, edge, goes }) {
   return [[`F ends after the first ${far} of your loop, at the red ball: ${why}${asked}.`, "bad"]];
 }
 
-// What the solid line of such a loop is, this long, m. It encloses nothing if the way home was
-// blocked, too.
-export function lineWords(length, { encloses }) {
+// What the solid line of such a loop is, this long, m; `both` arms follow it, although one alone
+// ends. It encloses nothing if the way home was blocked, too.
+export function lineWords(length, { encloses }, both) {
   const how = encloses ? "leaves that part out" : "goes out and comes back the same way";
-  return [` The solid line, ${unbroken(formatLength(length))} long, ${how}.`];
+  const line = `he solid line, ${unbroken(formatLength(length))} long,`;
+  return [both ? ` Both arms follow t${line} which ${how}.` : ` T${line} ${how}.`];
 }
 
 // Which range of a coordinate F covers where it ends, see CellPotentials.beyond().
