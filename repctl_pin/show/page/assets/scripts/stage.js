@@ -78,7 +78,10 @@ export async function setStage(viewer, scene) {
   byId("scale-note").textContent = `grid ${formatLength(floor(viewer, center, ground, extent))}`;
   if (scene.cover) drawCover(arms, scene, edges);
   const marks = scene.cover && new TableMarks(arms, scene, ground);
-  if (marks) points.push(...marks.arc);
+  if (marks) {
+    points.push(...marks.arc, ...marks.words);
+    near.push(...marks.words);
+  }
   // on the page of a cell, F alone ends: in its pane is where, and its edge at that height
   const line = (drawn, strokes = []) => {
     for (const arm of arms) {

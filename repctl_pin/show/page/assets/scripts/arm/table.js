@@ -14,7 +14,7 @@ export class TableMarks {
   constructor(arms, { cover }, ground) {
     const T = MeshCat.THREE;
     const { axis, origin, inner } = cover;
-    Object.assign(this, { cover, arms: [], arc: [] });
+    Object.assign(this, { cover, arms: [], arc: [], words: [] });
     if (!axis) return;
     const [o, up, side] = [origin, axis, inner[0]].map((v) => new T.Vector3(...v));
     const across = side.sub(o).cross(up).normalize().negate();
@@ -72,11 +72,11 @@ export class TableMarks {
       const p = new T.Vector3(rim * Math.cos(angle), rim * Math.sin(angle), foot);
       return p.applyMatrix4(this.place);
     });
-    // as far as the words beside it are wide
-    for (const [angle] of words) {
+    // as far out as the words beside it are wide
+    this.words = words.map(([angle]) => {
       const p = new T.Vector3(Math.cos(angle), Math.sin(angle), 0).multiplyScalar(1.3 * rim);
-      this.arc.push(p.setZ(foot).applyMatrix4(this.place));
-    }
+      return p.setZ(foot).applyMatrix4(this.place);
+    });
     return [section, ray];
   }
 
