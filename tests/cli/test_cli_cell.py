@@ -105,7 +105,8 @@ def the_page_begins_with_a_sentence_and_the_arm(page: str) -> None:
                        for name in ("verdict", "notes"))  # fmt: skip
     sentence = sentence.replace("\u00a0", " ")
     assert "0.4 × 0.4 m around (2.13, 0.63, 0.00) m" in sentence
-    assert notes.startswith("<span>Joint speed of all poses: 0.017") and "not proved" in notes
+    above = "Joint speed of all poses above that of the usual control: +0.017"
+    assert notes.startswith(f"<span>{above}") and "not proved" in notes
     above, _, below = page.partition("<iframe")
     assert "<dl" not in above and "<h2>" not in above and "<pre" not in above
     for word in ("Your own arm", "ROS 2", "CSV", "Units", "To cite"):
@@ -394,8 +395,8 @@ def test_the_verdict_comes_first(made: Path, capsys, no_tours: None) -> None:
     assert main([*command, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     mean, worst = (said["extra_speed"], said["extra_speed_worst"])
-    cost = f"Joint speed of all poses: {100 * mean:.2g} % above that of the usual control "
-    assert cost + f"on average, {100 * worst:.2g} % at the worst pose" in first
+    cost = f"Joint speed of all poses above that of the usual control: +{100 * mean:.2g} % "
+    assert cost + f"on average, at worst +{100 * worst:.2g} %" in first
     assert "Tested at 256 poses, not proved." in first
     least = min(said["limit_margin"], said["limit_margin_worst"])
     assert 1 < least < 10  # so that two digits are tenths, rounded down because of "or more"

@@ -91,15 +91,18 @@ def test_no_price_is_one_number() -> None:
     said = str(PAGE.cell_headline(without))
     assert "Joint speed as under the usual control." in said and "0.001 %" not in said
     dear = str(PAGE.cell_headline(replace(design, evaluation=replace(free, extra_speed_worst=0.2))))
-    assert "20 % at the worst pose." in dear and "direction" not in dear
+    assert "at worst +20 %." in dear and "direction" not in dear
     turning = replace(free, extra_speed_worst=0.2, extra_speed_direction=1.2)
     said = str(PAGE.cell_headline(replace(design, evaluation=turning)))
-    assert "Joint speed of all poses: " in said
-    worst, single = "20 % at the worst pose, up to", "in a single direction of motion."
-    assert f"{worst} 120 % {single}" in said
+    assert "Joint speed of all poses above that of the usual control: " in said
+    # all of one form: "up to 120 %" was read as a ratio
+    worst, single = "at worst +20 %, up to", "in a single direction of motion."
+    assert f"{worst} +120 % {single}" in said
     turning = replace(free, extra_speed_worst=0.2, extra_speed_direction=0.5)
     said = str(PAGE.cell_headline(replace(design, evaluation=turning)))
-    assert f"{worst} 50 % {single}" in said
+    assert f"{worst} +50 % {single}" in said
+    less = replace(design, evaluation=replace(turning, extra_speed=-0.03))
+    assert "control: −3 % on average" in str(PAGE.cell_headline(less)).replace("\u00a0", " ")
 
 
 def test_a_sector_is_not_called_a_cell() -> None:

@@ -346,7 +346,7 @@ def test_a_loop_beyond_f_is_told_the_range_that_ends_it(
     )
     found = re.match(
         r"F ends after the first .* of your loop, at the red ball: it covers radius (.*) to (.*) m "
-        r"at height (\S*) m(?:, your loop goes to (\S*) m)?\. The solid line, ",
+        r"at height (\S*) m(?:, your loop goes to (\S*) m)?\. Both arms follow the solid line, ",
         told.replace("\u00a0", " "),
     )
     assert found, told
@@ -361,6 +361,97 @@ def test_a_loop_beyond_f_is_told_the_range_that_ends_it(
     else:
         assert float(found[4]) == pytest.approx((low + high) / 2 + 0.4, abs=0.006)
     assert told.endswith(" Limits are checked, collisions are not.")
+    # the ball is F's alone, which ends at the line around what it covers there
+    stops, line, ball = driver.execute_script(
+        "const { arms } = repctl.own, [, { paths, stop }] = arms;"
+        "const { geometry } = paths.children.find(({ isLineLoop }) => isLineLoop);"
+        "return [arms.map((arm) => Boolean(arm.stop)), [...geometry.attributes.position.array],"
+        " stop.node.position.toArray()]"
+    )
+    assert stops == [False, True]
+    assert np.reshape(line, (-1, 3))[:, 2] == pytest.approx(ball[2], abs=1e-4)
+    words = driver.find_element("css selector", "#lines span:last-child")
+    assert words.is_displayed() and words.text == "edge of F"
+
+
+_LABELS = """
+const { own: { arms, gesture: { panes } } } = repctl, { camera } = panes.viewer, found = [];
+arms.forEach(({ group }, k) => group.traverse((node) => {
+  if (!node.isSprite) return;
+  node.updateWorldMatrix(true, false);
+  for (const side of [-0.36, 0.36]) { // of the canvas, as wide as the text is
+    const p = new MeshCat.THREE.Vector3().setFromMatrixPosition(node.matrixWorld);
+    const right = new MeshCat.THREE.Vector3().fromArray(camera.matrixWorld.elements);
+    p.addScaledVector(right, side * node.scale.x).project(camera);
+    found.push([(p.x + 1) / 2, (1 - p.y) / 2]);
+  }
+}));
+return found;
+"""
+
+
+@pytest.mark.slow
+def test_the_degrees_on_the_ground_are_whole(page: Path, driver: Any) -> None:
+    """On a tablet, "360°" was cut by the edge of each pane."""
+    opened(driver, page, width=768, height=1024)
+    schemes(driver, width=660, height=1000)
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    # seen from a side, so that one end of the angle is at the rim of the picture
+    for side in (-1, 1):
+        driver.execute_script(
+            "const { eye } = repctl.own.gesture.panes;"
+            "const up = new MeshCat.THREE.Vector3(0, 0, 1);"
+            "eye.out.set(0, 0.95 * arguments[0], 0.7).normalize();"
+            "eye.right.crossVectors(up, eye.out).normalize();"
+            "eye.up.crossVectors(eye.out, eye.right);"
+            "document.getElementById('view').click(); repctl.placed()",
+            side,
+        )
+        found = np.array(driver.execute_script(_LABELS))
+        assert len(found) >= 4 and (found > 0).all() and (found < 1).all()
+
+
+_WORDS_AND_BARS = """
+const { prototype } = CanvasRenderingContext2D, { fillText, fillRect } = prototype;
+const words = [], tops = [];
+prototype.fillText = function (text, x, y) { words.push([text, y]); };
+prototype.fillRect = function (x, y) { tops.push(y); };
+repctl.seek(arguments[0]);
+Object.assign(prototype, { fillText, fillRect });
+return [words.filter(([text]) => /^\\d+ [cm]*m/.test(text)), Math.min(...tops)];
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [(390, 844), (768, 1024), (1280, 760)])
+def test_no_words_lie_over_the_bars(page: Path, driver: Any, size: tuple[int, int]) -> None:
+    """Those of the axis lay over the first three."""
+    opened(driver, page, width=size[0], height=size[1])
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    for time in (10, 0):
+        [[text, y]], top = driver.execute_script(_WORDS_AND_BARS, time)
+        assert y < top and ("to come" in text) == (not time)
+
+
+@pytest.mark.slow
+def test_the_arms_of_a_cell_have_one_name(page: Path, driver: Any) -> None:
+    """ "from the repeatable arm" stood beside a pane called "One function"; and the path of the
+    hand was grey in the legend, in the colours of both arms in the panes."""
+    opened(driver, page, **DESK)
+    driver.switch_to.frame(driver.find_element("tag name", "iframe"))
+    colours = driver.execute_script("return repctl.own.arms.map(({ data }) => data.color)")
+    image = driver.execute_script(
+        "return getComputedStyle(document.querySelector('#legend .way')).borderImageSource"
+    )
+    assert [tuple(map(int, rgb)) for rgb in re.findall(r"rgb\((\d+), (\d+), (\d+)\)", image)] == [
+        tuple(int(colour[k : k + 2], 16) for k in (1, 3, 5)) for colour in colours
+    ]
+    ring = driver.find_element("css selector", ".ring")
+    ring.send_keys(*4 * [Keys.ARROW_LEFT])
+    driver.execute_script("repctl.own.gesture.processQueue(); repctl.own.gesture.draw()")
+    notes = [node.text for node in driver.find_elements("css selector", ".callout small")]
+    assert "from the arm of One function" in notes and "from the repeatable arm" not in notes
+    ring.send_keys(Keys.ESCAPE)
 
 
 @pytest.mark.slow

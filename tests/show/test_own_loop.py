@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from browser import asleep, errors, open_page, schemes, wait_until_drawn
+from browser import asleep, errors, open_page, picture_now, schemes, wait_until_drawn
 from commands import main
 from controls import some
 from page_file import read
@@ -482,6 +482,34 @@ def test_nothing_moves_when_a_loop_is_drawn(driver: Any, page: Path, width: int)
         assert driver.execute_script(_FITS)[0] == bottom
     driver.execute_script("repctl.own.leave()")
     assert driver.execute_script(_ROOM)[0] == study and errors(driver) == []
+
+
+@pytest.mark.slow
+def test_a_line_that_closes_the_loop_is_said_where_it_is_seen(driver: Any, page: Path) -> None:
+    """It was named while it was under the ring. And what was there before is gone while a hand is
+    led, and while its loop is computed: bars and numbers of the study stood beside those of it."""
+    schemes(driver, width=768, height=1024)
+    open_page(driver, page)
+    driver.execute_script("repctl.own.gesture.grab(0, 7, null, 0)")
+    lead = (
+        "const { chain, gesture, lead } = repctl.own, [x, y, z] = chain.homes[0];"
+        "lead.queue.push([x - arguments[0], y, z]); gesture.processQueue(); gesture.draw();"
+        "const [a, b] = [chain.homes[0], lead.hand].map((p) => gesture.piece.seen(0, p));"
+        "return [Math.hypot(a.x - b.x, a.y - b.y), document.getElementById('notes').textContent]"
+    )
+    seen = [driver.execute_script(lead, away) for away in (0.02, 0.4, 0.01)]
+    long = [px > 30 for px, _ in seen]
+    assert long == [False, True, False]
+    assert ["The dotted line closes the loop." in words for _, words in seen] == long
+    shown = (
+        "return ['chart', 'readings', 'clock'].map((id) =>"
+        " getComputedStyle(document.getElementById(id)).visibility)"
+    )
+    assert driver.execute_script(f"repctl.own.release(); {shown}") == 3 * ["hidden"]
+    wait_until_computed(driver)
+    assert driver.execute_script(shown) == 3 * ["visible"]
+    driver.execute_script("repctl.own.leave()")
+    assert errors(driver) == []
 
 
 _OPENING = """
@@ -1580,6 +1608,28 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
     assert said(driver).startswith("After 2 cycles the hand is back")
     assert driver.execute_script("return repctl.own.arms[0].stop") is None
     assert errors(driver) == []
+
+
+@pytest.mark.slow
+def test_a_ball_that_is_called_red_is_red(driver: Any, page: Path) -> None:
+    """It was pink."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    driver.execute_script(
+        "const { own } = repctl, [x, y, z] = own.chain.homes[0];"
+        "own.gesture.grab(0, 7, null, 0);"
+        "own.lead.queue.push([x - 0.1, y, z], [x - 0.1, y + 9, z], [x, y - 0.2, z]);"
+        "own.gesture.processQueue(); own.release();"
+    )
+    wait_until_computed(driver)
+    assert driver.execute_script("return repctl.own.scene.failure")
+    x, y = driver.execute_script(
+        "repctl.placed(); const { gesture: { panes }, arms } = repctl.own;"
+        "const { x, y } = panes.seen(0, arms[0].stop.node.position); return [x, y]"
+    )
+    image = picture_now(driver)[round(y) - 8 : round(y) + 9, round(x) - 8 : round(x) + 9]
+    red, green, blue = np.median(image.reshape(-1, 3), axis=0)
+    assert red > 180 and max(green, blue) < 0.4 * red
 
 
 @pytest.mark.slow

@@ -92,6 +92,21 @@ def test_the_title_of_a_loop_is_whole(driver: Any, page: Path, size: tuple[int, 
     assert errors(driver) == []
 
 
+def test_buttons_of_a_loop_leave_the_base_to_be_seen(driver: Any, page: Path) -> None:
+    """On a phone that lies, they stood in two rows over the base of the repeatable arm."""
+    schemes(driver, width=844, height=390)
+    open_page(driver, page)
+    draw(driver, *circle(0.05))
+    release(driver, 1)
+    base, *tops = driver.execute_script(
+        "const { panes } = repctl.own.gesture, { top } = panes.frames[1].getBoundingClientRect();"
+        "return [top + panes.seen(1, new MeshCat.THREE.Vector3()).y, ...['again', 'back'].map("
+        "(id) => document.getElementById(id).getBoundingClientRect().top)]"
+    )
+    assert base + 8 < min(tops)
+    assert errors(driver) == []
+
+
 _BARS = """
 const { prototype } = CanvasRenderingContext2D, { fillText, fillRect } = prototype;
 const words = [], bars = [];

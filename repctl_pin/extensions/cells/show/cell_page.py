@@ -285,9 +285,9 @@ def _brief(design: CellDesign, motions: Mapping[str, Motion]) -> list[Span]:
     path = list(motions.values())[-1:]
     proved = "Function proved, distances tested." if design.proof else "Tested, not proved."
     shares = design.extra_speed, design.extra_speed_worst
-    mean, worst = (ratio_in_percent(max(share, 0.0), 2) for share in shares)
+    mean, worst = (_signed(max(share, 0.0), 2) for share in shares)
     small = max(shares) < NO_EXTRA_SPEED
-    cost = _cost(design).text if small else f"Joint speed of all poses +{mean}, at worst +{worst}."
+    cost = _cost(design).text if small else f"Joint speed of all poses {mean}, at worst {worst}."
     bodies = [note for note in _bodies(design, path, "{}: {}.") if note.tone != "bad"]
     return [_unbroken(note) for note in (Span(cost), *bodies, Span(proved))]
 
@@ -335,13 +335,19 @@ def _cost(design: CellDesign) -> Span:
     every = design.extra_speed, design.extra_speed_worst
     if max(every) < NO_EXTRA_SPEED:
         return Span(f"Joint speed as under the {usual(design)} control.")
-    mean, worst = (ratio_in_percent(share, 2).replace("-", "−") for share in every)
-    above = f"{mean} above that of the {usual(design)} control on average"
-    said = f"Joint speed of all poses: {above}, {worst} at the worst pose"
+    mean, worst = (_signed(share, 2) for share in every)
+    said = f"Joint speed of all poses above that of the {usual(design)} control: "
+    said += f"{mean} on average, at worst {worst}"
     if design.extra_speed_direction > design.extra_speed_worst:
-        more = ratio_in_percent(design.extra_speed_direction)
+        more = _signed(design.extra_speed_direction)
         said += f", up to {more} in a single direction of motion"
     return Span(f"{said}.")
+
+
+def _signed(share: float, digits: int = 3) -> str:
+    """Format an extra joint speed with its sign: ``+4.7 %``, ``−0.2 %``, ``under 0.001 %``."""
+    sign = "+" if share >= 1e-5 else ""
+    return sign + ratio_in_percent(share, digits).replace("-", "−")
 
 
 def _evidence(design: CellDesign) -> Span:

@@ -1,7 +1,7 @@
 // What stands on the stage: the arms, their ways, the light, and a camera that sees them all.
 
 import { ArmView, cornersOf, pointAt } from "./arm/arm.js";
-import { drawCover } from "./arm/cover.js";
+import { drawCover, EdgeLine } from "./arm/cover.js";
 import { byId, summed, unpack } from "./dom.js";
 import { clearest, Eye, towards } from "./arm/eye.js";
 import { formatLength } from "./numbers.js";
@@ -78,8 +78,19 @@ export async function setStage(viewer, scene) {
   byId("scale-note").textContent = `grid ${formatLength(floor(viewer, center, ground, extent))}`;
   if (scene.cover) drawCover(arms, scene, edges);
   const marks = scene.cover && new TableMarks(arms, scene, ground);
-  if (marks) points.push(...marks.arc);
-  const line = (drawn, strokes) => drawPaths(arms, drawn, extent, strokes);
+  if (marks) {
+    points.push(...marks.arc, ...marks.words);
+    near.push(...marks.words);
+  }
+  // on the page of a cell, F alone ends: in its pane is where, and its edge at that height
+  const line = (drawn, strokes = []) => {
+    for (const arm of arms) {
+      const held = !scene.cover || arm === arms.at(-1);
+      drawPaths(arm, drawn, extent, held ? strokes : []);
+      if (scene.cover && arm.stop)
+        new EdgeLine(arm.paths, scene.cover).show(arm.stop.node.position);
+    }
+  };
   line(paths);
   const drawnTraces = () => drawTraces(arms, scene, extent);
   const [left, right] = eye.span(points, "right");

@@ -14,7 +14,7 @@ export class TableMarks {
   constructor(arms, { cover }, ground) {
     const T = MeshCat.THREE;
     const { axis, origin, inner } = cover;
-    Object.assign(this, { cover, arms: [], arc: [] });
+    Object.assign(this, { cover, arms: [], arc: [], words: [] });
     if (!axis) return;
     const [o, up, side] = [origin, axis, inner[0]].map((v) => new T.Vector3(...v));
     const across = side.sub(o).cross(up).normalize().negate();
@@ -49,12 +49,13 @@ export class TableMarks {
             [from - aside, `−${half}°`],
             [to + aside, `${half}°`],
           ];
+    const words = ON_PHONE.matches ? [] : ends;
     // on the ground: the radii that are reached, those of F, and an arc of its angle
     const ray = ring(0, rim, -0.006, 0.006, 0.9);
     const flat = new T.Group().add(
       ring(near, far, from, to, 0.1),
       ring(rim, 1.03 * rim, from, to, 0.9),
-      ...(ON_PHONE.matches ? [] : ends).map(([angle, text]) => label(text, 1.16 * rim, angle, rim)),
+      ...words.map(([angle, text]) => label(text, 1.16 * rim, angle, rim)),
       ray,
     );
     const section = upright([own], OF_COVER, 0.9);
@@ -70,6 +71,11 @@ export class TableMarks {
       const angle = from + (i / 32) * (to - from);
       const p = new T.Vector3(rim * Math.cos(angle), rim * Math.sin(angle), foot);
       return p.applyMatrix4(this.place);
+    });
+    // as far out as the words beside it are wide
+    this.words = words.map(([angle]) => {
+      const p = new T.Vector3(Math.cos(angle), Math.sin(angle), 0).multiplyScalar(1.3 * rim);
+      return p.setZ(foot).applyMatrix4(this.place);
     });
     return [section, ray];
   }

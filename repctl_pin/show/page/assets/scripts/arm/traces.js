@@ -3,6 +3,7 @@
 const SIDES = 6;
 const LONGEST = 6000; // points of a trail
 const RED = "#e00020"; // of what cannot be done
+const CLEAR_RED = 0.8; // opacity of its balls: with less, they are pink
 const THICK = 0.0026; // of a way, in parts of the picture's extent
 
 let traceMaterials; // of all traces: what is set up once for several is drawn in less time
@@ -146,23 +147,21 @@ export function cleared(parent, old) {
   return group;
 }
 
-// Each arm's path, in place of an earlier one, and a mark where it goes beyond what it can do; in
+// An arm's path, in place of an earlier one, and a mark where it goes beyond what it can do; in
 // dashes, the strokes that a hand could not follow, and a mark where the first begins.
-export function drawPaths(arms, paths, extent, strokes = []) {
+export function drawPaths(arm, paths, extent, strokes) {
   const thick = THICK * extent;
   const ink = new MeshCat.THREE.Color("#6b7784");
-  for (const arm of arms) {
-    arm.paths = cleared(arm.carrier || arm.group, arm.paths);
-    for (const path of paths)
-      if (path.length > 1) new Trace(arm.paths, [path], 0.75 * thick, () => ink).show(1, 0);
-    arm.marks = cleared(arm.group, arm.marks);
-    arm.past = arm.data.broken ? new Marker(arm.marks, 14 * thick, RED, 0.55) : null;
-    const red = new MeshCat.THREE.Color(RED);
-    for (const pieces of strokes.map((stroke) => dashes(stroke, 9 * thick)))
-      if (pieces.length) new Trace(arm.paths, pieces, thick, () => red).show(pieces.length, 0);
-    arm.stop = strokes.length ? new Marker(arm.paths, 14 * thick, RED, 0.55) : null;
-    if (arm.stop) arm.stop.node.position.copy(strokes[0][0]);
-  }
+  arm.paths = cleared(arm.carrier || arm.group, arm.paths);
+  for (const path of paths)
+    if (path.length > 1) new Trace(arm.paths, [path], 0.75 * thick, () => ink).show(1, 0);
+  arm.marks = cleared(arm.group, arm.marks);
+  arm.past = arm.data.broken ? new Marker(arm.marks, 14 * thick, RED, CLEAR_RED) : null;
+  const red = new MeshCat.THREE.Color(RED);
+  for (const pieces of strokes.map((stroke) => dashes(stroke, 9 * thick)))
+    if (pieces.length) new Trace(arm.paths, pieces, thick, () => red).show(pieces.length, 0);
+  arm.stop = strokes.length ? new Marker(arm.paths, 14 * thick, RED, CLEAR_RED) : null;
+  if (arm.stop) arm.stop.node.position.copy(strokes[0][0]);
 }
 
 // A line in pieces of this length, of two points each, with as much room between them.

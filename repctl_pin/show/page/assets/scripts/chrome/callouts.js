@@ -66,7 +66,10 @@ export class Callouts {
   // What the number of an arm is measured from: its start, but while a hand leads both arms.
   measuredFrom(arm) {
     if (this.scene.leading !== "leads") return "from its start";
-    return arm.repeats ? "the other is measured from here" : "from the repeatable arm";
+    if (arm.repeats) return "the other is measured from here";
+    // on the page of a cell, as its pane is named
+    const [name] = this.sets.at(-1).arm.data.title.split(",");
+    return this.scene.cover ? `from the arm of ${name}` : "from the repeatable arm";
   }
 
   isNarrow(k) {

@@ -144,9 +144,9 @@ export class Chart {
   drawBars(sheet, cycle, part) {
     const { draw, width, height, em, count, pitch, foot, at } = sheet;
     const { arms } = this;
-    // words stand over the line of the axis, where no bar is; in a low chart, in the line
-    const inLine = foot < 3 * em;
-    const room = foot - (inLine ? 0.5 : 1.15) * em;
+    // words stand over the line of the axis, where no bar is; in a very low chart, in the line
+    const inLine = foot < 2 * em;
+    const room = foot - (inLine ? 0.5 : 1.05) * em;
     const group = Math.min(0.66 * pitch, 4.5 * em);
     const wide = group / arms.length;
     const offs = arms.flatMap(({ data }) => data.off.flat());
@@ -190,7 +190,9 @@ export class Chart {
     this.number({ draw, height, em, count, pitch, at }, group);
     if (open.size) legend += ` · ${[...open].sort().reverse().join(" or ")}: to come`;
     legend += fails;
-    const words = room > 0.8 * em ? formatLength(top) + legend : "";
+    let words = room > 0.8 * em ? formatLength(top) + legend : "";
+    const whole = words.replace("to come", "to come, computed ahead");
+    if (!inLine && draw.measureText(whole).width < width - 2 * INSET) words = whole;
     const y = Math.max(level(top) + (inLine ? 0.3 : -0.3) * em, 0.75 * em);
     const after = inLine && words ? draw.measureText(words).width + 8 : 0;
     draw.strokeStyle = tone("--edge");

@@ -9,7 +9,8 @@ import { isBeyond, proofHint } from "./proof.js";
 import { stated } from "./sentence.js";
 
 const DRAW = [["Draw a loop and let go. Both arms follow."]];
-const HOW = ["The dotted line closes the loop."];
+const HOW = [" The dotted line closes the loop."];
+const DOTTED = 30; // px, from which this line is seen beside the ring
 const BUDGET = 5; // ms of steps between two pictures
 const LEAST_STROKE = 0.01; // of the arm, from which a stroke counts
 
@@ -199,8 +200,9 @@ export class Gesture {
     const beyond = lead.beyond || isBeyond(chain, lead.trail.slice(lead.seen));
     lead.seen = lead.trail.length;
     const warning = this.warning();
-    if (warning !== lead.warning || beyond !== lead.beyond) {
-      Object.assign(lead, { warning, beyond });
+    const dotted = this.isDotted();
+    if (warning !== lead.warning || beyond !== lead.beyond || dotted !== lead.dotted) {
+      Object.assign(lead, { warning, beyond, dotted });
       const further = lead.refusal ? " Go another way, or let go." : " Draw on, or let go.";
       const sentence = warning ? [[warning, lead.refusal ? "bad" : "near"], [further]] : DRAW;
       head.write(sentence, this.hint(beyond));
@@ -218,12 +220,19 @@ export class Gesture {
     return k < 0 ? "" : stated(`${refusals[k]} under ${this.arms[k].data.under}`);
   }
 
+  // Whether the line that closes the loop is long enough to be seen.
+  isDotted() {
+    const { hand, k, trail } = this.lead;
+    const [a, b] = [hand, trail[0]].map((p) => this.piece.seen(k, p));
+    return Math.hypot(a.x - b.x, a.y - b.y) > DOTTED;
+  }
+
   // What is said under the sentence while the hand is led.
   hint(beyond = false) {
     const { chain } = this;
     const words = this.loops.keeping().map(({ hand }) => [` The ${hand} keeps its loop.`]);
     if (chain.proved && !this.elbow.at) words.push(proofHint(chain, beyond));
-    return [HOW, ...words];
+    return this.lead.dotted ? [...words, HOW] : words;
   }
 
   // Close the loop: straight home, or along the way it came where that is blocked. Gives its

@@ -46,7 +46,7 @@ export class Report {
           .replace("the red ball on", "there on");
       const atEdge = scene.cover && failure.reasons.at(-1);
       const words = atEdge ? edgeWords(failure) : failureWords(chain, arms, failure);
-      sentence.splice(0, Infinity, ...words, lineWords(this.length, shape));
+      sentence.splice(0, Infinity, ...words, lineWords(this.length, shape, atEdge));
     }
     sentence.push([CHECKED, "aside"]);
     if (clause && !failure && !this.isBroken()) sentence.push([clause, "aside proof"]);

@@ -72,13 +72,16 @@ export function edgeWords({ after, reasons, edge, goes }) {
   return [[`F ends after the first ${far} of your loop, at the red ball: ${why}${asked}.`, "bad"]];
 }
 
-// What the solid line of such a loop is, this long, m. It encloses nothing if the way home was
-// blocked, too.
-export function lineWords(length, { encloses }) {
+// What the solid line of such a loop is, this long, m; `both` arms follow it, although one alone
+// ends. It encloses nothing if the way home was blocked, too.
+export function lineWords(length, { encloses }, both) {
+  const how = encloses
+    ? "leaves that part out"
+    : "goes as far as it can and comes back the same way";
   const line = `he solid line, ${unbroken(formatLength(length))} long,`;
-  if (encloses) return [` T${line} leaves that part out.`];
-  const how = "goes as far as it can and comes back the same way";
-  return [` There is no way around: t${line} ${how}.`];
+  const lead = encloses ? "" : "There is no way around: ";
+  if (both) return [` ${lead}${lead ? "both" : "Both"} arms follow t${line} which ${how}.`];
+  return [` ${lead}${lead ? "t" : "T"}${line} ${how}.`];
 }
 
 // Which range of a coordinate F covers where it ends, see CellPotentials.beyond().
