@@ -34,8 +34,9 @@ def written(name: str, folder: Path) -> tuple[rp.CellDesign, Any, np.ndarray]:
     assert main(["cell", "panda", *CELLS[name], *few, "--out", str(folder)]) == 0
     (inside,) = re.findall('srcdoc="([^"]*)"', (folder / "cell.html").read_text("utf-8"))
     scene, _, numbers = read(unescape(inside))
-    shape = [1, scene["weights"]]
-    before = scene["series"][: scene["series"].index(shape)] if shape[1] else []
+    # meshes' points come before, some of the same shape
+    shape, series = [1, scene["weights"]], scene["series"]
+    before = series[: len(series) - 1 - series[::-1].index(shape)] if shape[1] else []
     at = sum(rows * columns for rows, columns in before)
     return rp.load_cell(folder / "cell.json"), scene["own"], numbers[at : at + shape[1]]
 
@@ -80,12 +81,17 @@ def test_along_the_edge_of_a_sector_its_function_comes_back(tmp_path: Path) -> N
     task, cell = design.task, design.cell
     own["laws"][-1][0]["chart"]["weights"] = weights.tolist()
     start = task.placement(np.array(own["start"]))
-    # up to the edge, along it, and home
-    middle = cell.placement.translation
-    top = middle[2] + np.ptp([cell.at(u).translation[2] for u in cell.corners()]) / 2
-    radii = np.linspace(0.25, 0.38, 14)
-    edge = [[*(r / np.hypot(*start.translation[:2]) * start.translation[:2]), top] for r in radii]
-    loop = np.array([start.translation, *edge, start.translation]).tolist()
+    # up to the edge in the middle of the radii, along it both ways, and home
+    radius, height = (cell.names.index(name) for name in ("radius", "height"))
+    at, _ = cell.coordinates(start.translation[None], start.rotation[None])
+    U = np.repeat(at, 60, axis=0)
+    U[:20, radius], U[:20, height] = (
+        np.linspace(at[0, radius], 0, 20),
+        np.linspace(at[0, height], 1, 20),
+    )
+    U[20:, radius], U[20:, height] = 0.99 * np.sin(np.linspace(0, 2 * np.pi, 40)), 1
+    way = [cell.at(u).translation for u in U]
+    loop = np.array([start.translation, *way, *way[19::-1], start.translation]).tolist()
     none = np.zeros((0, task.n))
     usual, one = map(np.array, evaluated(tmp_path, own, none, none, [loop])["ends"])
     assert np.abs(one[1:] - one[0]).max() < 1e-9 < 1e-3 < np.abs(usual[-1] - usual[0]).max()
