@@ -89,7 +89,7 @@ _STARTS, _SPREAD = 3, 0.3
 """Maximum number of poses per pair from which the search starts, and the difference that they must
 exceed in some joint, relative to half of its range over the samples."""
 
-_BESIDE, _TRIED = (0.3, 0.1, 0.04, 0.015, 0.006, 0.002), 8
+_BESIDE, _TRIED = (0.3, 0.1, 0.1, 0.04, 0.04, 0.015, 0.006, 0.002), 8
 """Standard deviations of the random steps from the best pose of a pair, in coordinates of the cell,
 one per round of the search; and number of steps per round and coordinate."""
 
