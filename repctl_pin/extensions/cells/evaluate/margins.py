@@ -87,9 +87,9 @@ poses, at which the distance of a pair is computed."""
 
 _STARTS, _SPREAD = 3, 0.3
 """Maximum number of poses per pair from which the search starts, and the difference that they must
-exceed in some coordinate."""
+exceed in some joint, relative to half of its range over the samples."""
 
-_BESIDE, _TRIED = (0.3, 0.1, 0.04, 0.015, 0.006, 0.002), 8
+_BESIDE, _TRIED = (0.3, 0.1, 0.1, 0.04, 0.04, 0.015, 0.006, 0.002), 8
 """Standard deviations of the random steps from the best pose of a pair, in coordinates of the cell,
 one per round of the search; and number of steps per round and coordinate."""
 
@@ -459,10 +459,13 @@ def nearest_by_pair(candidate: CandidateFunction, seed: int, distance: float) ->
 def _starts_by_pair(bodies: Bodies, at: Points, distance: float) -> tuple[Array, NDArray[np.intp]]:
     """Select, from sampled points, poses at which pairs of bodies are near: (L, k) and pairs (L,).
 
-    Each pair that can come nearer than ``distance``, m, has up to three poses, far from each other;
-    the index of the pair stands in the same row of the second array.
+    Each pair that can come nearer than ``distance``, m, has up to three poses; the index of the
+    pair stands in the same row of the second array. In these poses, joints that move the pair
+    differ. Poses that differ in other joints only, such as that of the spin, have equal distances.
     """
     bounds = bodies._pair_bounds(at.Q)
+    moved = np.array([bodies._moved_by(joint) for joint in range(at.Q.shape[1])])
+    half = np.maximum(np.ptp(at.Q, axis=0) / 2, _STEP) if len(at.Q) else 1.0
     starts, pairs = [at.U[:0]], []
     for pair in np.flatnonzero(bounds.min(axis=0, initial=np.inf) < distance):
         # the smallest bounds, which may all be on one side, and as many others with the corners
@@ -470,7 +473,8 @@ def _starts_by_pair(bodies: Bodies, at: Points, distance: float) -> tuple[Array,
         found = bodies._of_pairs(at.Q[likely], np.full(len(likely), pair))
         likely = likely[np.argsort(found)]
         if found.min() < distance + _FARTHER:
-            starts.append(at.U[likely][unlike_rows(at.U[likely], _SPREAD, _STARTS)])
+            joints = (at.Q[likely] / half)[:, moved[:, pair]]
+            starts.append(at.U[likely][unlike_rows(joints, _SPREAD, _STARTS)])
             pairs += [pair] * len(starts[-1])
     return np.concatenate(starts), np.array(pairs, int)
 
