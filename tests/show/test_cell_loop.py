@@ -81,17 +81,17 @@ def test_along_the_edge_of_a_sector_its_function_comes_back(tmp_path: Path) -> N
     task, cell = design.task, design.cell
     own["laws"][-1][0]["chart"]["weights"] = weights.tolist()
     start = task.placement(np.array(own["start"]))
-    # up to the edge in the middle of the radii, along it both ways, and home
-    radius, height = (cell.names.index(name) for name in ("radius", "height"))
-    at, _ = cell.coordinates(start.translation[None], start.rotation[None])
-    U = np.repeat(at, 60, axis=0)
-    U[:20, radius], U[:20, height] = (
-        np.linspace(at[0, radius], 0, 20),
-        np.linspace(at[0, height], 1, 20),
-    )
-    U[20:, radius], U[20:, height] = 0.99 * np.sin(np.linspace(0, 2 * np.pi, 40)), 1
+    # up to the edge, along it to other angles, and home there
+    radius, angle, height = (cell.names.index(name) for name in ("radius", "angle", "height"))
+    (u,), _ = cell.coordinates(start.translation[None], start.rotation[None])
+    share = np.concatenate([np.linspace(0, 1, 20), np.ones(40), np.linspace(1, 0, 20)])
+    U = np.tile(u, (80, 1))
+    U[:, radius] *= 1 - share
+    U[20:60, radius] = 0.99 * np.sin(np.linspace(0, 2 * np.pi, 40))
+    U[:, height] += share * (1 - u[height])
+    U[20:, angle] += 0.1 * np.concatenate([np.linspace(0, 1, 40), share[60:]])
     way = [cell.at(u).translation for u in U]
-    loop = np.array([start.translation, *way, *way[19::-1], start.translation]).tolist()
+    loop = np.array([start.translation, *way, start.translation]).tolist()
     none = np.zeros((0, task.n))
     usual, one = map(np.array, evaluated(tmp_path, own, none, none, [loop])["ends"])
     assert np.abs(one[1:] - one[0]).max() < 1e-9 < 1e-3 < np.abs(usual[-1] - usual[0]).max()
