@@ -390,7 +390,7 @@ def with_options(error: rp.SingularRegionError, *, shrink: bool = False) -> rp.S
         center = "a box cut at the joint limits has another centre"
         error.remedy = f"choose another --start, or a smaller --region: {center}"
     elif shrink:
-        error.remedy = "use --shrink to design there"
+        error.remedy = "use --shrink to design in this smaller region"
     else:
         error.remedy = f"use --region {half_width_within(error.free)}"
     return error
