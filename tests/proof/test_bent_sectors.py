@@ -169,7 +169,7 @@ def walk(part: Any) -> Any:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("degree", "limit", "leaf"), [(4, 0.2, 0.29), (8, 0.09, 0.23)])
+@pytest.mark.parametrize(("degree", "limit", "leaf"), [(4, 0.065, 0.29), (8, 0.065, 0.23)])
 def test_ten_thousand_poses_of_a_proved_sector_with_bent_sides_violate_nothing(
     degree: int, limit: float, leaf: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
