@@ -28,6 +28,7 @@ from ...base.certificate import CELL_THEOREM, Proof
 from ...base.errors import InputError, SingularityError
 from ...design import Design
 from ...design.proof_fingerprint import subject_of
+from ...model.task import Task
 from ...native import required_library
 from ...paths.task_path import ClosedPath
 from ...regions import Region, Tube, WorkspaceBox
@@ -36,10 +37,13 @@ from .boxes import cover, enclosing, limit_margin
 from .branch_and_bound import bound_leaf_margin
 from .closing_radius import closing_radius
 from .find_singularity import opposite_signs
-from .leaf_margin_bounds import leaf_margin_of
+from .leaf_margin_bounds import LeafMarginProblem, leaf_margin_of
 
 if TYPE_CHECKING:
     from ..cells.cell_design_result import CellDesign
+
+_RATIO = 3.0
+"""Radians per metre of a closing radius, by default."""
 
 _SHRINKING_SECONDS = 0.2
 """Processor time for each smaller Ω that is tried where there is a singularity, s."""
@@ -52,7 +56,7 @@ def prove(
     limit_margin: float | None = None,
     region: Region | None = None,
     closes: float | tuple[float, float] | ClosedPath | bool = True,
-    ratio: float = 3.0,
+    ratio: float = _RATIO,
     leaf: float = 0.0,
     seconds: float = 60.0,
     progress: bool | Callable[[str, float], None] = False,
@@ -152,8 +156,7 @@ def prove(
         if isinstance(what, Design):
             over = what.region if region is None else region
             proof = _of_region(what, over, goal, least, seconds, closing, report)
-            subject = subject_of(what.task, what.potentials, what.coefficients, over)
-            return proof.sealed(subject) if subject else proof
+            return _sealed(proof, what, over)
         return _of_cell(what, goal, least, seconds, report)
 
 
@@ -213,6 +216,35 @@ def _asked_closing(closes: Any, ratio: float, leaf: float) -> _Closing | None:
     return _Closing(ratio, positive(closes, "closes", "m"), leaf=leaf)
 
 
+def study_proof(
+    design: Design, margin: float, seconds: float, radius_seconds: float, patience: float
+) -> Proof | None:
+    """Prove a leaf margin of a design over its region and, in a tube, the closing radius.
+
+    ``seconds`` is the processor time for the leaf margin, which is given up after the share
+    ``patience`` of this time if nothing is proved by then. Return None if it is not proved, without
+    a search for the cause. ``radius_seconds`` is the processor time for the radius.
+    """
+    region = design.region
+    low, high = cover(region)
+    problem = leaf_margin_of(design.task, design.inverse.potentials, enclosing(low, high))
+    silent = reporting.silent
+    found = bound_leaf_margin(problem, low, high, margin, seconds, silent, patience)
+    if not found:
+        return None
+    proof = _with_limits(found, design.task, region, None)
+    if isinstance(region, Tube):
+        closing = _Closing(_RATIO)
+        proof = _with_radius(proof, design, region, problem, radius_seconds, closing, silent)
+    return _sealed(proof, design, region)
+
+
+def _sealed(proof: Proof, design: Design, region: Region) -> Proof:
+    """Bind a proof to the design and the region that it is about, if they have a fingerprint."""
+    subject = subject_of(design.task, design.potentials, design.coefficients, region)
+    return proof.sealed(subject) if subject else proof
+
+
 def _of_region(
     design: Design,
     region: Region,
@@ -229,29 +261,56 @@ def _of_region(
     may take the same time again. If a goal is missed, the returned proof has the box at which the
     goal was missed, and the reason.
     """
-    task = design.task
     low, high = cover(region)
-    limit_bound, nearest = limit_margin(task, low, high)
-    problem = leaf_margin_of(task, design.inverse.potentials, enclosing(low, high))
+    problem = leaf_margin_of(design.task, design.inverse.potentials, enclosing(low, high))
     found = bound_leaf_margin(problem, low, high, goal, seconds, report)
     if not found and found.leaf_margin == 0:
         found = _with_singularity(found, design, region, report)
+    proof = _with_limits(found, design.task, region, least)
+    if not closing:
+        return proof
+    return _with_radius(proof, design, region, problem, seconds, closing, report)
+
+
+def _with_limits(found: Proof, task: Task, region: Region, least: float | None) -> Proof:
+    """Add the subject and the limit margin over ``region`` to a proof of the leaf margin.
+
+    ``least`` is the limit margin to prove, rad or m; None for none. If it is missed, the returned
+    proof has the box at which it was missed, and the reason.
+    """
+    low, high = cover(region)
+    bound, nearest = limit_margin(task, low, high)
     proof = replace(
         found,
         what=f"{task.robot.name} {task}, {region}",
-        limit_margin=limit_bound,
+        limit_margin=bound,
         asked_limit_margin=least,
     )
-    if least is not None and limit_bound < least:
-        proof = replace(
-            proof,
-            proved=False,
-            worst=(low[nearest] + high[nearest]) / 2,
-            half=(high[nearest] - low[nearest]) / 2,
-            reason=f"the limit margin there is {limit_bound:.4g}",
-        )
-    if not closing:
+    if least is None or bound >= least:
         return proof
+    return replace(
+        proof,
+        proved=False,
+        worst=(low[nearest] + high[nearest]) / 2,
+        half=(high[nearest] - low[nearest]) / 2,
+        reason=f"the limit margin there is {bound:.4g}",
+    )
+
+
+def _with_radius(
+    proof: Proof,
+    design: Design,
+    region: Region,
+    problem: LeafMarginProblem,
+    seconds: float,
+    closing: _Closing,
+    report: reporting.Report,
+) -> Proof:
+    """Prove a closing radius of a design in ``region``, and add it to a proof of its margins.
+
+    ``problem`` is that of the leaf margin, ``closing`` the request, and ``seconds`` the processor
+    time. If the requested radius is missed, the returned proof says so.
+    """
     ratio, radius, path, leaf = closing
     if isinstance(region, Tube) and path is None and not leaf:
         if design.cycle is None:

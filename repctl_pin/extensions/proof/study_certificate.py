@@ -11,14 +11,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from ...base.errors import InputError
-from ...base.progress import silent
 from ...design import Design
 from ...native import library
-from ...regions import Tube
 from .boxes import cover, enclosing
-from .branch_and_bound import bound_leaf_margin
-from .certify import prove
-from .leaf_margin_bounds import leaf_margin_of
+from .certify import study_proof
 from .potentials import features_of
 
 _PROVED = 0.9
@@ -41,29 +37,17 @@ def with_certificate(design: Design, spent: float, say: Callable[[str], None]) -
     the distance from the path within which closed paths end in their start configuration. ``spent``
     is the processor time of the study so far, s. The proof of the leaf margin may take 5 % of
     ``spent``, or 0.2 s if that is longer; it is given up after a quarter of this time if nothing is
-    proved by then. For a tube, a second proof with the closing radius follows: leaf margin and
-    radius may each take 5 % of ``spent``, or 5 s if that is longer. ``say(text)`` displays to the
-    user what is being done.
+    proved by then. The closing radius may take 5 % of ``spent``, or 5 s if that is longer.
+    ``say(text)`` displays to the user what is being done.
     """
     say("proving its leaf margin and closing radius")
     seconds = max(_LEAST_PROVING, _PROVING * spent)
     margin = _PROVED * design.leaf_margin
-    tube = isinstance(design.region, Tube)
     try:
-        if not _is_proved(design, margin, seconds):
-            return design
-        again = max(_CLOSING, seconds) if tube else seconds
-        proof = prove(design, margin=margin, closes=tube, seconds=again)
+        proof = study_proof(design, margin, seconds, max(_CLOSING, seconds), _PATIENCE)
     except InputError:  # bounds of these potentials, or the region's shape, are not known
         return design
     return replace(design, proof=proof) if proof else design
-
-
-def _is_proved(design: Design, margin: float, seconds: float) -> bool:
-    """Test whether a leaf margin of a design can be proved in ``seconds`` of processor time."""
-    low, high = cover(design.region)
-    problem = leaf_margin_of(design.task, design.inverse.potentials, enclosing(low, high))
-    return bool(bound_leaf_margin(problem, low, high, margin, seconds, silent, _PATIENCE))
 
 
 def unproved_note(design: Design) -> list[str]:
