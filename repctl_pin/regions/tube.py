@@ -133,17 +133,14 @@ class Tube(Region):
         return which, distance
 
     def _nearest(self, Q: Array) -> tuple[NDArray[np.intp], Array]:
-        """Find the sample nearest to each row of Q (K, n), in units of the radius, with NumPy.
+        """Find the sample nearest to each row of Q (K, n), in units of the radius, without C.
 
         Return its index (K,) and its distance (K,).
         """
-        which = np.empty(len(Q), np.intp)
-        distance = np.empty(len(Q))
-        for k, q in enumerate(Q):
-            from_all = np.abs(self._scaled - q).max(axis=1)
-            which[k] = from_all.argmin()
-            distance[k] = from_all[which[k]]
-        return which, distance
+        from scipy.spatial.distance import cdist  # slow to import
+
+        from_all = cdist(Q, self._scaled, "chebyshev")
+        return from_all.argmin(axis=1), from_all.min(axis=1)
 
     @cached_property
     def _scaled(self) -> Array:
