@@ -78,10 +78,9 @@ export function lineWords(length, { encloses }, both) {
   const how = encloses
     ? "leaves that part out"
     : "goes as far as it can and comes back the same way";
-  const line = `he solid line, ${unbroken(formatLength(length))} long,`;
-  const lead = encloses ? "" : "There is no way around: ";
-  if (both) return [` ${lead}${lead ? "both" : "Both"} arms follow t${line} which ${how}.`];
-  return [` ${lead}${lead ? "t" : "T"}${line} ${how}.`];
+  const line = `the solid line, ${unbroken(formatLength(length))} long,`;
+  const words = both ? `both arms follow ${line} which ${how}.` : `${line} ${how}.`;
+  return [encloses ? ` ${capitalized(words)}` : ` There is no way around: ${words}`];
 }
 
 // Which range of a coordinate F covers where it ends, see CellPotentials.beyond().
