@@ -21,7 +21,9 @@ designed sector has of it if that is less.
 
 Areas are in m²: 9 cm² per node of a set; of rectangles, between the outer nodes. The best flood has
 the most nodes, and the first rectangle is the largest in any one flood. The share is that of the
-designed sector, in percent of each area. It exceeds a set by a part of its nodes, in percent.
+designed sector, in percent of each area. It exceeds a set by a part of its nodes, in percent. In
+the window (``RADIUS``, ``HEIGHT``), the best flood is the one with the most nodes there; the share
+is that of its nodes which the sector covers.
 """
 
 from __future__ import annotations
@@ -54,9 +56,14 @@ MOST_EXTRA, MEAN_EXTRA = 0.3, 0.05
 """Maximum extra joint speeds, at the worst pose and on average, that the search permits by
 default."""
 
+RADIUS, HEIGHT = (0.2, 0.7), (-0.4, 0.8)
+"""Window of a table top within reach of a person's arm's length: distance from the axis, and height
+above the base, m."""
+
 TITLES = (
     "arm | reach: best flood, union, any, affordable, one function | rectangle in: one flood, "
-    "union, any, affordable, one function | one range | designed | share | exceeds | time, s"
+    "union, any, affordable, one function | one range | designed | share | exceeds | window: best "
+    "flood, share | time, s"
 )
 
 
@@ -236,9 +243,21 @@ class Grid:
         part = connected_components(links, directed=False)[1]
         return np.asarray(within & (part == np.bincount(part[within], minlength=1).argmax()))
 
+    def places(self) -> list[Array]:
+        """Return radius and height (N,) of each node, m, relative to the axis."""
+        return [each.ravel() for each in np.meshgrid(self.rho, self.z, indexing="ij")]
+
+    def window(self, floods: Mask) -> tuple[float, float]:
+        """Return area and covered share, 0 to 1, of the best flood (S, N) in the window."""
+        rho, z = self.places()
+        h = z + self.cell.axis[0] @ self.cell.directions[2]
+        within = (RADIUS[0] <= rho) & (rho <= RADIUS[1]) & (HEIGHT[0] <= h) & (h <= HEIGHT[1])
+        best = max(floods & within, key=np.sum)
+        return SPACING**2 * best.sum(), self.covered()[best].sum() / max(best.sum(), 1)
+
     def covered(self) -> Mask:
         """Return a mask (N,) of the nodes inside the sector."""
-        rho, z = (each.ravel() for each in np.meshgrid(self.rho, self.z, indexing="ij"))
+        rho, z = self.places()
         low, high = self.cell.radii(z).T
         level = np.abs(z - self.cell.middle[1]) <= self.cell.widths[2]
         return np.asarray(level & (rho >= low) & (rho <= high))
@@ -389,6 +408,7 @@ def line(name: str) -> list[str]:
     areas, inside = SPACING**2 * sets.sum(axis=1), grid.covered()
     rectangles = [rectangle(mask.reshape(grid.shape)) for mask in sets]
     rectangles[0] = max(rectangle(mask.reshape(grid.shape)) for mask in reached)
+    area, share = grid.window(reached)
     return [
         f"{design.task.robot.name}, {design.task.kind}",
         ", ".join(f"{area:.3f}" for area in areas),
@@ -397,6 +417,7 @@ def line(name: str) -> list[str]:
         f"{table.area:.3f}",
         ", ".join(f"{100 * share:.0f}" for share in table.area / areas),
         ", ".join(f"{100 * (inside & ~each).sum() / inside.sum():.1f}" for each in sets),
+        f"{area:.3f}, {100 * share:.0f}",
         f"{seconds:.0f}",
     ]
 

@@ -50,6 +50,19 @@ def test_floods_and_the_search_without_paths_end_at_the_ring(grid: floods.Grid) 
     assert grid.extra_speed(on, Q) == pytest.approx(0.0, abs=1e-6)
 
 
+def test_the_window_counts_what_the_sector_covers_of_the_ring_there(grid: floods.Grid) -> None:
+    """A sector wider than the window and the ring gains nothing outside them."""
+    middle = pin.SE3(np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.0, -0.1]))
+    grid.cell = rp.Sector(grid.task, middle, radius=0.2, height=0.45)
+    p = np.array([target.translation for target in grid.targets])
+    ring = np.abs(np.linalg.norm(p + [0.0, 0.0, TOOL], axis=1) - UPPER_ARM) < FOREARM
+    there = ring & (p[:, 0] >= 0.2) & (p[:, 2] >= -0.4)  # the ring ends before 0.7 m and 0.8 m
+    less = ring & (p[:, 0] < 0.4)
+    area, share = grid.window(np.array([less, ring]))
+    assert area == pytest.approx(there.sum() * floods.SPACING**2)
+    assert share == pytest.approx((p[there, 0] >= 0.3).mean())
+
+
 def test_one_function_takes_no_jump(grid: floods.Grid) -> None:
     """A flood without extra joint speed is taken as a whole; with a jump, its larger side."""
     flood = max(floods.floods_of(grid), key=lambda each: np.isfinite(each[:, 0]).sum())
