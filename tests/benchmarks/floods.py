@@ -57,8 +57,7 @@ MOST_EXTRA, MEAN_EXTRA = 0.3, 0.05
 default."""
 
 RADIUS, HEIGHT = (0.2, 0.7), (-0.4, 0.8)
-"""Window of a table top within reach of a person's arm's length: distance from the axis, and height
-above the base, m."""
+"""Window of a table top at arm's length: distance from the axis, and height above the base, m."""
 
 TITLES = (
     "arm | reach: best flood, union, any, affordable, one function | rectangle in: one flood, "
