@@ -249,8 +249,7 @@ class Grid:
     def window(self, floods: Mask) -> tuple[float, float]:
         """Return area and covered share, 0 to 1, of the best flood (S, N) in the window."""
         rho, z = self.places()
-        h = z + self.cell.axis[0] @ self.cell.directions[2]
-        within = (RADIUS[0] <= rho) & (rho <= RADIUS[1]) & (HEIGHT[0] <= h) & (h <= HEIGHT[1])
+        within = (RADIUS[0] <= rho) & (rho <= RADIUS[1]) & (HEIGHT[0] <= z) & (z <= HEIGHT[1])
         best = max(floods & within, key=np.sum)
         return SPACING**2 * best.sum(), self.covered()[best].sum() / max(best.sum(), 1)
 

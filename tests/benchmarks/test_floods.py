@@ -56,9 +56,11 @@ def test_the_window_counts_what_the_sector_covers_of_the_ring_there(grid: floods
     grid.cell = rp.Sector(grid.task, middle, radius=0.2, height=0.45)
     p = np.array([target.translation for target in grid.targets])
     ring = np.abs(np.linalg.norm(p + [0.0, 0.0, TOOL], axis=1) - UPPER_ARM) < FOREARM
-    there = ring & (p[:, 0] >= 0.2) & (p[:, 2] >= -0.4)  # the ring ends before 0.7 m and 0.8 m
-    less = ring & (p[:, 0] < 0.4)
-    area, share = grid.window(np.array([less, ring]))
+    window = (p[:, 0] >= 0.2) & (p[:, 2] >= -0.4)  # the grid ends before 0.7 m and 0.8 m
+    there = ring & window
+    larger = ~window | (p[:, 2] > 0.25)  # but smaller in the window
+    assert larger.sum() > ring.sum() and (larger & window).sum() < there.sum()
+    area, share = grid.window(np.array([larger, ring]))
     assert area == pytest.approx(there.sum() * floods.SPACING**2)
     assert share == pytest.approx((p[there, 0] >= 0.3).mean())
 
