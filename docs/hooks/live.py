@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 import repctl_pin as rp
+from repctl_pin.cli import main
 from repctl_pin.extensions.cells.show.cell_page import cell_page
 from repctl_pin.extensions.recordings.audit_report import write_audit
 from repctl_pin.show.study_files import study_page
@@ -94,6 +95,13 @@ def cell() -> str:
     return cell_page(found, (), followed)
 
 
+def table() -> str:
+    """Make the page of one function for the whole table of an arm, as the command does."""
+    with tempfile.TemporaryDirectory() as folder:
+        assert main(["cell", ARM, "--down", "--out", folder, "--quiet"]) == 0
+        return (Path(folder) / "cell.html").read_text(encoding="utf-8")
+
+
 def loop(control: Any, leaf: Any, like: rp.Motion) -> rp.Motion:
     """Run a loop that reads the joints, along the path of a motion; the elbow is pushed at the
     beginning of the fourth cycle. Without a leaf, the inverse is used with feedback of the task
@@ -155,6 +163,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "log": log,
     "pushed": pushed,
     "cell": cell,
+    "table": table,
     "planar3r": partial(studied, "planar3r"),
 } | {name: partial(studied, name) for name in ROBOTS}
 """The pages, by name."""

@@ -1,4 +1,4 @@
-"""The whole tables of several arms, for the table in docs/how-to/cell.md.
+"""The whole tables of several arms, for the table in docs/cells-measured.md.
 
 Run ``python tests/benchmarks/whole_tables.py [ARM …]``. Each line is one call of ``rp.best_cell``
 without a size: areas of radius and height in m², angle and spin in degrees, extra joint speed in

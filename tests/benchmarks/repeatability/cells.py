@@ -1,7 +1,7 @@
 """Functions of cells beside other programs: ten cycles of random closed tours through all of a cell
 with rotations.
 
-One command, one process, some minutes; it prints the table of docs/how-to/cell.md:
+One command, one process, some minutes; it prints the table of docs/cells-measured.md:
 
     pip install -e '.[bench]'
     python tests/benchmarks/repeatability/cells.py
