@@ -80,6 +80,11 @@ class Kind(str):
         return kind
 
     @property
+    def each(self) -> tuple[Kind, ...]:
+        """Kinds of the single frames, of which this one is :meth:`stacked`; else this kind alone."""
+        return tuple(KINDS[name] for name in self.split(_AND))
+
+    @property
     def directions(self) -> str:
         """Base axes along which the position is commanded: ``xyz``, or two of these letters."""
         return "".join("xyz"[row] for row in self.rows if row < 3)

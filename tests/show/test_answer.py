@@ -75,7 +75,8 @@ def test_it_says_what_the_motions_did(study: rp.Study, answer: str) -> None:
         assert drawn.links[moved.argmax()] == "link4" and reads(said, moved.max())
     assert off[2:] == ["0"]
     sentence = (
-        "After 3 cycles the hand is back under either control. Link 4 of the arm is not: "
+        "After 3 cycles the hand is back in x and y under either control. "
+        "Link 4 of the arm is not: "
         f"{off[0]} from its start under the usual control, 0 under the repeatable one."
     )
     assert " ".join(answer.split()).startswith(sentence)
@@ -166,7 +167,7 @@ def test_a_stopped_motion_is_named_in_the_sentence(study: rp.Study, folder: Path
     text, _ = printed(replace(plain, notes=()), folder / "stuck", "--report")
     assert " ".join(text.split()).startswith(
         "Usual control stopped: the Jacobian <loses> rank. After 3 cycles the hand is back "
-        "under the repeatable control."
+        "in x and y under the repeatable control."
     )
     report = (folder / "stuck" / "report.html").read_text(encoding="utf-8")
     assert "Usual control stopped: the Jacobian &lt;loses&gt; rank." in report

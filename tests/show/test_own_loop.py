@@ -364,7 +364,7 @@ def test_a_loop_is_drawn_by_a_pointer(
     drag(driver, ARC, kind)
     wait_until_computed(driver)
     assert driver.execute_script("return repctl.own.state") == "own"
-    assert said(driver).startswith("After one cycle of your loop the hand is back. ")
+    assert said(driver).startswith("After one cycle of your loop the hand is back in x and y. ")
     assert driver.execute_script("return repctl.time") == 1
     assert driver.execute_script(boxes) == before, "nothing moves"
     points = np.array(driver.execute_script("return repctl.own.loops.points"))
@@ -643,7 +643,7 @@ def test_a_loop_is_drawn_by_keys_and_left_again(driver: Any, page: Path) -> None
     assert said(driver) == study
     # a finger leads the hand, too; the slow test compares what follows with Python
     drag(driver, ARC, "touch")
-    assert said(driver).startswith("After one cycle of your loop the hand is back. ")
+    assert said(driver).startswith("After one cycle of your loop the hand is back in x and y. ")
     assert driver.execute_script("return repctl.own.state") == "own" and errors(driver) == []
 
 
@@ -1102,7 +1102,7 @@ def test_each_hand_keeps_its_loop(driver: Any, two_hands: Path, tmp_path: Path) 
     driver.execute_script("repctl.own.release()")
     assert said(driver).startswith("After one cycle of your loops both hands are back. ")
     title = driver.find_element("id", "title").text
-    assert "your loops of the left hand, " in title and "; of the right hand, " in title
+    assert re.search(r": your loops, left hand [\d.]+ c?m long, right hand [\d.]+ c?m long$", title)
     paths = [np.array(path) for path in driver.execute_script("return repctl.own.loops.paths()")]
     assert len(paths[0]) == len(paths[1])  # in step, each with the corners of its own
     # a press on a ring draws nothing, and takes nothing away

@@ -179,7 +179,7 @@ def test_bars_that_are_too_thin_to_be_hollow_are_dotted(driver: Any, page: Path)
         return np.diff(np.concatenate([[-1], breaks, [len(pixels[0]) - 1]]))
 
     assert runs(0).max() <= 2, "all are to come"
-    whole = "hollow or dotted: to come, computed ahead"  # they were not asked for yet
+    whole = "hollow or dotted bars: cycles to come, computed ahead"  # they were not asked for yet
     assert whole in driver.execute_script("return told.join()")
     assert runs(10).min() > 4, "all are finished"
     driver.execute_script("told.length = 0; repctl.seek(10)")

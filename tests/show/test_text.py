@@ -17,6 +17,7 @@ from terminals import terminal_of
 from test_own_loop import NODE, SCRIPTS
 
 import repctl_pin as rp
+from repctl_pin.model.kind import KINDS, Kind
 from repctl_pin.show.text import numbers
 from repctl_pin.show.text.coloured_text import Span, coloured, fitted, wrapped
 from repctl_pin.show.text.headline import headline_of
@@ -168,8 +169,28 @@ def test_no_sentence_of_one_arm_speaks_of_two_hands() -> None:
                 assert "hands" not in told and "one arm" not in told
     three = words(headline_of([USUAL, replace(USUAL, label="mine"), CLOSED], 10))[0]
     assert three.startswith("After 10 cycles the hand is back under every control. ")
-    two = words(headline_of([USUAL, CLOSED], 10, hands=2))[0]
+    two = words(headline_of([USUAL, CLOSED], 10, kinds=[KINDS["pose"]] * 2))[0]
     assert two.startswith("After 10 cycles both hands are back under either control. ")
+
+
+@pytest.mark.parametrize(
+    ("kinds", "back"),
+    [
+        (["pose"], "the hand is back"),
+        (["position"], "the hand is back in position"),
+        (["axis"], "the hand is back in position and tool axis"),
+        (["xy"], "the hand is back in x and y"),
+        (["pose", "pose"], "both hands are back"),
+        (["position", "position"], "both hands are back in position"),
+        (["pose", "xz"], "both hands are back in what is commanded of each"),
+    ],
+)
+def test_a_hand_is_back_in_what_its_task_commands(kinds: list[str], back: str) -> None:
+    """A hand that was free to turn ended turned, and was said to be back."""
+    each = [KINDS[kind] for kind in kinds]
+    told = words(headline_of([USUAL, CLOSED], 10, kinds=each))[0]
+    assert told.startswith(f"After 10 cycles {back} under either control. ")
+    assert Kind.stacked(each).each == tuple(each)
 
 
 def test_another_hand_that_moves_with_the_arm_is_named() -> None:
@@ -315,7 +336,7 @@ def test_one_motion_and_arms_that_are_back_break_limits_too() -> None:
 LOOP = """
 import { readFileSync } from "node:fs";
 import { answer } from "./own/sentence.js";
-const chain = { frames: [{}], links: [["l4", "elbow"]], names: ["joint 2"], axis: {}, ends: [],
+const chain = { back: "the hand is back", frames: [{}], links: [["l4", "elbow"]], names: ["joint 2"], axis: {}, ends: [],
   fastest: [1] };
 const run = ({ under, broken, off, turned, cycles }) => ({
   data: { under, broken, lost: Infinity }, margin: 0.9, speeds: Array(cycles).fill(1),

@@ -48,6 +48,7 @@ from ..._version import __version__
 from ...base.arguments import Array
 from ...base.errors import RepctlError
 from ..text.headline import Headline
+from ..text.numbers import metres
 
 SCRIPTS = (
     *("dom", "numbers", "arm/viewer", "arm/bodies", "arm/outline", "arm/between_frames"),
@@ -148,6 +149,7 @@ def _templates() -> Environment:
         loader=FileSystemLoader(str(folder)), autoescape=True, undefined=StrictUndefined
     )
     made.globals["version"] = __version__
+    made.globals["metres"] = metres
     made.globals["asset"] = lambda name: Markup(_dense((folder / name).read_text("utf-8")))
     return made
 

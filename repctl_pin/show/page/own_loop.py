@@ -34,7 +34,7 @@ from ...potentials.fourier import FourierMap
 from ...potentials.polynomial import PolynomialMap
 from ...strategies import Pseudoinverse, RepeatableInverse, Strategy
 from ...studies.study_result import Study
-from ..text.headline import end_name
+from ..text.headline import end_name, hands_back
 from ..text.part_names import hand_names, part_name
 
 _MOST_TERMS = 2000
@@ -106,6 +106,7 @@ def own_loop(
             }
             for (single, q), frame, hand in zip(singles, tree.frames, hand_names(task), strict=True)
         ],
+        "back": hands_back(task.kind.each),
         "path": _path(motion),
         "joints": joints,
         "first": tree.first.tolist(),

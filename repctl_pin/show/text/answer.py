@@ -77,9 +77,9 @@ def study_answer(study: Study, files: Sequence[str] = ()) -> list[Span]:
     below = ["", *files, "--full prints all strategies, the settings and a legend"]
     above = "".join(span.text for span in out).count("\n")
     left = ROWS - 2 - above - _height_of(below)  # without command and next prompt
-    if _height_of(notes) == left + 1:
+    if _height_of(notes) > left:
         below, left = below[1:], left + 1  # rather than the empty line
-    elif left < 1 and notes:
+    if left < 1 and notes:
         below = [*files]  # the line on the notes that are left out names --full, too
     return [*out, Span(fitted("\n".join([*_as_many(notes, left), *below])))]
 

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...model.end_effectors import words as link_words
+from ...model.kind import KINDS, Kind
 from ...motion.follow import UNRESOLVED
 from ...motion.motion import ON_PATH
 from ...paths.winding import winding_words
@@ -74,6 +75,16 @@ def hands_are(count: int) -> str:
     """Make the subject of a sentence on the frames of a task, with its verb: ``the hand is``."""
     known = {1: "the hand is", 2: "both hands are"}
     return known.get(count, f"all {count} hands are")
+
+
+def hands_back(kinds: Sequence[Kind]) -> str:
+    """State that the frames of a task are back, in what it commands: ``the hand is back``.
+
+    ``kinds`` has the kind of each frame. If a kind leaves some rotation or translation free, the
+    frame can end elsewhere in it, and the text is ``the hand is back in position``.
+    """
+    words = kinds[0].words if len(set(kinds)) == 1 else "what is commanded of each"
+    return f"{hands_are(len(kinds))} back{'' if set(kinds) == {'pose'} else f' in {words}'}"
 
 
 @dataclass(frozen=True)
@@ -153,11 +164,15 @@ def study_headline(study: Study) -> Headline:
     stopped = [stopped_words(row.label, row.failure) for row in rows if row.motion is None]
     found = [one for row in rows if (one := row_summary(row)) is not None]
     cycles = next((row.motion.cycles for row in rows if row.motion is not None), 0)
-    return headline_of(found, cycles, stopped, hands=len(study.task.frames))
+    return headline_of(found, cycles, stopped, kinds=study.task.kind.each)
 
 
 def headline_of(
-    summaries: Sequence[MotionSummary], cycles: int, stopped: Sequence[str] = (), *, hands: int = 1
+    summaries: Sequence[MotionSummary],
+    cycles: int,
+    stopped: Sequence[str] = (),
+    *,
+    kinds: Sequence[Kind] = (KINDS["pose"],),
 ) -> Headline:
     """Make the headline: which part has drifted, how far, and the cost of a repeatable motion.
 
@@ -171,8 +186,8 @@ def headline_of(
         Number of cycles, the same for all motions.
     stopped
         Sentences on controllers that stopped.
-    hands
-        Number of frames that the task controls.
+    kinds
+        Kinds of the frames that the task controls, one each.
     """
     times, after = counted(cycles, "cycle"), ""
     by_all = _EITHER.get(len(summaries), " under every control")
@@ -191,9 +206,9 @@ def headline_of(
     elif lost:
         after = f"After {times} "
     else:
-        said.append(Span(f"After {times} {hands_are(hands)} back{by_all}. "))
+        said.append(Span(f"After {times} {hands_back(kinds)}{by_all}. "))
     if all(one.back and not one.turned for one in summaries):
-        every = f"every part of the {'arm' if hands == 1 else 'arms'}"
+        every = f"every part of the {'arm' if len(kinds) == 1 else 'arms'}"
         also = f"{after}{every} is back: " if after else f"So is {every}: "
         worst = max(summaries, key=lambda one: one.off)
         said += [Span(also), Span("0", "good", _exact(worst), "ink"), Span(" from its start.")]

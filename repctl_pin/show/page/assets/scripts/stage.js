@@ -138,7 +138,7 @@ function inSight(arms, path, eye) {
   const kept = (p) => (all ? p : wide ? level(p) : room.clampPoint(p, new T.Vector3()));
   return {
     points: [...moving, ...path, ...still.map(kept)],
-    near: [...moving, ...path],
+    near: [...moving, ...path, ...still.filter((p) => room.containsPoint(p))],
     extent,
     ground: whole.min.z,
   };

@@ -41,7 +41,7 @@ export class Eye {
     const free = {
       x: 0.92,
       top: 1 - Math.min(0.5, (2 * above) / height),
-      bottom: 1 - Math.min(0.4, (2 * below) / height),
+      bottom: 1 - Math.min(0.5, (2 * below) / height),
     };
     const world = (v) => new T.Vector3(v.x, v.z, -v.y); // three's y is up
     const center = new T.Vector3();

@@ -3,9 +3,11 @@
 import { wordColour } from "./chart.js";
 import { byId, element, setAttribute, setColor, setText } from "../dom.js";
 import { formatLength } from "../numbers.js";
+import { LOW } from "./panes.js";
 import { Room } from "./room.js";
 
-const PHONE = "(max-width: 640px)"; // where what a number is measured from has fewer words
+// where what a number is measured from has fewer words
+const PHONE = "(max-width: 640px), (max-height: 480px)";
 const SHORT = 420; // px, width of a pane below which these have fewer words, too
 const NOW = "now, from the grey arm";
 const RIM = 13; // px from the hand to the rim of its ring
@@ -91,7 +93,7 @@ export class Callouts {
       boxes: hands.map(({ box }) => size(box)),
       marked: size(mark.box),
     }));
-    const [foot, slider] = ["below", "elbow-box"].map((id) => size(byId(id)));
+    const [foot, ...pressed] = ["below", "elbow-box", "own"].map((id) => size(byId(id)));
     this.rooms = this.sets.map(({ arm, part, hands, mark, gap }, k) => {
       const { left: beside, top: above, width, height } = panes.place(k);
       const { label, box, boxes, marked } = sizes[k];
@@ -103,11 +105,10 @@ export class Callouts {
       // what stands where it is
       drawLine(gap, from, at, width, height);
       room.box(label);
-      room.box(
-        { ...slider, x: foot.x + slider.x - beside, y: foot.y + slider.y - above },
-        false,
-        PRESSED,
-      );
+      for (const one of pressed) {
+        const [x, y] = [foot.x + one.x - beside, foot.y + one.y - above];
+        room.box({ ...one, x, y }, false, PRESSED);
+      }
       if (from) room.line(from, at);
       for (const spot of (spots && spots[k]) || tips || []) room.ring(spot, spots ? RIM : 3);
       // what is said finds its place: the part's has its row, so those of the hands come first
@@ -130,7 +131,9 @@ export class Callouts {
         hands.forEach(put);
       });
       const corner = { ...box, x: width - box.w - 8, y: 8, start: 0.5 };
-      const places = at && [...aboveArm(box, at, left, row, width), corner];
+      const over = at && aboveArm(box, at, left, row, width);
+      // a low pane has no row above the arm
+      const places = at && (height < LOW ? [corner, ...over] : [...over, corner]);
       putCallout(part, box, at, 0, room, places);
       return room;
     });

@@ -8,6 +8,8 @@ const DOT = 2; // px, of a dotted bar
 const LEAST_AXIS = 1e-3; // m, at which the axis of the bars ends, at least
 const CONTRAST = 3; // of a bar to the paper, at least, as WCAG 2 measures it
 const TEXT_CONTRAST = 5; // of words to it
+// what hollow bars are, in the words that fit
+const COMING = [" bars: cycles to come, computed ahead", " bars: cycles to come", ": to come"];
 
 export class Chart {
   // `seek`: goes to the end of a shown cycle
@@ -144,9 +146,8 @@ export class Chart {
   drawBars(sheet, cycle, part) {
     const { draw, width, height, em, count, pitch, foot, at } = sheet;
     const { arms } = this;
-    // words stand over the line of the axis, where no bar is; in a very low chart, in the line
-    const inLine = foot < 2 * em;
-    const room = foot - (inLine ? 0.5 : 1.05) * em;
+    // words stand over the line of the axis, where no bar is
+    const room = foot - 1.05 * em;
     const group = Math.min(0.66 * pitch, 4.5 * em);
     const wide = group / arms.length;
     const offs = arms.flatMap(({ data }) => data.off.flat());
@@ -155,7 +156,6 @@ export class Chart {
     draw.strokeStyle = tone("--edge");
     line(draw, INSET, foot + 0.5, width - INSET, foot + 0.5, []);
     const { failure, idle } = this.scene;
-    let legend = failure ? " · of the solid line" : "";
     if (idle) {
       // a way there and back has nothing to show
       const words = "no bars: the loop was not followed";
@@ -176,7 +176,7 @@ export class Chart {
           if (c && before === null) return;
           draw.fillStyle = tone("--bad");
           draw.fillText("×", x, foot - 0.15 * em);
-          fails = " · ×: fails";
+          fails = "×: fails";
           return;
         }
         // in whole pixels, so that no edge is pale; a zero is a hairline
@@ -188,17 +188,19 @@ export class Chart {
       });
     }
     this.number({ draw, height, em, count, pitch, at }, group);
-    if (open.size) legend += ` · ${[...open].sort().reverse().join(" or ")}: to come`;
-    legend += fails;
-    let words = room > 0.8 * em ? formatLength(top) + legend : "";
-    const whole = words.replace("to come", "to come, computed ahead");
-    if (!inLine && draw.measureText(whole).width < width - 2 * INSET) words = whole;
-    const y = Math.max(level(top) + (inLine ? 0.3 : -0.3) * em, 0.75 * em);
-    const after = inLine && words ? draw.measureText(words).width + 8 : 0;
+    const kinds = [...open].sort().reverse().join(" or ");
+    const legends = (kinds ? COMING : [""]).flatMap((words) =>
+      [failure ? "of the solid line" : "", ""].map((whose) =>
+        [formatLength(top), whose, kinds + words, fails].filter(Boolean).join(" · "),
+      ),
+    );
+    const fits = (text) => draw.measureText(text).width < width - 2 * INSET;
+    const words = legends.find(fits) || legends.at(-1);
+    const y = level(top) - 0.3 * em;
     draw.strokeStyle = tone("--edge");
-    line(draw, INSET + after, level(top), width - INSET, level(top), [3, 4]);
+    line(draw, INSET, level(top), width - INSET, level(top), [3, 4]);
     this.drawNow(sheet, cycle, part, words, y);
-    if (words) textWithHalo(draw, words, INSET + 2, y, em);
+    textWithHalo(draw, words, INSET + 2, y, em);
   }
 
   // The numbers of the cycles, each under its group of bars, this wide.

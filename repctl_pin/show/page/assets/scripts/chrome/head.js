@@ -3,15 +3,17 @@
 import { byId, element, setAttribute, setText } from "../dom.js";
 
 const FOOT = 8; // px to leave free under the notes
+const LOWEST = 480; // px, height of a window below which notes are not in sight
 // the longest of a loop, but for those of several hands
 const LOOP_TITLE = "your loop, 88 cm long so far, 88° from horizontal";
 
 export class Head {
   // `subject`: begins the titles; `longest`: by node, its longest words while a hand is led;
-  // `more`: what the sentence of a loop has after that of a study
-  constructor(subject, longest, more) {
+  // `more`: what the sentence of a loop has after that of a study; `unnoted`: and besides, where
+  // notes are not in sight
+  constructor(subject, longest, more, unnoted) {
     const texts = ["title", "verdict", "notes"].map((id) => [byId(id), [...byId(id).childNodes]]);
-    Object.assign(this, { subject, longest, more, texts });
+    Object.assign(this, { subject, longest, more, unnoted, texts });
   }
 
   write(sentence, notes, title) {
@@ -64,7 +66,9 @@ export class Head {
     // what is proved is a note, and a clause of the sentence where that note is not in sight
     if (proof && !open && (folded || !notes.offsetHeight)) {
       proof.hidden = false;
-      proof.hidden = isTall();
+      // one that has no room reserved is left to the notes, where it would move the views
+      proof.hidden = isTall() && proof.textContent !== this.unnoted;
+      classList.toggle("tall", isTall());
     }
     if (!folded || open) return;
     const line = parseFloat(getComputedStyle(notes).lineHeight);
@@ -101,7 +105,10 @@ export class Head {
       node.replaceChildren(...words.map((text) => element("span", {}, text)));
       let height = Math.max(before, node.clientHeight);
       if (id === "verdict") {
-        node.replaceChildren(...children, element("b", { class: "aside" }, this.more));
+        // a phone that lies has no line to spare
+        const noted = byId("notes").offsetHeight || window.innerHeight <= LOWEST;
+        const more = this.more + (noted ? "" : this.unnoted);
+        node.replaceChildren(...children, element("b", { class: "aside" }, more));
         height = Math.max(height, node.clientHeight);
       }
       node.replaceChildren(...children);

@@ -3,7 +3,7 @@
 import { PIXEL } from "../arm/outline.js";
 import { byId, element, tone } from "../dom.js";
 
-const LOW = 360; // px
+export const LOW = 360; // px
 const NARROW = 180; // px, below which a pane cannot hold its label and what is said of the part
 
 const NAMED = 340; // px, from which a pane has room for what its control is called in brackets
@@ -108,7 +108,7 @@ export class Panes {
     const covered = legend && legend.offsetHeight ? left(legend) + 4 : 0;
     return {
       above: this.beside ? Math.max(label, above + 12) : label + above,
-      below: Math.max(low ? Math.max(left(byId("below")), 10) + 4 : label, covered),
+      below: Math.max(low ? Math.max(left(byId("below")), 10) + 8 : label, covered),
     };
   }
 

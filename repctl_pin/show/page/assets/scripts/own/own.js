@@ -18,6 +18,7 @@ import { closed, enclosing, FORMS, gap, lengthOf, windings } from "./loops.js";
 import { largestLoop } from "./presets.js";
 import { CYCLES, Report } from "./report.js";
 import { Rings } from "./rings.js";
+import { PROVED } from "./proof.js";
 import { computed } from "./run.js";
 import { CHECKED, stated } from "./sentence.js";
 import { Steps } from "./steps.js";
@@ -46,7 +47,12 @@ export class Own {
     const studied = data.path && data.path.map((k) => k !== null && piece.points(paths[k]));
     const loops = new HandLoops(chain, studied);
     const steps = new Steps(chain, laws, loops, scene.cover);
-    const head = new Head(scene.title.split(":")[0], LEAD_WORDS, CHECKED);
+    const head = new Head(
+      scene.title.split(":")[0],
+      LEAD_WORDS,
+      CHECKED,
+      chain.proved ? PROVED : "",
+    );
     const ledArms = new LedArms({
       ...{ arms, chain, clock, player, scene },
       begun: () => {

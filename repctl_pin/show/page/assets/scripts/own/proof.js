@@ -3,28 +3,35 @@
 import { formatLength } from "../numbers.js";
 import { gap } from "./loops.js";
 
-// Whether points of the hand that is led are beyond the proved radius around its start.
-export function isBeyond({ proved, homes, led }, points) {
-  return Boolean(proved) && points.some((p) => gap(p, homes[led]) >= proved);
+const FAR_BEYOND = 4; // proved radii, beyond which nothing of a proof stands beside a loop
+
+// Whether points of the hand that is led are beyond so many proved radii around its start.
+export function isBeyond({ proved, homes, led }, points, radii = 1) {
+  return Boolean(proved) && points.some((p) => gap(p, homes[led]) >= radii * proved);
 }
+export const isFarBeyond = (chain, points) => isBeyond(chain, points, FAR_BEYOND);
 
 // What is said while the hand is led.
 export function proofHint({ proved }, beyond) {
   const far = formatLength(proved);
   return beyond
-    ? [` You are more than ${far} from the start: there, closing is not proved.`, "near"]
-    : [` Within the pale disc, ${far} around the start, the repeatable arm closes: proved.`];
+    ? [
+        ` Beyond ${far} from the start, the repeatable arm’s return is computed, not proved.`,
+        "near",
+      ]
+    : [` Within the pale disc, ${far} around the start, the repeatable arm’s return is proved.`];
 }
 
-// The same in few words.
+// What is said of a loop in few words: all that can be said of one that is proved.
+export const PROVED = " The repeatable arm’s return is proved.";
 export function proofClause(chain, points) {
-  const beyond = isBeyond(chain, points);
-  return beyond
-    ? ` Closing is proved within ${formatLength(chain.proved)}.`
-    : " Closing is proved.";
+  const far = formatLength(chain.proved);
+  return isBeyond(chain, points)
+    ? ` The repeatable arm’s return is proved within ${far} of the start; this loop goes farther.`
+    : PROVED;
 }
 
-// What is said of a loop; `broken`: it does not keep all limits.
+// The same as a note; `broken`: it does not keep all limits.
 export function proofNote(chain, points, broken) {
   const far = formatLength(chain.proved);
   const aside = broken ? " The proof does not consider limits." : "";

@@ -5,7 +5,7 @@ import { pointAt } from "../arm/arm.js";
 import { byId } from "../dom.js";
 import { formatLength } from "../numbers.js";
 import { enclosing, lengthOf, normalOf, planeWords } from "./loops.js";
-import { proofClause, proofNote } from "./proof.js";
+import { isFarBeyond, proofClause, proofNote } from "./proof.js";
 import { answer, CHECKED, edgeWords, failureWords, lineWords } from "./sentence.js";
 
 export const CYCLES = 10;
@@ -56,17 +56,17 @@ export class Report {
     this.player.show();
   }
 
-  // The plane and the length of a loop that was drawn, or of each.
+  // The length of a loop that was drawn, and its plane; of several, the length of each.
   sizeWords() {
     const { chain, loops, piece } = this;
+    const several = loops.keeping().length > 0;
     const each = chain.frames.flatMap(({ hand }, f) => {
       const loop = loops.of(f);
       if (!loop) return [];
-      const whose = loops.keeping().length ? ` of the ${hand}` : "";
-      const plane = planeWords(piece.direction(normalOf(loop)));
-      return [`${whose}, ${formatLength(lengthOf(loop))} long, ${plane}`];
+      const long = `${several ? `${hand} ` : ""}${formatLength(lengthOf(loop))} long`;
+      return [several ? long : `${long}, ${planeWords(piece.direction(normalOf(loop)))}`];
     });
-    return each.join(";");
+    return `, ${each.join(", ")}`;
   }
 
   // What is said of a loop beside its motion: whether it was proved to close; and after all cycles,
@@ -89,10 +89,13 @@ export class Report {
     return words;
   }
 
-  // Whether a proof speaks of this loop; whether the loop breaks a limit.
+  // Whether a proof speaks of this loop, which is not far larger than it; whether the loop breaks a
+  // limit.
   isProvable() {
     const { chain, elbow, loops } = this;
-    return Boolean(chain.proved && loops.points && !elbow.at && !loops.keeping().length);
+    const { points } = loops;
+    if (!chain.proved || !points || elbow.at || loops.keeping().length) return false;
+    return !isFarBeyond(chain, points);
   }
   isBroken() {
     return this.result.runs.some(({ data }) => data.broken);

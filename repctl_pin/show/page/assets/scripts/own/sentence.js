@@ -10,7 +10,6 @@ const FROM = " from its start";
 const WHERE = "close to a singularity, at the red ball";
 // stands after every loop, whatever is said of it
 export const CHECKED = " Limits are checked, collisions are not.";
-const HANDS = { 1: "the hand is", 2: "both hands are" };
 
 // {sentence, notes, part} after a number of cycles, in pieces [words, tone]; a number has for its
 // tone the control whose colour it shows. `whose`: "your loop"
@@ -151,7 +150,6 @@ function comparison(context, { encloses, turns, whose }) {
       `${capitalized(whose)} winds around the axis of ${chain.axis.name}, ` +
         "so it need not close under any control. ",
     ]);
-  const hands = HANDS[chain.frames.length] || `all ${chain.frames.length} hands are`;
   const by = alone ? ` under ${aloneUnder(arms[0])}` : "";
   if (alone && back && encloses && !broken)
     return {
@@ -163,7 +161,7 @@ function comparison(context, { encloses, turns, whose }) {
       ],
       part: most.part,
     };
-  if (!broken) sentence.push([`After ${times} of ${whose} ${hands} back${by}. `]);
+  if (!broken) sentence.push([`After ${times} of ${whose} ${chain.back}${by}. `]);
   const is = (subject, verb) =>
     broken
       ? `In a simulation that goes on, after ${times} ${subject} ${verb}: `
