@@ -81,7 +81,7 @@ class Kind(str):
 
     @property
     def each(self) -> tuple[Kind, ...]:
-        """Kinds of the single frames, of which this one is :meth:`stacked`; else this kind alone."""
+        """Kinds of the single frames that are :meth:`stacked` in this one; else this kind alone."""
         return tuple(KINDS[name] for name in self.split(_AND))
 
     @property

@@ -805,7 +805,7 @@ def test_the_elbow_slider_keeps_the_hand_and_chooses_the_leaf(
         assert np.allclose(tip, task.positions(q0[None])[0], atol=1e-6)
         assert np.linalg.norm(elbow - ghost) > 0.02
     driver.execute_script(slider, 12, "change")
-    assert said(driver).startswith("After one cycle of the path the hand is back. ")
+    assert said(driver).startswith("After one cycle of the path the hand is back in x and y. ")
     ends = np.array(driver.execute_script(ENDS))
     path = rp.waypoints(study.path.points(), task.placement(q0).rotation)
     laws = (rp.Pseudoinverse(task), study.design.inverse)
@@ -1103,6 +1103,16 @@ def test_each_hand_keeps_its_loop(driver: Any, two_hands: Path, tmp_path: Path) 
     assert said(driver).startswith("After one cycle of your loops both hands are back. ")
     title = driver.find_element("id", "title").text
     assert re.search(r": your loops, left hand [\d.]+ c?m long, right hand [\d.]+ c?m long$", title)
+    for width in (1280, 900, 390):  # it ended in an ellipsis
+        schemes(driver, width=width, height=760)
+        assert driver.execute_script(
+            "const title = document.getElementById('title'), range = document.createRange();"
+            "range.selectNodeContents(title); const { right } = range.getBoundingClientRect();"
+            "const { textOverflow } = getComputedStyle(title);"
+            "return textOverflow === 'clip' && right <= innerWidth &&"
+            " title.scrollWidth <= title.clientWidth"
+        )
+    schemes(driver, width=1280, height=760)
     paths = [np.array(path) for path in driver.execute_script("return repctl.own.loops.paths()")]
     assert len(paths[0]) == len(paths[1])  # in step, each with the corners of its own
     # a press on a ring draws nothing, and takes nothing away
@@ -1343,7 +1353,9 @@ def test_a_loop_is_drawn_on_a_workpiece_that_moves(
     assert np.allclose(home, task.positions(q0[None])[0], atol=1e-9)
     drag(driver, ARC, "mouse")
     wait_until_computed(driver)
-    assert said(driver).startswith("After one cycle of your loop the hand is back. ")
+    assert said(driver).startswith(
+        "After one cycle of your loop the hand is back in position and tool axis. "
+    )
     points = np.array(driver.execute_script("return repctl.own.loops.points"))
     assert np.ptp(points, axis=0).max() > 0.02
     ends = driver.execute_script(ENDS)
@@ -1760,7 +1772,9 @@ def test_a_stroke_of_the_address_that_the_arm_can_follow_is_no_failure(
         open_page(driver, f"{page.resolve().as_uri()}#loop={loop}&missed={missed}&")
         wait_until_computed(driver)
         found[name] = said(driver), driver.execute_script("return repctl.own.scene.failure")
-    assert found["none"][0].startswith("After 10 cycles of your loop the hand is back."), found
+    assert found["none"][0].startswith(
+        "After 10 cycles of your loop the hand is back in x and y."
+    ), found
     assert found["none"][1] is None
     after = r"After its first \d[\d.]*.c?m, at the red ball, "
     start = rf"The arm cannot follow all of your loop\. {after}"

@@ -3,6 +3,9 @@ fill their axis, what is proved, and a ring that leaves a small loop to be seen.
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +95,50 @@ def test_the_title_of_a_loop_is_whole(driver: Any, page: Path, size: tuple[int, 
     assert errors(driver) == []
 
 
+@pytest.fixture
+def touched(driver: Any) -> Iterator[None]:
+    """A finger is no mouse: what is pressed is larger."""
+    name = "Emulation.setTouchEmulationEnabled"
+    driver.execute_cdp_cmd(name, {"enabled": True})
+    yield
+    driver.execute_cdp_cmd(name, {"enabled": False})
+
+
+_PRESSED = """
+const { panes, arms } = repctl.own.gesture;
+const box = (id) => document.getElementById(id).getBoundingClientRect();
+return arms.map((arm, k) => {
+  const { top } = panes.frames[k].getBoundingClientRect();
+  const foot = Math.max(...arm.reach().still.map((p) => top + panes.seen(k, p).y));
+  return [foot, box(k ? "back" : "elbow-box").top];
+});
+"""
+
+
+@pytest.mark.parametrize("far", [0.05, 3])
+def test_what_is_pressed_covers_no_base(driver: Any, page: Path, touched: None, far: float) -> None:
+    """On a phone that lies, buttons for fingers stood over the base, and over why a loop ends;
+    lines and slider took two rows."""
+    schemes(driver, width=844, height=390)
+    open_page(driver, page)
+    draw(driver, *circle(far))
+    release(driver, 1)
+    for foot, button in driver.execute_script(_PRESSED):
+        assert foot + 4 < button
+    failed = driver.execute_script("return Boolean(repctl.own.scene.failure)")
+    assert failed == (far > 1)
+    selector = "#own, #elbow-box, #lines, .callout, .arm-label"
+    boxes = driver.execute_script(
+        "return [...document.querySelectorAll(arguments[0])].filter((n) => n.offsetWidth &&"
+        " getComputedStyle(n).visibility !== 'hidden').map((n) => n.getBoundingClientRect())"
+        ".map(({ left, top, right, bottom }) => [left, top, right, bottom])",
+        selector,
+    )
+    for a, b in combinations(boxes, 2):
+        assert not (a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]), (a, b)
+    assert errors(driver) == []
+
+
 def test_buttons_of_a_loop_leave_the_base_to_be_seen(driver: Any, page: Path) -> None:
     """On a phone that lies, they stood in two rows over the base of the repeatable arm."""
     schemes(driver, width=844, height=390)
@@ -119,6 +166,39 @@ return [words.find((text) => /^\\d+ [cm]*m/.test(text)), bars, offs];
 """
 
 
+_LEGEND = """
+const { prototype } = CanvasRenderingContext2D, { fillText, fillRect } = prototype;
+const words = [], bars = [];
+prototype.fillText = function (text, x, y) {
+  words.push([text, x, y, this.measureText(text).width]);
+  fillText.call(this, text, x, y);
+};
+prototype.fillRect = function (...box) { bars.push(box); fillRect.apply(this, box); };
+repctl.own.clock.seek(0.5); repctl.own.clock.seek(1);
+Object.assign(prototype, { fillText, fillRect });
+return [words, bars, document.getElementById("chart").clientWidth];
+"""
+
+
+@pytest.mark.parametrize("size", [(1280, 760), (844, 390), (390, 844), (320, 640)])
+def test_hollow_bars_say_what_they_are(driver: Any, page: Path, size: tuple[int, int]) -> None:
+    """Also of a loop that is far too large. The words were cut at 320 px, and where a phone lies,
+    they lay over the bars."""
+    schemes(driver, width=size[0], height=size[1])
+    open_page(driver, page)
+    draw(driver, (-0.1, 0.1), (3, 0.1), (-0.1, -0.1))
+    release(driver, 1)
+    assert driver.execute_script("return Boolean(repctl.own.scene.failure)")
+    words, bars, width = driver.execute_script(_LEGEND)
+    legend, x, y, wide = next(one for one in words if " · " in str(one[0]))
+    coming = re.search(r"(hollow|dotted)( bars: cycles)?(:)? to come", legend)
+    assert coming and x + wide < width, (legend, wide, width)
+    assert coming[2] or size[0] < 360  # in words, where there is room
+    tops = [top for left, top, *_ in bars if left < x + wide]
+    assert tops and min(tops) > y - 1
+    assert errors(driver) == []
+
+
 def test_the_bars_end_at_the_next_step(driver: Any, page: Path) -> None:
     """Bars of 4 mm stood on an axis of 5 cm. It ends at the next step of 1, 2 or 5 above the
     largest of them, of a study and of a loop; a zero is a hairline."""
@@ -140,17 +220,22 @@ def test_the_bars_end_at_the_next_step(driver: Any, page: Path) -> None:
 
 
 def test_what_is_proved_is_in_sight(driver: Any, page: Path) -> None:
-    """It stood behind "All notes" and "Notes". It is a clause of the sentence where that has room
-    for it and the note is not seen; nothing moves for it."""
+    """It stood behind "All notes" and "Notes". It is a clause of the sentence where the note is not
+    seen; nothing moves for it, and of a loop that is proved, it is whole on every phone. Of a loop
+    far beyond it, nothing is said: "proved within 1.6 mm" stood beside one of decimetres."""
     open_page(driver, page)
     clauses = []
-    for share in (0.5, 1.5):
+    for share in (0.5, 1.5, 6):
         schemes(driver, width=1280, height=800)
         proved, size = driver.execute_script(
             "const { chain } = repctl.own; return [chain.proved, chain.size]"
         )
         draw(driver, *circle(share * proved / size / 2))
         release(driver)
+        if share == 6:
+            assert driver.find_elements("css selector", ".proof") == []
+            assert "rove" not in driver.find_element("tag name", "header").text
+            break
         note = driver.find_element("xpath", "//*[@id='notes']/*[contains(., 'Proved: ')]")
         clause = driver.find_element("css selector", ".proof")
         assert note.is_displayed() and not clause.is_displayed()
@@ -159,7 +244,7 @@ def test_what_is_proved_is_in_sight(driver: Any, page: Path) -> None:
         clause = driver.find_element("css selector", ".proof")
         assert not note.is_displayed() and clause.is_displayed()
         clauses.append(clause.text)
-        for width in (640, 390, 320):
+        for width in (640, 430, 390, 360, 320):
             schemes(driver, width=width, height=844)
             driver.execute_async_script("requestAnimationFrame(() => setTimeout(arguments[0]))")
             verdict, head = driver.execute_script(
@@ -167,8 +252,12 @@ def test_what_is_proved_is_in_sight(driver: Any, page: Path) -> None:
                 ".getBoundingClientRect()).map(({ top, bottom }, k) => k ? top : bottom)"
             )
             assert verdict <= head + 1
+            assert share > 1 or driver.find_element("css selector", ".proof").is_displayed()
     far = f"{100 * proved:.2g} cm"
-    assert clauses == ["Closing is proved.", f"Closing is proved within {far}."]
+    proof = "The repeatable arm’s return is proved"
+    assert clauses == [f"{proof}.", f"{proof} within {far} of the start; this loop goes farther."]
+    dialog = driver.execute_script("return document.getElementById('keys').textContent")
+    assert f"every loop that stays within {far} of where the hand starts, the closing" in dialog
     assert errors(driver) == []
 
 
@@ -193,4 +282,43 @@ def test_a_ring_leaves_a_small_loop_to_be_seen(driver: Any, page: Path) -> None:
         for touched, seen, line in driver.execute_script(_RINGS):
             assert touched >= 44
             assert (seen < 18 and line <= 2) if small else (seen > 26 and line >= 3)
+    assert errors(driver) == []
+
+
+def test_window_and_animation_are_named_after_the_loop(driver: Any, page: Path) -> None:
+    """Both kept the name of the study."""
+    schemes(driver, width=1280, height=800)
+    open_page(driver, page)
+    asked = (
+        "return [document.title, document.getElementById('title').textContent,"
+        " document.getElementById('panes').getAttribute('aria-label')]"
+    )
+    study = driver.execute_script(asked)
+    draw(driver, *circle(0.05))
+    release(driver)
+    window, title, label = driver.execute_script(asked)
+    assert window == title and ": your loop, " in title and title in label
+    assert study[1] not in label
+    driver.execute_script("repctl.own.leave()")
+    assert driver.execute_script(asked) == study and study[0] == study[1]
+    assert errors(driver) == []
+
+
+def test_a_joint_beyond_its_drawn_rail_is_named(
+    driver: Any, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """The rails of the ppr arm are drawn from -3.04 m to 3.04 m and from -2.54 m to 2.54 m, its
+    joints go from -6 m to 6 m: links were seen to move beside the rails, and nothing said why."""
+    arm = rp.animation(study_of("ppr", 2, 60))
+    page = arm.save(tmp_path_factory.mktemp("rails") / "page.html")
+    schemes(driver, width=1280, height=800)
+    open_page(driver, page)
+    rails = driver.execute_script("return repctl.own.chain.rails")
+    assert np.allclose(rails[:2], [[-3.04, 3.04], [-2.54, 2.54]]) and rails[2] is None
+    for radius, said in ((0.3, False), (3.5, True)):
+        draw(driver, *circle(radius))
+        release(driver, 1)
+        notes = driver.execute_script("return document.getElementById('notes').textContent")
+        words = "d1 and d2 go beyond their rails, which are drawn shorter than their ranges."
+        assert (words in notes) == said
     assert errors(driver) == []

@@ -336,8 +336,8 @@ def test_one_motion_and_arms_that_are_back_break_limits_too() -> None:
 LOOP = """
 import { readFileSync } from "node:fs";
 import { answer } from "./own/sentence.js";
-const chain = { back: "the hand is back", frames: [{}], links: [["l4", "elbow"]], names: ["joint 2"], axis: {}, ends: [],
-  fastest: [1] };
+const chain = { frames: [{}], links: [["l4", "elbow"]], names: ["joint 2"], axis: {}, ends: [],
+  fastest: [1], back: "the hand is back" };
 const run = ({ under, broken, off, turned, cycles }) => ({
   data: { under, broken, lost: Infinity }, margin: 0.9, speeds: Array(cycles).fill(1),
   ends: Array(cycles).fill([off]), turned: Array(cycles).fill([turned]),

@@ -121,6 +121,7 @@ def own_loop(
         "fastest": _finite(task.velocity_limit),
         "size": arm_length(task, q0) or 1.0,
         "axis": _first_axis(task),
+        "rails": _rails(task, q0),
         "proved": _proved(closes, q0),
         "ends": [
             {
@@ -213,6 +214,34 @@ def _first_axis(task: Task) -> _Numbers | None:
         return None
     axis, origin = (places(task.reference)[first] for places in (task.axes, task.joint_origins))
     return {"axis": axis.tolist(), "origin": origin.tolist(), "name": task.joint_names[first]}
+
+
+def _rails(task: Task, q0: Array) -> list[list[float] | None]:
+    """Measure the rails that are drawn: for each joint, the positions at their two ends, m.
+
+    A rail is the parent link of a prismatic joint, if at q0 (n,) the child link is between the ends
+    of its shapes along the joint's axis. The entry is None for a joint without a rail, for one
+    whose rail is as long as its range, and for all joints of a task on a workpiece.
+    """
+    rails: list[list[float] | None] = [None] * task.n
+    sliding = [] if task.robot.base else np.flatnonzero(~task.revolute)
+    visuals = Visuals.of(task.robot)
+    links = {joint.name: joint for joint in task.robot.description.joints}
+    for i in sliding:
+        joint = links[task.joint_names[i]]
+        rows = np.array([q0, q0 + np.eye(task.n)[i]])
+        here, there = link_origins(task, [joint.child], rows)[:, 0]
+        places = visuals.placements(task.to_robot(q0)[None])[0]
+        along = [
+            float(s)
+            for shape, M, corners in zip(visuals.shapes, places, visuals.corners(), strict=True)
+            if shape.link == joint.parent
+            for s in q0[i] + (corners @ M[:3, :3].T + M[:3, 3] - here) @ (there - here)
+        ]
+        low, high = min(along, default=np.inf), max(along, default=-np.inf)
+        if low < q0[i] < high and (task.lower[i] < low or high < task.upper[i]):
+            rails[i] = [low, high]
+    return rails
 
 
 def _law(strategy: Strategy) -> list[_Numbers] | None:

@@ -239,7 +239,9 @@ def playback_page(
     if headline is None:
         whole = [[track.motion] for track in tracks if track.motion is not None]
         summaries = _summaries(whole if several else played, tracks, arms, links)
-        headline = headline_of(summaries, cycles, stopped, kinds=[chain.task.kind for chain in chains])
+        headline = headline_of(
+            summaries, cycles, stopped, kinds=[chain.task.kind for chain in chains]
+        )
 
     if paths is None:
         lines = list(arms[0].tip[: frames.per_cycle].swapaxes(0, 1))

@@ -13,7 +13,8 @@ export class Head {
   // notes are not in sight
   constructor(subject, longest, more, unnoted) {
     const texts = ["title", "verdict", "notes"].map((id) => [byId(id), [...byId(id).childNodes]]);
-    Object.assign(this, { subject, longest, more, unnoted, texts });
+    const study = byId("title").textContent;
+    Object.assign(this, { subject, longest, more, unnoted, texts, study });
   }
 
   write(sentence, notes, title) {
@@ -30,12 +31,27 @@ export class Head {
     const title = `${this.subject}: ${words}`;
     setText(byId("title"), title);
     setAttribute(byId("title"), "title", title);
+    this.name(title);
+  }
+
+  // Name the window and the animation after what they show.
+  name(title) {
+    const panes = byId("panes");
+    const label = panes.getAttribute("aria-label");
+    setAttribute(
+      panes,
+      "aria-label",
+      label.replace(this.named || this.study, () => title),
+    );
+    document.title = title;
+    this.named = title;
   }
 
   // Say again what is said of the study.
   restore() {
     for (const [node, children] of this.texts) node.replaceChildren(...children);
     byId("title").removeAttribute("title");
+    this.name(this.study);
   }
 
   // Show as many lines of a loop's notes as there is room for under its sentence, and a button for

@@ -6,7 +6,7 @@ import { byId } from "../dom.js";
 import { formatLength } from "../numbers.js";
 import { enclosing, lengthOf, normalOf, planeWords } from "./loops.js";
 import { isFarBeyond, proofClause, proofNote } from "./proof.js";
-import { answer, CHECKED, edgeWords, failureWords, lineWords } from "./sentence.js";
+import { answer, CHECKED, edgeWords, failureWords, lineWords, railNotes } from "./sentence.js";
 
 export const CYCLES = 10;
 const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
@@ -74,7 +74,7 @@ export class Report {
   notes(cycles) {
     const { best, chain, loops, result } = this;
     const { points } = loops;
-    const words = [];
+    const words = railNotes(chain, result.motions);
     if (this.isProvable()) words.push(proofNote(chain, points, this.isBroken()));
     if (best && points && cycles === result.cycles) {
       const long = formatLength(LEAST_LENGTH * chain.size);

@@ -315,6 +315,18 @@ function laterWords({ broken, under, lost }, cycles) {
   return [[` In cycle ${broken.cycle}, ${what}.`, "bad"]];
 }
 
+// Which joints go beyond the ends of their rails, as these are drawn; see own_loop.py.
+export function railNotes({ n, names, rails }, motions) {
+  const left = names.filter((_, i) => {
+    const goes = (q, k) => k % n === i && (q < rails[i][0] || q > rails[i][1]);
+    return rails[i] && motions.some(({ Q }) => Q.some(goes));
+  });
+  const one = left.length === 1;
+  const words = one ? "goes beyond its rail, which is" : "go beyond their rails, which are";
+  const range = one ? "its range" : "their ranges";
+  return left.length ? [[` ${left.join(" and ")} ${words} drawn shorter than ${range}.`]] : [];
+}
+
 // How much higher the joint speed is under the repeatable control than under the usual one.
 function speedWords(one, usual, cycles) {
   const [early, late] = [0, cycles - 1].map((c) => higher(one.speeds[c] / usual.speeds[c] - 1));
