@@ -5,7 +5,7 @@ import { gap } from "./loops.js";
 
 const FAR_BEYOND = 4; // proved radii, beyond which nothing of a proof stands beside a loop
 
-// Whether points of the hand that is led are beyond so many proved radii around its start.
+// Whether points of the hand that is led are beyond this number of proved radii around its start.
 export function isBeyond({ proved, homes, led }, points, radii = 1) {
   return Boolean(proved) && points.some((p) => gap(p, homes[led]) >= radii * proved);
 }

@@ -215,7 +215,8 @@ export const shortName = (part) => (/\d/.test(part) ? part : `the ${part}`);
 
 function partWords(part) {
   if (!/\d/.test(part)) return shortName(part);
-  return part.startsWith("arm ") ? part : `${part} of the arm`;
+  const whole = unbroken(part);
+  return part.startsWith("arm ") ? whole : `${whole} of the arm`;
 }
 
 const angleWords = (angle) =>
