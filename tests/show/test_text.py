@@ -17,7 +17,6 @@ from terminals import terminal_of
 from test_own_loop import NODE, SCRIPTS
 
 import repctl_pin as rp
-from repctl_pin.model.kind import KINDS, Kind
 from repctl_pin.show.text import numbers
 from repctl_pin.show.text.coloured_text import Span, coloured, fitted, wrapped
 from repctl_pin.show.text.headline import headline_of
@@ -169,7 +168,7 @@ def test_no_sentence_of_one_arm_speaks_of_two_hands() -> None:
                 assert "hands" not in told and "one arm" not in told
     three = words(headline_of([USUAL, replace(USUAL, label="mine"), CLOSED], 10))[0]
     assert three.startswith("After 10 cycles the hand is back under every control. ")
-    two = words(headline_of([USUAL, CLOSED], 10, kinds=[KINDS["pose"]] * 2))[0]
+    two = words(headline_of([USUAL, CLOSED], 10, kinds=[rp.Robot.load("panda").task().kind] * 2))[0]
     assert two.startswith("After 10 cycles both hands are back under either control. ")
 
 
@@ -187,10 +186,11 @@ def test_no_sentence_of_one_arm_speaks_of_two_hands() -> None:
 )
 def test_a_hand_is_back_in_what_its_task_commands(kinds: list[str], back: str) -> None:
     """A hand that was free to turn ended turned, and was said to be back."""
-    each = [KINDS[kind] for kind in kinds]
+    robot = rp.Robot.load("panda")
+    each = [robot.task(kind=kind).kind for kind in kinds]
     told = words(headline_of([USUAL, CLOSED], 10, kinds=each))[0]
     assert told.startswith(f"After 10 cycles {back} under either control. ")
-    assert Kind.stacked(each).each == tuple(each)
+    assert type(each[0]).stacked(each).each == tuple(each)
 
 
 def test_another_hand_that_moves_with_the_arm_is_named() -> None:
