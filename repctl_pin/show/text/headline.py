@@ -288,7 +288,7 @@ def _drifted(summaries: Sequence[MotionSummary], times: str, after: str) -> list
     worst = max(summaries, key=lambda one: one.off)
     numbered = worst.part.removeprefix("link ").isdigit()
     named = worst.part if worst.part.startswith("link ") else f"the {worst.part}"
-    subject = f"{_whole(worst.part)} of the arm" if numbered else named
+    subject = f"{worst.part} of the arm" if numbered else named
     verb = "is not back" if after else "is not"
     if worst.off >= SMALL:
         offs = _offs(summaries, " from its start")

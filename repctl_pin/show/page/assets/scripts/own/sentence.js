@@ -215,8 +215,7 @@ export const shortName = (part) => (/\d/.test(part) ? part : `the ${part}`);
 
 function partWords(part) {
   if (!/\d/.test(part)) return shortName(part);
-  const whole = unbroken(part);
-  return part.startsWith("arm ") ? whole : `${whole} of the arm`;
+  return part.startsWith("arm ") ? part : `${part} of the arm`;
 }
 
 const angleWords = (angle) =>
