@@ -290,7 +290,7 @@ def test_each_coordinate_of_width_0_is_held() -> None:
         x = F.cell.at(np.zeros(F.cell.k))
         x.rotation = x.rotation @ pin.exp3(turn)
         for evaluate in (lambda x=x: F(x), lambda x=x: F.batch([x])):
-            with pytest.raises(rp.InputError, match="by 0.01 m or rad along a coord"):
+            with pytest.raises(rp.InputError, match="by 0.01 m or rad in another coord"):
                 evaluate()
 
 
