@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
-from scipy.optimize import linprog
+from scipy.optimize import Bounds, milp
 
 from ....base.arguments import Array
 from ..fit.trimming import Required
@@ -177,13 +177,14 @@ def largest_between(ends: Array, least: float = 0.0, degree: int = MOST_DEGREE) 
             break
         if length[i : j + 1].min() < _NARROW:
             continue
-        found = _between(ends[i : j + 1].astype(float), i, j, degree)
-        best = max(best, found, key=lambda one: one.area)
+        best = _between(ends[i : j + 1].astype(float), i, j, degree, best)
     return best
 
 
-def _between(ends: Array, first: int, last: int, degree: int) -> Between:
+def _between(ends: Array, first: int, last: int, degree: int, best: Between) -> Between:
     """Find the two polynomials inside runs, with the largest area between them.
+
+    Return ``best`` instead if its area is as large, or if no polynomials fit.
 
     ``ends`` (L, 2) has the runs at the L heights with the indices ``first`` to ``last``. The degree
     is at most ``degree``, and at most (L − 1) / 2. The polynomials are constrained only at the L
@@ -194,15 +195,18 @@ def _between(ends: Array, first: int, last: int, degree: int) -> Between:
     weights = np.ones(len(ends))
     weights[[0, -1]] = 0.5
     none, most = np.zeros_like(V), weights @ V
-    found = linprog(
+    # without integers, milp solves a linear program, with less overhead than linprog
+    found = milp(
         np.concatenate([most, -most]),
-        np.block([[-V, none], [none, V], [V, -V]]),
-        np.concatenate([-ends[:, 0], ends[:, 1], np.full(len(ends), -_NARROW)]),
-        bounds=(None, None),
-        method="highs",
+        constraints=(
+            np.block([[-V, none], [none, V], [V, -V]]),
+            -np.inf,
+            np.concatenate([-ends[:, 0], ends[:, 1], np.full(len(ends), -_NARROW)]),
+        ),
+        bounds=Bounds(-np.inf, np.inf),
     )
-    if found.status:
-        return Between.none()
+    if found.status or -found.fun <= best.area:
+        return best
     low, high = (chebyshev.cheb2poly(c) for c in np.split(found.x, 2))
     low, high = (np.pad(c, (0, degree + 1 - len(c))) for c in (low, high))
     return Between(-float(found.fun), first, last, low, high)
@@ -242,8 +246,9 @@ def affordable_between(
     radii = steps(mask.shape) if radii is None else radii
     with np.errstate(invalid="ignore"):
         extra = np.where(mask, np.sqrt(own / usual) - 1, np.nan)
-        for most in [np.inf, *limits.mean * np.geomspace(DEAREST, 1, SHARES)]:
-            good = extra < min(most, SPARE * limits.worst)
+        most = np.minimum(limits.mean * np.geomspace(DEAREST, 1, SHARES), SPARE * limits.worst)
+        for highest in sorted({SPARE * limits.worst, *most}, reverse=True):
+            good = extra < highest
             if most_between(good) <= least:
                 break
             (first,), (last,) = rectangles(good[None])[1:]

@@ -787,13 +787,17 @@ def _shaped_places(
             rating[k] = found.area * SPACING**2 * (0.5 + 0.5 * share)
             every[k], postures[k] = (table, found), Q[found.middle]
     cell = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
-    for k in map(int, () if smooth else _unlike(table, rating, postures)):
-        found = every[k][1]
+    some = [] if smooth else _unlike(table, rating, postures).tolist()
+    fine, begin = table.finer(), np.array([every[k][1].middle for k in some], int).reshape(-1, 2)
+    floods_there = flooded(fine, 2 * begin, postures[some], np.zeros(postures[some].shape, bool))
+    for k, flood in zip(some, floods_there, strict=True):
         angles = float(openings.middle[k]), float(openings.half[k])
-        fine, inner, q = _refined(table, cell, found, postures[k], angles, limits)
+        found = every[k][1]
+        inner = _refined(fine, cell, found, flood, angles, limits)
         gain = inner.area / found.area * (fine.spacing / SPACING) ** 2
         if gain > 1:
-            every[k], postures[k], rating[k] = (fine, inner), q, rating[k] * gain
+            every[k], postures[k] = (fine, inner), flood[inner.middle]
+            rating[k] *= gain
 
     def sector(k: int, turns: tuple[float, float]) -> Cell:
         return _shaped_sector(every[k][0], line, symmetries, every[k][1], turns)
@@ -802,32 +806,28 @@ def _shaped_places(
 
 
 def _refined(
-    table: Table,
+    fine: Table,
     cell: Cell,
     found: Between,
-    q: Array,
+    flood: Array,
     window: tuple[float, float],
     limits: Required,
-) -> tuple[Table, Between, Array]:
-    """Find a sector larger than ``found``, with a new flood over nodes at half the spacing.
+) -> Between:
+    """Find a sector larger than ``found``, in a flood over nodes at half the spacing.
 
-    ``found`` is a sector in a flood over the nodes of ``table``, and ``q`` (n,) the configuration
-    in its middle, where the new flood begins. ``window`` has the middle and the half-width, rad, of
-    the angles at which bodies keep the distance of ``limits``. Joint speeds are those along the
-    coordinates of ``cell``. Return the table with half the spacing, the sector, and the
-    configuration (n,) in its middle. If no larger sector is found, the result has a smaller area,
-    or 0.
+    ``found`` is a sector in a flood over the nodes of a table, ``fine`` the table with half the
+    spacing, and ``flood`` (I, J, n) a new flood over its nodes, which begins in the middle of
+    ``found``. ``window`` has the middle and the half-width, rad, of the angles at which bodies keep
+    the distance of ``limits``. Joint speeds are those along the coordinates of ``cell``. If no
+    larger sector is found, the result has a smaller area, or 0.
     """
-    fine = table.finer()
-    flood = flooded(fine, 2 * np.array([found.middle]), q[None], np.zeros((1, len(q)), bool))[0]
     middle, half = window[0], window[1] - STEP / 2
-    least = found.area * (table.spacing / fine.spacing) ** 2
+    least = found.area * (SPACING / fine.spacing) ** 2
     enough = partial(more_between, least=least)
     mask = free_nodes(fine, flood, limits.distance, (middle - half, middle + half), enough)
     own, usual = np.full((2, *fine.shape), np.nan)
     own[mask], usual[mask] = least_speeds(cell, flood[mask])
-    inner = affordable_between(mask, own, usual, limits, least)
-    return fine, inner, flood[inner.middle]
+    return affordable_between(mask, own, usual, limits, least)
 
 
 def _best_shape(
