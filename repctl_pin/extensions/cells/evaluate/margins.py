@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -583,7 +583,11 @@ def differences(
     return np.where(np.isfinite(slope), slope, 0.0)
 
 
-def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> Array:
+def searched(
+    candidate: CandidateFunction,
+    *starts: tuple[Quantity, Array],
+    shortest: float = _LENGTHS.shortest,
+) -> Array:
     """Search the cell for poses at which quantities are smallest, by projected gradient descent.
 
     At the boundary of the cell, steps outward are suppressed. Return the coordinates (L, k) of the
@@ -599,6 +603,8 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
     *starts : (quantity, (K, k) array) pairs
         Quantities to minimise, each with the poses from which its descents start. All descents
         step together, because Newton's method takes hardly longer for many poses than for a few.
+    shortest
+        Step length in u below which a descent ends.
     """
     quantities = [quantity for quantity, _ in starts]
     here = candidate.at(np.concatenate([U for _, U in starts]))
@@ -626,7 +632,8 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
         visited.append(tried.U[better | ~tried.found])
 
     U, value = here.U.copy(), _least_of(quantities, which, here)
-    descend_in_box(U, value, trial, evaluate, _LENGTHS, accepted=accepted)
+    lengths = replace(_LENGTHS, shortest=shortest)
+    descend_in_box(U, value, trial, evaluate, lengths, accepted=accepted)
     return np.concatenate([*visited, U])
 
 

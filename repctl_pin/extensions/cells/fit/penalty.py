@@ -97,7 +97,8 @@ class ActiveConstraint:
         near = margin.least(candidate.at(self.U))
         if near.min(initial=np.inf) > _FAR * margin.required:
             return False
-        found = searched(candidate, (margin, self.U[np.argsort(near)[: margin.starts]]))
+        starts = margin, self.U[np.argsort(near)[: margin.starts]]
+        found = searched(candidate, starts, shortest=_GRID / 2)
         new = _without(_GRID * np.round(found / _GRID), self.U)
         self.U = np.concatenate([self.U, new])
         near = np.concatenate([near, margin.least(candidate.at(new))])
