@@ -611,14 +611,19 @@ def searched(
     which = np.repeat(np.arange(len(starts)), [len(U) for _, U in starts])[here.found]
     here = rows_of(here, here.found)
     tried, visited = here, [here.U]
+    ways, moved = np.empty_like(here.U), np.ones(len(here.U), bool)
 
     def trial(rows: NDArray[np.intp], length: Array) -> Array:
-        part = rows_of(here, rows)
-        slope = _slopes_of(quantities, candidate, which[rows], part, value[rows])
-        outward = (np.abs(part.U) >= 1) & (slope * part.U < 0)
-        slope = np.where(outward, 0.0, slope)
-        way = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-12)
-        return np.clip(part.U - length[:, None] * way, -1, 1)
+        # after a step that was rejected, the slope is known
+        some = rows[moved[rows]]
+        if len(some):
+            part = rows_of(here, some)
+            slope = _slopes_of(quantities, candidate, which[some], part, value[some])
+            outward = (np.abs(part.U) >= 1) & (slope * part.U < 0)
+            slope = np.where(outward, 0.0, slope)
+            ways[some] = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-12)
+            moved[some] = False
+        return np.clip(here.U[rows] - length[:, None] * ways[rows], -1, 1)
 
     def evaluate(rows: NDArray[np.intp], U: Array) -> tuple[Array, NDArray[np.bool_]]:
         nonlocal tried
@@ -629,6 +634,7 @@ def searched(
     def accepted(rows: NDArray[np.intp], better: NDArray[np.bool_]) -> None:
         nonlocal here
         here = here.replaced(rows[better], rows_of(tried, better))
+        moved[rows[better]] = True
         visited.append(tried.U[better | ~tried.found])
 
     U, value = here.U.copy(), _least_of(quantities, which, here)

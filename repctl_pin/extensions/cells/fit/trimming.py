@@ -354,7 +354,7 @@ def _cut_until_good(
         U, bad = _near(chart, limits.distance, seed=19 + k)
         # where bodies are near, joint speed is tested after the next cut
         if not bodies_only and (k == 0 or not bad.any()):
-            dear = design.function.chart is chart and design.extra_speed > limits.mean
+            dear = design.extra_speed > limits.mean and (k == 0 or design.function.chart is chart)
             bad |= _uncovered(fit, chart, U, limits, dear=dear)
         U, bad = np.concatenate([U, stops]), np.pad(bad, (0, len(stops)), constant_values=True)
         if bad.any():
