@@ -92,6 +92,7 @@ from .largest_profile import (
     SMOOTH,
     SPARE,
     Between,
+    Multipliers,
     affordable_between,
     area_of,
     more_between,
@@ -772,6 +773,7 @@ def _shaped_places(
     """
     own, usual = speeds[:, openings.flood]
     every = [(table, Between.none())] * len(openings.mask)
+    known: Multipliers = {}
     rating = np.zeros(len(every))
     postures = np.zeros((len(every), table.task.n))
     degree = SMOOTH if smooth else MOST_DEGREE
@@ -780,7 +782,8 @@ def _shaped_places(
     most = unit * [most_between(mask) for mask in openings.mask]
     for k in map(int, np.argsort(-most, kind="stable")):
         least = _AS_GOOD * rating.max() / unit[k]
-        found = affordable_between(openings.mask[k], own[k], usual[k], limits, least, degree)
+        there = openings.mask[k], own[k], usual[k]
+        found = affordable_between(*there, limits, least, degree, known=known)
         if found.area:
             Q, inside = floods.Q[openings.flood[k]], found.inside(table.shape)
             share = _turn_share(table.task, symmetries, Q[inside], openings.half[k] / np.pi)
@@ -793,7 +796,7 @@ def _shaped_places(
     for k, flood in zip(some, floods_there, strict=True):
         angles = float(openings.middle[k]), float(openings.half[k])
         found = every[k][1]
-        inner = _refined(fine, cell, found, flood, angles, limits)
+        inner = _refined(fine, cell, found, flood, angles, limits, known)
         gain = inner.area / found.area * (fine.spacing / SPACING) ** 2
         if gain > 1:
             every[k], postures[k] = (fine, inner), flood[inner.middle]
@@ -812,14 +815,16 @@ def _refined(
     flood: Array,
     window: tuple[float, float],
     limits: Required,
+    known: Multipliers,
 ) -> Between:
     """Find a sector larger than ``found``, in a flood over nodes at half the spacing.
 
     ``found`` is a sector in a flood over the nodes of a table, ``fine`` the table with half the
     spacing, and ``flood`` (I, J, n) a new flood over its nodes, which begins in the middle of
     ``found``. ``window`` has the middle and the half-width, rad, of the angles at which bodies keep
-    the distance of ``limits``. Joint speeds are those along the coordinates of ``cell``. If no
-    larger sector is found, the result has a smaller area, or 0.
+    the distance of ``limits``. Joint speeds are those along the coordinates of ``cell``. ``known``
+    are multipliers of other searches, see :func:`.largest_between`. If no larger sector is found,
+    the result has a smaller area, or 0.
     """
     middle, half = window[0], window[1] - STEP / 2
     least = found.area * (SPACING / fine.spacing) ** 2
@@ -827,7 +832,7 @@ def _refined(
     mask = free_nodes(fine, flood, limits.distance, (middle - half, middle + half), enough)
     own, usual = np.full((2, *fine.shape), np.nan)
     own[mask], usual[mask] = least_speeds(cell, flood[mask])
-    return affordable_between(mask, own, usual, limits, least)
+    return affordable_between(mask, own, usual, limits, least, known=known)
 
 
 def _best_shape(
