@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ....base.arguments import Array
 from ....model.native_kinematics import placed
 from ....model.task import Task
+from ..geometry.kinematics import solved
 from ..geometry.symmetry import Symmetry
 
 SPACING = 0.03
@@ -175,7 +176,7 @@ def _newton_step(J: Array, e: Array, push: Array) -> Array:
     """
     JJ = J @ np.swapaxes(J, 1, 2) + 1e-10 * np.eye(J.shape[1])
     rest = (e - np.einsum("Kmn,Kn->Km", J, push))[..., None]
-    dQ = np.einsum("Kmn,Km->Kn", J, np.linalg.solve(JJ, rest)[..., 0]) + push
+    dQ = np.einsum("Kmn,Km->Kn", J, solved(JJ, rest)[..., 0]) + push
     longest = np.abs(dQ).max(axis=1, keepdims=True)
     return np.asarray(dQ * np.minimum(1.0, _STEP / np.maximum(longest, 1e-12)))
 
