@@ -31,7 +31,7 @@ from ....strategies.strategy import Inverse
 from ..chart.chart import Chart, Points
 from ..chart.monomials import Monomials
 from ..evaluate.margins import CandidateFunction, Margin, searched
-from ..geometry.kinematics import rows_of
+from ..geometry.kinematics import joined, rows_of
 from .cost import Cost, Descent, Penalty, descend
 
 _WEIGHTS = (1e2, 1e5)
@@ -94,17 +94,19 @@ class ActiveConstraint:
         farthest below the margin asked for are added to the penalised poses :attr:`edge`.
         """
         margin = self.margin
-        near = margin.least(candidate.at(self.U))
+        at = candidate.at(self.U)
+        near = margin.least(at)
         if near.min(initial=np.inf) > _FAR * margin.required:
             return False
         starts = margin, self.U[np.argsort(near)[: margin.starts]]
         found = searched(candidate, starts, shortest=_GRID / 2)
         new = _without(_GRID * np.round(found / _GRID), self.U)
         self.U = np.concatenate([self.U, new])
-        near = np.concatenate([near, margin.least(candidate.at(new))])
+        more = candidate.at(new)
+        near = np.concatenate([near, margin.least(more)])
         worst = np.argsort(near)[: 4 * margin.violators]
         worst = worst[near[worst] < margin.required]
-        at = candidate.at(self.U[worst])
+        at = rows_of(joined([at, more]), worst)
         asked, short = self._shortage(candidate.chart, at, near[worst])
         edge = self.U[worst[: len(short)]]
         if not self._too_short(short, asked).any():
@@ -206,6 +208,7 @@ class PenaltyMethod:
         self.nodes = nodes
         self.shares, self.most = np.ones(len(nodes)), (1 + _SPARE * most_extra) ** 2 - 1
         self.constraints = constraints
+        self._short_at: Array | None = None
         first = _WEIGHTS[1] / 10 ** max(rounds - 1, 0)
         self.rounds, self.weight = rounds, max(first, _WEIGHTS[0])
 
@@ -317,10 +320,14 @@ class PenaltyMethod:
         """Test whether any margin is too small at some pose, for the coefficients a (N, r).
 
         All kinds of margins are tested, even after one is too small, because each test also adds
-        the worst poses to the penalised poses.
+        the worst poses to the penalised poses. If margins were too small for the same coefficients
+        in the last test, they are not tested again.
         """
+        if self._short_at is not None and np.array_equal(self._short_at, a):
+            return True
         candidate = CandidateFunction(self.chart, terms, a)
         short = [watch.short(candidate) for watch in self.constraints]  # without short-circuit
+        self._short_at = a if any(short) else None
         return any(short)
 
 

@@ -1050,8 +1050,9 @@ def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectang
         extra = np.where(openings.mask, np.sqrt(own / usual) - 1, np.nan)
         best = rectangles(extra < limits.worst)
         best.area[_mean_extra(best, own, usual) > limits.mean] = 0.0
-        for most in limits.mean * np.geomspace(DEAREST, 1, SHARES):
-            tried = rectangles(extra < min(most, limits.worst))
+        shares = limits.mean * np.geomspace(DEAREST, 1, SHARES)
+        for most in shares[shares < limits.worst]:
+            tried = rectangles(extra < most)
             better = tried.area > best.area
             better &= _mean_extra(tried, own, usual) <= limits.mean
             for kept, new in zip(best, tried, strict=True):
