@@ -415,6 +415,12 @@ def test_a_guess_leaves_out_no_pose_that_the_free_functions_violate() -> None:
         assert (margin.least(margins.CandidateFunction(chart, terms, found.a).at(U)) > 0.08).all()
         guess = low.fit(U, terms.values(U) @ found.a)
         costs.append(found.value.cost)
+    tested: list[int] = []
+    made = SimpleNamespace(short=lambda _: bool(tested.append(1) or True))
+    twice = PenaltyMethod(desired, chart, U, [made], 20)
+    for a in (free[0].a, free[0].a.copy(), free[0].a + 1):  # a test for each of two functions
+        assert twice._short(low, a)
+    assert len(tested) == 2
     fit = PenaltyMethod(desired, chart, U, [constraint()], 20)
     again = fit.kept(free[1:], terms, lambda *_: None)  # degree 2 is fitted anew
     assert again.value.cost == pytest.approx(costs[0], rel=1e-3)
@@ -742,6 +748,28 @@ def test_searches_for_several_quantities_visit_the_poses_of_each(tmp_path: Path)
     every = np.concatenate(alone)
     assert len(found) == len(every)
     assert np.abs(found[:, None] - every[None]).max(axis=2).min(axis=0).max() < 1e-9
+
+
+def test_a_search_computes_each_slope_once_and_ends_at_its_shortest_step(tmp_path: Path) -> None:
+    """After a step that was rejected, the slope at the same pose was computed again."""
+    chart = wrist(tmp_path)
+    candidate, starts = margins.CandidateFunction.zero(chart), chart.cell.sample(8)
+    seen: list[np.ndarray] = []
+
+    class Seen(margins.Margin):
+        def slope(self, candidate: margins.CandidateFunction, at: Any) -> np.ndarray:
+            seen.append(at.U)
+            return super().slope(candidate, at)
+
+    target = candidate.at(np.array([[0.3, -0.4]])).Q
+    how = {"required": 0.0, "slack": 0.0, "watched": 8, "starts": 8, "violators": 8}
+    curved = Seen("curved", lambda Q: ((Q - target) ** 2).sum(axis=1, keepdims=True), **how)
+    margins.searched(candidate, (curved, starts))
+    poses, fine = np.concatenate(seen), len(seen)
+    assert len(poses) > 8 and len(np.unique(poses, axis=0)) == len(poses)
+    seen.clear()
+    margins.searched(candidate, (curved, starts), shortest=0.025)
+    assert len(seen) < fine
 
 
 def test_the_search_for_a_small_margin_does_not_jump(tmp_path: Path) -> None:
