@@ -208,7 +208,6 @@ class PenaltyMethod:
         self.nodes = nodes
         self.shares, self.most = np.ones(len(nodes)), (1 + _SPARE * most_extra) ** 2 - 1
         self.constraints = constraints
-        self._short_at: Array | None = None
         first = _WEIGHTS[1] / 10 ** max(rounds - 1, 0)
         self.rounds, self.weight = rounds, max(first, _WEIGHTS[0])
 
@@ -320,14 +319,10 @@ class PenaltyMethod:
         """Test whether any margin is too small at some pose, for the coefficients a (N, r).
 
         All kinds of margins are tested, even after one is too small, because each test also adds
-        the worst poses to the penalised poses. If margins were too small for the same coefficients
-        in the last test, they are not tested again.
+        the worst poses to the penalised poses.
         """
-        if self._short_at is not None and np.array_equal(self._short_at, a):
-            return True
         candidate = CandidateFunction(self.chart, terms, a)
         short = [watch.short(candidate) for watch in self.constraints]  # without short-circuit
-        self._short_at = a if any(short) else None
         return any(short)
 
 
