@@ -265,7 +265,7 @@ def rectangles(mask: NDArray[np.bool_]) -> Rectangles:
     The area of a rectangle is measured between its outer nodes, in units of the spacing squared.
     The area is 0 if a mask contains no rectangle.
     """
-    S, rows, columns = mask.shape
+    S, rows = mask.shape[:2]
     area = np.zeros(S)
     first, last = np.zeros((S, 2), int), np.zeros((S, 2), int)
     longest = _longest_runs(mask)[0] - 1
