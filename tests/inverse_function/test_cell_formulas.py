@@ -744,6 +744,28 @@ def test_searches_for_several_quantities_visit_the_poses_of_each(tmp_path: Path)
     assert np.abs(found[:, None] - every[None]).max(axis=2).min(axis=0).max() < 1e-9
 
 
+def test_a_search_computes_each_slope_once_and_ends_at_its_shortest_step(tmp_path: Path) -> None:
+    """After a step that was rejected, the slope at the same pose was computed again."""
+    chart = wrist(tmp_path)
+    candidate, starts = margins.CandidateFunction.zero(chart), chart.cell.sample(8)
+    seen: list[np.ndarray] = []
+
+    class Seen(margins.Margin):
+        def slope(self, candidate: margins.CandidateFunction, at: Any) -> np.ndarray:
+            seen.append(at.U)
+            return super().slope(candidate, at)
+
+    target = candidate.at(np.array([[0.3, -0.4]])).Q
+    how = {"required": 0.0, "slack": 0.0, "watched": 8, "starts": 8, "violators": 8}
+    curved = Seen("curved", lambda Q: ((Q - target) ** 2).sum(axis=1, keepdims=True), **how)
+    margins.searched(candidate, (curved, starts))
+    poses, fine = np.concatenate(seen), len(seen)
+    assert len(poses) > 8 and len(np.unique(poses, axis=0)) == len(poses)
+    seen.clear()
+    margins.searched(candidate, (curved, starts), shortest=0.025)
+    assert len(seen) < fine
+
+
 def test_the_search_for_a_small_margin_does_not_jump(tmp_path: Path) -> None:
     """The last joint turns by 4 rad for each unit of u, and by less than 1 rad in each step."""
     chart = wrist(tmp_path)

@@ -101,6 +101,28 @@ def test_polynomials_fill_a_region_that_they_bound() -> None:
     assert best.middle == (30, 20)
 
 
+def test_multipliers_of_other_searches_save_linear_programs_and_change_no_result(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Oracle: searches that solve every program."""
+    profile, rng, solved = tables.largest_profile, np.random.default_rng(8), []
+    solve = profile.linprog
+    monkeypatch.setattr(profile, "linprog", lambda *a, **k: solved.append(1) or solve(*a, **k))
+    low = 8 + np.cumsum(rng.integers(-1, 2, 33))
+    similar = [np.column_stack([low + rng.integers(0, 2, 33), low + 20]) for _ in range(6)]
+    for degree in (profile.SMOOTH, 8):
+        known: dict = {}
+        together = [profile.largest_between(ends, 0.0, degree, known) for ends in similar]
+        few, solved[:] = len(solved), []
+        with monkeypatch.context() as patch:
+            patch.setattr(profile, "_ROUNDING", np.inf)  # no bound is used
+            alone = [profile.largest_between(ends, 0.0, degree) for ends in similar]
+        assert few < 0.7 * len(solved)
+        solved[:] = []
+        for one, two in zip(together, alone, strict=True):
+            assert one.area == two.area > 0 and one.first == two.first and one.last == two.last
+
+
 def test_all_nodes_between_the_polynomials_are_in_the_mask() -> None:
     """Law, at random masks with holes; and the area is at most that of the runs."""
     rng = np.random.default_rng(3)
@@ -264,6 +286,25 @@ def test_a_cut_leaves_no_bad_pose_and_keeps_what_is_far_from_them(k: int) -> Non
     low, high = trimming.cut_sides(U, bad)
     assert not (bad & ((U >= low) & (U <= high)).all(axis=1)).any()
     assert (low == -1).all() and (high[1:] == 1).all() and 0.5 < high[0] < 0.7
+
+
+def test_a_part_is_kept_after_its_dearest_poses_are_cut_off(panda_pose: rp.Task) -> None:
+    """With the function's extra joint speed just above the limit, the part was never evaluated
+    again, and after twelve cuts there was no design."""
+    fit, found = near_itself(panda_pose)
+    limits = trimming.Required(mean=0.97 * found.extra_speed)
+    kept = trimming.kept_where_good(fit, found, limits)
+    assert kept is not None and 0 < kept.extra_speed <= limits.mean
+
+
+def test_the_dearest_poses_are_found_where_many_cost_the_same() -> None:
+    """Of the poses of a sample, a tenth were at one corner of radius and height, and the limit
+    that 3 % exceed was the highest joint speed itself."""
+    ratio = np.append(np.linspace(1.0, 1.1, 90), np.full(10, 1.2))
+    made = SimpleNamespace(ratio=ratio)
+    limits = trimming.Required(mean=0.05, worst=0.3)
+    assert np.array_equal(trimming._too_dear(made, limits, dear=True), ratio == 1.2)
+    assert not trimming._too_dear(made, limits, dear=False).any()
 
 
 def test_a_cut_prefers_the_coordinate_that_counts_less() -> None:
@@ -1246,9 +1287,10 @@ def test_nodes_with_half_the_spacing_move_the_sides_outward(panda_pose: rp.Task)
     found = tables.largest_profile.largest_between(tables.largest_profile.runs(mask, first, last))
     cell = whole_table._sector(table, line, symmetries, first, last)
     limits, whole = whole_table.Required(np.inf, np.inf, 0.005), (0.0, np.pi)
-    fine, inner, middle = whole_table._refined(
-        table, cell, found, flood[found.middle], whole, limits
-    )
+    fine, begin = table.finer(), 2 * np.array([found.middle])
+    (closer,) = tables.flood.flooded(fine, begin, flood[found.middle][None], free)
+    inner = whole_table._refined(fine, cell, found, closer, whole, limits, {})
+    middle = closer[inner.middle]
     assert inner.area * fine.spacing**2 > found.area * table.spacing**2 > 0.1
     on = np.array([inner.middle])
     exact, good = fine.solved(on, middle[None], free, 9)

@@ -45,7 +45,7 @@ _FOURS = 4
 """Number of monomials that chart.c adds at a time."""
 
 _ITERATIONS = 12
-_EXACT = 1e-11
+_EXACT = 1e-8
 
 _ROUNDING = 1e-12
 """Size of coefficients that rounding alone can have."""

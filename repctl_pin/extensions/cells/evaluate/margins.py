@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -583,7 +583,11 @@ def differences(
     return np.where(np.isfinite(slope), slope, 0.0)
 
 
-def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> Array:
+def searched(
+    candidate: CandidateFunction,
+    *starts: tuple[Quantity, Array],
+    shortest: float = _LENGTHS.shortest,
+) -> Array:
     """Search the cell for poses at which quantities are smallest, by projected gradient descent.
 
     At the boundary of the cell, steps outward are suppressed. Return the coordinates (L, k) of the
@@ -599,20 +603,27 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
     *starts : (quantity, (K, k) array) pairs
         Quantities to minimise, each with the poses from which its descents start. All descents
         step together, because Newton's method takes hardly longer for many poses than for a few.
+    shortest
+        Step length in u below which a descent ends.
     """
     quantities = [quantity for quantity, _ in starts]
     here = candidate.at(np.concatenate([U for _, U in starts]))
     which = np.repeat(np.arange(len(starts)), [len(U) for _, U in starts])[here.found]
     here = rows_of(here, here.found)
     tried, visited = here, [here.U]
+    ways, moved = np.empty_like(here.U), np.ones(len(here.U), bool)
 
     def trial(rows: NDArray[np.intp], length: Array) -> Array:
-        part = rows_of(here, rows)
-        slope = _slopes_of(quantities, candidate, which[rows], part, value[rows])
-        outward = (np.abs(part.U) >= 1) & (slope * part.U < 0)
-        slope = np.where(outward, 0.0, slope)
-        way = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-12)
-        return np.clip(part.U - length[:, None] * way, -1, 1)
+        # after a step that was rejected, the slope is known
+        some = rows[moved[rows]]
+        if len(some):
+            part = rows_of(here, some)
+            slope = _slopes_of(quantities, candidate, which[some], part, value[some])
+            outward = (np.abs(part.U) >= 1) & (slope * part.U < 0)
+            slope = np.where(outward, 0.0, slope)
+            ways[some] = slope / np.maximum(np.abs(slope).max(axis=1, keepdims=True), 1e-12)
+            moved[some] = False
+        return np.clip(here.U[rows] - length[:, None] * ways[rows], -1, 1)
 
     def evaluate(rows: NDArray[np.intp], U: Array) -> tuple[Array, NDArray[np.bool_]]:
         nonlocal tried
@@ -623,10 +634,12 @@ def searched(candidate: CandidateFunction, *starts: tuple[Quantity, Array]) -> A
     def accepted(rows: NDArray[np.intp], better: NDArray[np.bool_]) -> None:
         nonlocal here
         here = here.replaced(rows[better], rows_of(tried, better))
+        moved[rows[better]] = True
         visited.append(tried.U[better | ~tried.found])
 
     U, value = here.U.copy(), _least_of(quantities, which, here)
-    descend_in_box(U, value, trial, evaluate, _LENGTHS, accepted=accepted)
+    lengths = replace(_LENGTHS, shortest=shortest)
+    descend_in_box(U, value, trial, evaluate, lengths, accepted=accepted)
     return np.concatenate([*visited, U])
 
 

@@ -31,7 +31,7 @@ from ....strategies.strategy import Inverse
 from ..chart.chart import Chart, Points
 from ..chart.monomials import Monomials
 from ..evaluate.margins import CandidateFunction, Margin, searched
-from ..geometry.kinematics import rows_of
+from ..geometry.kinematics import joined, rows_of
 from .cost import Cost, Descent, Penalty, descend
 
 _WEIGHTS = (1e2, 1e5)
@@ -94,16 +94,19 @@ class ActiveConstraint:
         farthest below the margin asked for are added to the penalised poses :attr:`edge`.
         """
         margin = self.margin
-        near = margin.least(candidate.at(self.U))
+        at = candidate.at(self.U)
+        near = margin.least(at)
         if near.min(initial=np.inf) > _FAR * margin.required:
             return False
-        found = searched(candidate, (margin, self.U[np.argsort(near)[: margin.starts]]))
+        starts = margin, self.U[np.argsort(near)[: margin.starts]]
+        found = searched(candidate, starts, shortest=_GRID / 2)
         new = _without(_GRID * np.round(found / _GRID), self.U)
         self.U = np.concatenate([self.U, new])
-        near = np.concatenate([near, margin.least(candidate.at(new))])
+        more = candidate.at(new)
+        near = np.concatenate([near, margin.least(more)])
         worst = np.argsort(near)[: 4 * margin.violators]
         worst = worst[near[worst] < margin.required]
-        at = candidate.at(self.U[worst])
+        at = rows_of(joined([at, more]), worst)
         asked, short = self._shortage(candidate.chart, at, near[worst])
         edge = self.U[worst[: len(short)]]
         if not self._too_short(short, asked).any():

@@ -225,7 +225,7 @@ def _too_dear(at: Sample, limits: Required, *, dear: bool) -> NDArray[np.bool_]:
     """
     ratio = np.nan_to_num(at.ratio, nan=np.inf)
     most = np.quantile(ratio[np.isfinite(ratio)], _DEAREST) if dear else np.inf
-    return np.asarray((ratio >= (1 + limits.worst) ** 2) | (ratio > most))
+    return np.asarray((ratio >= (1 + limits.worst) ** 2) | (ratio >= most))
 
 
 def near_all_round(
@@ -354,7 +354,8 @@ def _cut_until_good(
         U, bad = _near(chart, limits.distance, seed=19 + k)
         # where bodies are near, joint speed is tested after the next cut
         if not bodies_only and (k == 0 or not bad.any()):
-            bad |= _uncovered(fit, chart, U, limits, dear=design.extra_speed > limits.mean)
+            dear = design.extra_speed > limits.mean and (k == 0 or design.function.chart is chart)
+            bad |= _uncovered(fit, chart, U, limits, dear=dear)
         U, bad = np.concatenate([U, stops]), np.pad(bad, (0, len(stops)), constant_values=True)
         if bad.any():
             columns = [int(np.flatnonzero(chart.cell.whole.moved == i)[0]) for i in coordinates]

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from ....base.arguments import Array
 from ....model.native_kinematics import placed
 from ....model.task import Task
+from ..geometry.kinematics import solved
 from ..geometry.symmetry import Symmetry
 
 SPACING = 0.03
@@ -175,7 +176,7 @@ def _newton_step(J: Array, e: Array, push: Array) -> Array:
     """
     JJ = J @ np.swapaxes(J, 1, 2) + 1e-10 * np.eye(J.shape[1])
     rest = (e - np.einsum("Kmn,Kn->Km", J, push))[..., None]
-    dQ = np.einsum("Kmn,Km->Kn", J, np.linalg.solve(JJ, rest)[..., 0]) + push
+    dQ = np.einsum("Kmn,Km->Kn", J, solved(JJ, rest)[..., 0]) + push
     longest = np.abs(dQ).max(axis=1, keepdims=True)
     return np.asarray(dQ * np.minimum(1.0, _STEP / np.maximum(longest, 1e-12)))
 
@@ -264,24 +265,38 @@ def rectangles(mask: NDArray[np.bool_]) -> Rectangles:
     The area of a rectangle is measured between its outer nodes, in units of the spacing squared.
     The area is 0 if a mask contains no rectangle.
     """
-    S, rows, columns = mask.shape
+    S, rows = mask.shape[:2]
     area = np.zeros(S)
     first, last = np.zeros((S, 2), int), np.zeros((S, 2), int)
-    every, at = np.arange(S), np.arange(columns)
+    longest = _longest_runs(mask)[0] - 1
     for low in range(rows):
+        # area that a rectangle from this row down to each later row can have at most
+        most = np.minimum.accumulate(longest[:, low:], axis=1) * np.arange(rows - low)
+        on = np.flatnonzero(most.max(axis=1) > area)
+        if not len(on):
+            continue
+        depth = int(np.flatnonzero((most[on] > area[on, None]).any(axis=0))[-1]) + 1
         # all ranges of rows that begin here, with the columns that are open in each
-        open_ = np.logical_and.accumulate(mask[:, low:], axis=1)
-        open_ = open_[:, : max(1, int(open_.any(axis=(0, 2)).sum()))]
-        # length of the run of open columns that ends at each column
-        run = at - np.maximum.accumulate(np.where(open_, -1, at), axis=2)
-        end = run.argmax(axis=2)
-        height = np.arange(open_.shape[1])
-        width = np.take_along_axis(run, end[..., None], axis=2)[..., 0] - 1
-        found = np.where(width > 0, width * height, 0)
-        best = found.argmax(axis=1)
-        larger = found[every, best] > area
-        right, left = end[every, best], (end - width)[every, best]
-        area[larger] = found[every, best][larger]
-        first[larger] = np.column_stack([np.full(S, low), left])[larger]
-        last[larger] = np.column_stack([low + best, right])[larger]
+        length, end = _longest_runs(np.logical_and.accumulate(mask[on, low : low + depth], axis=1))
+        found = np.maximum(length - 1, 0) * np.arange(depth)
+        every, best = np.arange(len(on)), found.argmax(axis=1)
+        larger = found[every, best] > area[on]
+        on, every, best = on[larger], every[larger], best[larger]
+        right = end[every, best]
+        area[on] = found[every, best]
+        first[on] = np.column_stack([np.full(len(on), low), right - length[every, best] + 1])
+        last[on] = np.column_stack([low + best, right])
     return Rectangles(area, first, last)
+
+
+def _longest_runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Find the first of the longest runs of True entries in each row of the masks (S, I, J).
+
+    Return the lengths of the runs, 0 in a row without a True entry, and the indices of their last
+    entries: two (S, I).
+    """
+    at = np.arange(mask.shape[2])
+    # length of the run that ends at each column
+    run = at - np.maximum.accumulate(np.where(mask, -1, at), axis=2)
+    end = run.argmax(axis=2)
+    return np.take_along_axis(run, end[..., None], axis=2)[..., 0], end

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ....base.arguments import Array
 from ....model.native_kinematics import placed
+from ....strategies import Pseudoinverse
 from ..geometry.cell import Cell
 
 
@@ -47,7 +48,7 @@ def least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
     the joint of the symmetry moves alone. Both results are (K,).
     """
     J, E, C = _unit_twists(cell, Q)
-    usual = np.linalg.pinv(J) @ E
+    usual = Pseudoinverse(cell.task).batch(Q, J) @ E
     own = usual.copy()
     own[:, :, len(cell.moved) :] = cell.along
     return _squares(own @ C, usual @ C)

@@ -40,6 +40,9 @@ _NARROW = 2.0
 _SHORT = 8
 """Smallest number of spacings from the lowest to the highest height."""
 
+_ROUNDING = 1e-6
+"""Relative error of the multipliers of a linear program."""
+
 _STRIDE = 2
 """Step of the lowest and the highest height that are tried, in nodes."""
 
@@ -50,6 +53,10 @@ out; and number of such maxima that are tried down to the mean itself."""
 SPARE = 0.92
 """Share of the largest extra joint speed up to which nodes belong to a sector whose range of radius
 depends on the height: its function costs more than the minimum at some nodes."""
+
+
+Multipliers = dict[tuple[int, int], list[Array]]
+"""Lagrange multipliers of linear programs that were solved, by number of heights and degree."""
 
 
 class Between(NamedTuple):
@@ -150,7 +157,9 @@ def _overlapping(edges: NDArray[np.intp], low: int, high: int) -> tuple[int, int
     return int(starts[best]), int(ends[best])
 
 
-def largest_between(ends: Array, least: float = 0.0, degree: int = MOST_DEGREE) -> Between:
+def largest_between(
+    ends: Array, least: float = 0.0, degree: int = MOST_DEGREE, known: Multipliers | None = None
+) -> Between:
     """Find the two polynomials with the largest area between them, inside the runs ``ends`` (J, 2).
 
     A row of ``ends`` has the first and the last index of the radius at one height, or −1 twice. The
@@ -158,8 +167,10 @@ def largest_between(ends: Array, least: float = 0.0, degree: int = MOST_DEGREE) 
     bound of the area between polynomials. Ranges are tried in descending order of this bound. The
     search ends when the bound does not exceed the best area found so far, or does not exceed
     ``least``. So a result with an area of at most ``least``, in units of the spacing squared, may
-    be missed. ``degree`` is the maximum degree of the polynomials.
+    be missed. ``degree`` is the maximum degree of the polynomials. ``known`` are multipliers of
+    other searches, see :func:`_between`; those of this search are added.
     """
+    known = {} if known is None else known
     there = np.flatnonzero(ends[:, 0] >= 0)
     if len(there) <= _SHORT:
         return Between.none()
@@ -177,32 +188,46 @@ def largest_between(ends: Array, least: float = 0.0, degree: int = MOST_DEGREE) 
             break
         if length[i : j + 1].min() < _NARROW:
             continue
-        found = _between(ends[i : j + 1].astype(float), i, j, degree)
-        best = max(best, found, key=lambda one: one.area)
+        best = _between(ends[i : j + 1].astype(float), i, j, degree, best, known)
     return best
 
 
-def _between(ends: Array, first: int, last: int, degree: int) -> Between:
+def _between(
+    ends: Array, first: int, last: int, degree: int, best: Between, known: Multipliers
+) -> Between:
     """Find the two polynomials inside runs, with the largest area between them.
 
-    ``ends`` (L, 2) has the runs at the L heights with the indices ``first`` to ``last``. The degree
-    is at most ``degree``, and at most (L − 1) / 2. The polynomials are constrained only at the L
-    heights; a higher degree could leave the runs between them.
+    Return ``best`` instead if its area is as large, or if no polynomials fit. ``ends`` (L, 2) has
+    the runs at the L heights with the indices ``first`` to ``last``. The degree is at most
+    ``degree``, and at most (L − 1) / 2. The polynomials are constrained only at the L heights; a
+    higher degree could leave the runs between them.
+
+    Linear programs with the same L and degree differ only in the bounds of their constraints. So
+    the multipliers of one, times the bounds of another, are an upper bound of the other's area. If
+    it is no larger than that of ``best``, the program is not solved; else its multipliers are added
+    to ``known``.
     """
     degree = min(degree, (len(ends) - 1) // 2)
+    most = np.concatenate([-ends[:, 0], ends[:, 1], np.full(len(ends), -_NARROW)])
+    multipliers = known.setdefault((len(ends), degree), [])
+    if any(each @ most <= best.area / (1 + _ROUNDING) for each in multipliers):
+        return best
     V = chebyshev.chebvander(np.linspace(-1, 1, len(ends)), degree)
     weights = np.ones(len(ends))
     weights[[0, -1]] = 0.5
-    none, most = np.zeros_like(V), weights @ V
+    none, sums = np.zeros_like(V), weights @ V
     found = linprog(
-        np.concatenate([most, -most]),
+        np.concatenate([sums, -sums]),
         np.block([[-V, none], [none, V], [V, -V]]),
-        np.concatenate([-ends[:, 0], ends[:, 1], np.full(len(ends), -_NARROW)]),
+        most,
         bounds=(None, None),
         method="highs",
     )
     if found.status:
-        return Between.none()
+        return best
+    multipliers.append(-found.ineqlin.marginals)
+    if -found.fun <= best.area:
+        return best
     low, high = (chebyshev.cheb2poly(c) for c in np.split(found.x, 2))
     low, high = (np.pad(c, (0, degree + 1 - len(c))) for c in (low, high))
     return Between(-float(found.fun), first, last, low, high)
@@ -226,6 +251,7 @@ def affordable_between(
     least: float = 0.0,
     degree: int = MOST_DEGREE,
     radii: Array | None = None,
+    known: Multipliers | None = None,
 ) -> Between:
     """Find the largest part of one opening, between two polynomials, that keeps speed limits.
 
@@ -235,21 +261,22 @@ def affordable_between(
     of ``limits.worst``. Nodes with the largest extra joint speed are left out until the mean over
     the part is below ``limits.mean``. A part of at most the area ``least``, in units of the spacing
     squared, may be missed. ``degree`` is the maximum degree of the polynomials. The nodes have the
-    ``radii`` (I, J), by default those of :func:`steps`. The area of the result is 0 if nothing is
-    found.
+    ``radii`` (I, J), by default those of :func:`steps`. ``known`` are multipliers of other
+    searches, see :func:`largest_between`. The area of the result is 0 if nothing is found.
     """
     best = Between.none()
-    radii = steps(mask.shape) if radii is None else radii
+    radii, known = steps(mask.shape) if radii is None else radii, {} if known is None else known
     with np.errstate(invalid="ignore"):
         extra = np.where(mask, np.sqrt(own / usual) - 1, np.nan)
-        for most in [np.inf, *limits.mean * np.geomspace(DEAREST, 1, SHARES)]:
-            good = extra < min(most, SPARE * limits.worst)
+        most = np.minimum(limits.mean * np.geomspace(DEAREST, 1, SHARES), SPARE * limits.worst)
+        for highest in sorted({SPARE * limits.worst, *most}, reverse=True):
+            good = extra < highest
             if most_between(good) <= least:
                 break
             (first,), (last,) = rectangles(good[None])[1:]
             ends = runs(good, first, last)
             at = np.take_along_axis(radii, np.maximum(ends, 0).T, axis=0).T
-            found = largest_between(np.where(ends < 0, -1.0, at), least, degree)
+            found = largest_between(np.where(ends < 0, -1.0, at), least, degree, known)
             inside = found.inside(mask.shape, radii) & mask
             if found.area and np.sqrt(own[inside].sum() / usual[inside].sum()) < 1 + limits.mean:
                 best = max(best, found, key=lambda one: one.area)

@@ -92,6 +92,7 @@ from .largest_profile import (
     SMOOTH,
     SPARE,
     Between,
+    Multipliers,
     affordable_between,
     area_of,
     more_between,
@@ -772,6 +773,7 @@ def _shaped_places(
     """
     own, usual = speeds[:, openings.flood]
     every = [(table, Between.none())] * len(openings.mask)
+    known: Multipliers = {}
     rating = np.zeros(len(every))
     postures = np.zeros((len(every), table.task.n))
     degree = SMOOTH if smooth else MOST_DEGREE
@@ -780,20 +782,25 @@ def _shaped_places(
     most = unit * [most_between(mask) for mask in openings.mask]
     for k in map(int, np.argsort(-most, kind="stable")):
         least = _AS_GOOD * rating.max() / unit[k]
-        found = affordable_between(openings.mask[k], own[k], usual[k], limits, least, degree)
+        there = openings.mask[k], own[k], usual[k]
+        found = affordable_between(*there, limits, least, degree, known=known)
         if found.area:
             Q, inside = floods.Q[openings.flood[k]], found.inside(table.shape)
             share = _turn_share(table.task, symmetries, Q[inside], openings.half[k] / np.pi)
             rating[k] = found.area * SPACING**2 * (0.5 + 0.5 * share)
             every[k], postures[k] = (table, found), Q[found.middle]
     cell = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
-    for k in map(int, () if smooth else _unlike(table, rating, postures)):
-        found = every[k][1]
+    some = [] if smooth else _unlike(table, rating, postures).tolist()
+    fine, begin = table.finer(), np.array([every[k][1].middle for k in some], int).reshape(-1, 2)
+    floods_there = flooded(fine, 2 * begin, postures[some], np.zeros(postures[some].shape, bool))
+    for k, flood in zip(some, floods_there, strict=True):
         angles = float(openings.middle[k]), float(openings.half[k])
-        fine, inner, q = _refined(table, cell, found, postures[k], angles, limits)
+        found = every[k][1]
+        inner = _refined(fine, cell, found, flood, angles, limits, known)
         gain = inner.area / found.area * (fine.spacing / SPACING) ** 2
         if gain > 1:
-            every[k], postures[k], rating[k] = (fine, inner), q, rating[k] * gain
+            every[k], postures[k] = (fine, inner), flood[inner.middle]
+            rating[k] *= gain
 
     def sector(k: int, turns: tuple[float, float]) -> Cell:
         return _shaped_sector(every[k][0], line, symmetries, every[k][1], turns)
@@ -802,32 +809,30 @@ def _shaped_places(
 
 
 def _refined(
-    table: Table,
+    fine: Table,
     cell: Cell,
     found: Between,
-    q: Array,
+    flood: Array,
     window: tuple[float, float],
     limits: Required,
-) -> tuple[Table, Between, Array]:
-    """Find a sector larger than ``found``, with a new flood over nodes at half the spacing.
+    known: Multipliers,
+) -> Between:
+    """Find a sector larger than ``found``, in a flood over nodes at half the spacing.
 
-    ``found`` is a sector in a flood over the nodes of ``table``, and ``q`` (n,) the configuration
-    in its middle, where the new flood begins. ``window`` has the middle and the half-width, rad, of
-    the angles at which bodies keep the distance of ``limits``. Joint speeds are those along the
-    coordinates of ``cell``. Return the table with half the spacing, the sector, and the
-    configuration (n,) in its middle. If no larger sector is found, the result has a smaller area,
-    or 0.
+    ``found`` is a sector in a flood over the nodes of a table, ``fine`` the table with half the
+    spacing, and ``flood`` (I, J, n) a new flood over its nodes, which begins in the middle of
+    ``found``. ``window`` has the middle and the half-width, rad, of the angles at which bodies keep
+    the distance of ``limits``. Joint speeds are those along the coordinates of ``cell``. ``known``
+    are multipliers of other searches, see :func:`.largest_between`. If no larger sector is found,
+    the result has a smaller area, or 0.
     """
-    fine = table.finer()
-    flood = flooded(fine, 2 * np.array([found.middle]), q[None], np.zeros((1, len(q)), bool))[0]
     middle, half = window[0], window[1] - STEP / 2
-    least = found.area * (table.spacing / fine.spacing) ** 2
+    least = found.area * (SPACING / fine.spacing) ** 2
     enough = partial(more_between, least=least)
     mask = free_nodes(fine, flood, limits.distance, (middle - half, middle + half), enough)
     own, usual = np.full((2, *fine.shape), np.nan)
     own[mask], usual[mask] = least_speeds(cell, flood[mask])
-    inner = affordable_between(mask, own, usual, limits, least)
-    return fine, inner, flood[inner.middle]
+    return affordable_between(mask, own, usual, limits, least, known=known)
 
 
 def _best_shape(
@@ -1045,8 +1050,9 @@ def _affordable(openings: _Openings, speeds: Array, limits: Required) -> Rectang
         extra = np.where(openings.mask, np.sqrt(own / usual) - 1, np.nan)
         best = rectangles(extra < limits.worst)
         best.area[_mean_extra(best, own, usual) > limits.mean] = 0.0
-        for most in limits.mean * np.geomspace(DEAREST, 1, SHARES):
-            tried = rectangles(extra < min(most, limits.worst))
+        shares = limits.mean * np.geomspace(DEAREST, 1, SHARES)
+        for most in shares[shares < limits.worst]:
+            tried = rectangles(extra < most)
             better = tried.area > best.area
             better &= _mean_extra(tried, own, usual) <= limits.mean
             for kept, new in zip(best, tried, strict=True):
