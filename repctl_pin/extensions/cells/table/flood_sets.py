@@ -122,6 +122,20 @@ def drawn_nodes(
     return table, nodes[good], Q[good]
 
 
+def _mid_range(task: Task, Q: Array) -> Array:
+    """Turn revolute joints of Q (K, n) by full turns, as near as possible to mid-range.
+
+    The arm has the same branch before and after, but a flood from there is less likely to end at a
+    joint limit. Joints without limits, or with a range of less than a full turn, stay as they are.
+    """
+    reach = task.upper - task.lower
+    some = task.revolute & np.isfinite(reach) & (reach >= 2 * np.pi)
+    middle = (task.lower[some] + task.upper[some]) / 2
+    Q = Q.copy()
+    Q[:, some] -= 2 * np.pi * np.rint((Q[:, some] - middle) / (2 * np.pi))
+    return Q
+
+
 def grid_around(
     task: Task,
     rotation: Array,
@@ -208,7 +222,7 @@ def free_floods(
         middles, postures = locked.middles(rectangles(locked.reached))
         begin = np.concatenate([begin, postures[rows]])
         at = np.concatenate([at, middles[rows]])
-    held = np.zeros(begin.shape, bool)
+    begin, held = _mid_range(table.task, begin), np.zeros(begin.shape, bool)
     return Floods(flooded(table, at, begin, held), at, held)
 
 

@@ -40,17 +40,24 @@ def locked_squares(cell: Cell, Q: Array, held: NDArray[np.bool_]) -> tuple[Array
     return _squares(np.linalg.pinv(J * ~held) @ E @ C, np.linalg.pinv(J) @ E @ C)
 
 
-def least_speeds(cell: Cell, Q: Array) -> tuple[Array, Array]:
+def least_speeds(cell: Cell, Q: Array, slopes: Array | None = None) -> tuple[Array, Array]:
     """Evaluate two squared joint speeds at Q (K, n): the minimum for a function, and that of J⁺.
 
     No function through Q has a lower joint speed than the first result. It is the speed of a
     function that moves as J⁺ does, except along a coordinate that a symmetry removes from u: there,
     the joint of the symmetry moves alone. Both results are (K,).
+
+    If ``slopes`` are given, the first result is the speed of a function with these derivatives (K,
+    n, k) along the k coordinates u, per m or rad. Only their part in the null space of J counts,
+    so they may be differences.
     """
     J, E, C = _unit_twists(cell, Q)
-    usual = Pseudoinverse(cell.task).batch(Q, J) @ E
+    G = Pseudoinverse(cell.task).batch(Q, J)
+    usual, k = G @ E, len(cell.moved)
     own = usual.copy()
-    own[:, :, len(cell.moved) :] = cell.along
+    own[:, :, k:] = cell.along
+    if slopes is not None:
+        own[:, :, :k] += slopes - G @ (J @ slopes)
     return _squares(own @ C, usual @ C)
 
 

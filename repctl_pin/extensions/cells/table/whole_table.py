@@ -64,13 +64,12 @@ from ....model.task import Task
 from ....strategies import Pseudoinverse
 from ..cell_design_result import CellDesign
 from ..evaluate.reach import unlike_rows
-from ..evaluate.symmetric_coordinates import narrowed
 from ..fit.cell_fit import CellFit
-from ..fit.locked_function import locked_function
+from ..fit.locked_function import function_through, locked_function
 from ..fit.trimming import Required, Window, covered_share, kept_where_good, trimmed, turned
 from ..geometry.cell import Cell
 from ..geometry.cell_arguments import VERTICAL
-from ..geometry.sector import ANGLE, Sector
+from ..geometry.sector import Sector
 from ..geometry.sector_profile import MOST_DEGREE
 from ..geometry.symmetry import NEAR, Symmetry, axis_symmetry, difference, own_axis, tool_symmetry
 from ..place.posture_search import given
@@ -101,6 +100,7 @@ from .largest_profile import (
 from .locked_arms import LargerArm, LockedJoints, best_locked, larger_arm, with_middles
 from .outline import outlines
 from .priced_sides import by_price, whole_sector
+from .relaxed import relaxed, slopes
 from .windows import STEP, Shut, free_nodes, shut, windows
 
 _DESIGNED = 3
@@ -124,6 +124,9 @@ _ATTEMPTS, _SLIGHTLY, _NEARLY = 3, 0.05, 0.8
 """Number of places for which functions are designed if the first ones lose much, the advantage in
 expected worth below which a place is left out, and share of a sector that a cut must leave, else it
 gets new sides."""
+
+_RELAXED = 6
+"""Number of openings whose floods are relaxed."""
 
 _LOOKED = 96
 """Number of configurations at which colliding links are looked for, to name them."""
@@ -423,16 +426,11 @@ def whole_table(
     shapes = partial(_shaped_places, table, tested, openings, speeds, line, symmetries)
     shaped, smooth = shapes(limits), shapes(limits, smooth=True)
     report("the function", 0.5)
-    smooth = _begun(fit, smooth, limits)
+    through = partial(_through_flood, fit, table, tested, openings, line, symmetries)
+    design, limits = _best_design(fit, shaped, smooth, limits, straight, through)
+    report("locked joints", 0.95)
     search = _LockedSearch(fit, table, locked, line, symmetries)
-    first = search.before_others(smooth, limits, straight)
-    if first is None:
-        design, limits = _best_shape(fit, shaped, smooth, limits, straight)
-        report("locked joints", 0.95)
-        design, larger = search.at_least_locked(design, limits)
-    else:
-        report("locked joints", 0.95)
-        design, larger = first, search.larger(first, limits)
+    design, larger = search.at_least_locked(design, limits)
     return WholeTable(
         design,
         straight,
@@ -508,30 +506,6 @@ class _LockedSearch:
             return design, larger
         return found, self.larger(found, limits)
 
-    def before_others(
-        self, shaped: list[_Place], limits: Required, straight: Straight
-    ) -> CellDesign | None:
-        """Take the function of a locked arm where other functions would have a collision.
-
-        ``shaped`` are places, the best first. Other functions would have a collision if the quick
-        design of the first place has one, although the configurations of its flood have none.
-        Return None in three cases: this quick design has no collision; no locked arm is found; or
-        its function covers less than 85 % of the largest rectangle, or less than a sector with one
-        range may cover.
-        """
-        quick = shaped[0].design if shaped else None
-        if quick is None or quick.body_distance >= 0:
-            return None
-        self.locked = with_middles(self._table, self.locked, quick)
-        inner, least = _inner_half(shaped[0], quick), _MUCH * straight.rectangle
-        larger = larger_arm(self._table, self.locked, inner, least, limits)
-        if larger is None:
-            return None
-        found = self._function(larger, limits)
-        if found is None or area_of(found.cell) < max(least, straight.largest):
-            return None
-        return found if _worth(found) > _AS_GOOD * straight.most else None
-
     def _function(self, larger: LargerArm, limits: Required) -> CellDesign | None:
         """Make the function of a locked arm over its sector, and cut the sector where it fails.
 
@@ -545,38 +519,6 @@ class _LockedSearch:
             found = locked_function(self._fit, cell, q, joints)
             return found and kept_where_good(self._fit, found, limits)
         return None
-
-
-def _begun(fit: CellFit, places: list[_Place], limits: Required) -> list[_Place]:
-    """Add a quick design to the first place, if ``limits`` have the smaller body distance.
-
-    The design shows whether functions of minimum joint speed have a collision. With the larger body
-    distance, or if the design fails, the places are returned unchanged.
-    """
-    if not places or limits.distance != _TIGHT:
-        return places
-    first, *others = places
-    with suppress(InputError):
-        quick = fit.design(first.cell, given(first.cell, first.posture), quick=True)
-        if isinstance(quick, CellDesign):
-            return [first._replace(design=quick), *others]
-    return places
-
-
-def _inner_half(place: _Place, design: CellDesign) -> Sector:
-    """Return the sector of a place's design, reduced to the middle half of its range of angle.
-
-    The quick design covers its whole range, even where bodies collide. The sector of a final design
-    would end where bodies collide, and so have a smaller range of angle. Therefore a locked arm
-    that replaces the design must keep clear of bodies only in the reduced range.
-    """
-    chart = design.function.chart
-    assert isinstance(chart.cell, Sector), "a table is a sector"
-    most = np.pi if place.window is None else place.window.half
-    half = float(min(most, chart.cell.widths[ANGLE])) / 2
-    inner = narrowed(chart, {ANGLE: (-half, half)}).cell
-    assert isinstance(inner, Sector), "a part of a sector is a sector"
-    return inner
 
 
 def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -778,7 +720,7 @@ def _shaped_places(
     postures = np.zeros((len(every), table.task.n))
     degree = SMOOTH if smooth else MOST_DEGREE
     # worth of one unit of area, and of all nodes
-    unit = SPACING**2 * (0.5 + 0.5 * openings.half / np.pi)
+    unit = _units(openings)
     most = unit * [most_between(mask) for mask in openings.mask]
     for k in map(int, np.argsort(-most, kind="stable")):
         least = _AS_GOOD * rating.max() / unit[k]
@@ -808,6 +750,11 @@ def _shaped_places(
     return _places(table, openings, symmetries, postures, rating, sector)
 
 
+def _units(openings: _Openings) -> Array:
+    """Return the worth of one node of each opening, m², if joint limits end no angle: (K,)."""
+    return np.asarray(SPACING**2 * (0.5 + 0.5 * openings.half / np.pi))
+
+
 def _refined(
     fine: Table,
     cell: Cell,
@@ -833,6 +780,87 @@ def _refined(
     own, usual = np.full((2, *fine.shape), np.nan)
     own[mask], usual[mask] = least_speeds(cell, flood[mask])
     return affordable_between(mask, own, usual, limits, least, known=known)
+
+
+def _best_design(
+    fit: CellFit,
+    shaped: list[_Place],
+    smooth: list[_Place],
+    limits: Required,
+    straight: Straight,
+    through: Callable[[Required], CellDesign | None],
+) -> tuple[CellDesign, Required]:
+    """Design the best sector; return the design and its limits, whose distance may be reduced.
+
+    With the smaller body distance, the function ``through(limits)`` through a relaxed flood is made
+    first. It is taken if it covers 85 % of the largest rectangle, and as much as a function over
+    one range of radius can. The other arguments are those of :func:`_best_shape`.
+    """
+    found = through(limits) if limits.distance == _TIGHT else None
+    if found is not None:
+        least = max(_MUCH * straight.rectangle, straight.largest)
+        if area_of(found.cell) >= least and _worth(found) > _AS_GOOD * straight.most:
+            return found, limits
+    return _best_shape(fit, shaped, smooth, limits, straight)
+
+
+def _through_flood(
+    fit: CellFit,
+    table: Table,
+    floods: Floods,
+    openings: _Openings,
+    line: Array,
+    symmetries: tuple[Symmetry, ...],
+    limits: Required,
+) -> CellDesign | None:
+    """Make the function through the best flood, relaxed, and cut its sector where it fails.
+
+    A function of minimum joint speed leaves the configurations of its flood, and may so have a
+    collision. The floods of the openings with the largest bounds are relaxed. The sector is the one
+    with the largest worth in which such a flood keeps ``limits``, at its own joint speeds. Return
+    None if too little is left.
+    """
+    most = _units(openings) * [most_between(mask) for mask in openings.mask]
+    tried = map(int, np.argsort(-most, kind="stable")[:_RELAXED])
+    relax = partial(_relaxed_place, table, floods, openings, line, symmetries, limits)
+    places = [found for found in map(relax, tried) if found is not None]
+    if places:
+        place, Q = max(places, key=lambda one: one[0].most)
+        with suppress(RepctlError):
+            design = function_through(fit, place.cell, Q)
+            return design and kept_where_good(fit, design, limits._replace(window=place.window))
+    return None
+
+
+def _relaxed_place(
+    table: Table,
+    floods: Floods,
+    openings: _Openings,
+    line: Array,
+    symmetries: tuple[Symmetry, ...],
+    limits: Required,
+    k: int,
+) -> tuple[_Place, Array] | None:
+    """Relax the flood of the opening k, and find the largest sector in which it keeps ``limits``.
+
+    Return the sector, and the configurations (K, n) of the relaxed flood at the K nodes in it; None
+    if there is no sector. The joint speeds are those of differences between nodes.
+    """
+    mask, middle, half = openings.mask[k], float(openings.middle[k]), float(openings.half[k])
+    angles = middle - half + STEP / 2, middle + half - STEP / 2
+    Q = relaxed(table, floods.Q[openings.flood[k]], mask, limits.distance, angles)
+    widest = _sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
+    own, usual = np.full((2, *table.shape), np.nan)
+    own[mask], usual[mask] = least_speeds(widest, Q[mask], slopes(table, Q)[mask])
+    # the mean over nodes is not exactly that over a sector
+    found = affordable_between(mask, own, usual, limits._replace(mean=SPARE * limits.mean))
+    if not found.area:
+        return None
+    inside = Q[found.inside(table.shape) & mask]
+    share = _turn_share(table.task, symmetries, inside, half / np.pi)
+    worth = found.area * SPACING**2 * (0.5 + 0.5 * share)
+    sector = partial(_shaped_sector, table, line, symmetries, found)
+    return _place(table, openings, k, symmetries, Q[found.middle], worth, sector), inside
 
 
 def _best_shape(
