@@ -287,7 +287,8 @@ def _brief(design: CellDesign, motions: Mapping[str, Motion]) -> list[Span]:
     shares = design.extra_speed, design.extra_speed_worst
     mean, worst = (_signed(max(share, 0.0), 2) for share in shares)
     small = max(shares) < NO_EXTRA_SPEED
-    cost = _cost(design).text if small else f"Joint speed of all poses {mean}, at worst {worst}."
+    speed = f"Joint speed above {usual(design)}: {mean}, at worst {worst}."
+    cost = _cost(design).text if small else speed
     bodies = [note for note in _bodies(design, path, "{}: {}.") if note.tone != "bad"]
     return [_unbroken(note) for note in (Span(cost), *bodies, Span(proved))]
 
