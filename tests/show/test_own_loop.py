@@ -1623,6 +1623,40 @@ def test_a_stroke_that_the_arm_cannot_follow_is_not_called_followed(
 
 
 @pytest.mark.slow
+def test_an_arm_that_fails_on_the_way_it_took_instead_is_marked_there(
+    driver: Any, page: Path
+) -> None:
+    """It stood beyond the ball that its pane spoke of, and no word said why. In a note, a control
+    that fails came "near to where it fails", too."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    driver.execute_script(
+        "const { own } = repctl, [x, y, z] = own.chain.homes[0];"
+        "own.gesture.grab(0, 7, null, 0);"
+        "const way = [[2.9, 0.3], [-1.6, -0.6], [-3.8, -3], [1.4, 1.2]];"
+        "own.lead.queue.push(...way.map(([a, b]) => [x + a, y + b, z]));"
+        "own.gesture.processQueue(); own.release();"
+    )
+    wait_until_computed(driver)
+    reason = "cannot follow\nthe arm comes near a singularity"
+    fails = "Repeatable fails here\nclose to a singularity, in cycle 1"
+    lost = float(driver.execute_script("return repctl.own.arms[1].data.lost"))
+    assert 0 < lost < 1
+    for time_, told in ((0.5 * lost, [reason, reason]), (1, [reason, fails])):
+        driver.execute_script("repctl.seek(arguments[0]); repctl.placed()", time_)
+        marks = driver.find_elements("css selector", ".callout.mark")
+        assert [mark.text for mark in marks if mark.is_displayed()] == told
+    tip, ball = driver.execute_script(
+        "const [, arm] = repctl.own.arms;"
+        "return [arm.point('tip', 0, arm.now.frame), arm.past.node.position].map((v) => v.toArray())"
+    )
+    assert np.allclose(tip, ball, atol=1e-6)
+    notes = driver.find_element("id", "notes").get_attribute("textContent")
+    assert "The repeatable control fails in cycle 1" in notes and "where it fails" not in notes
+    assert errors(driver) == []
+
+
+@pytest.mark.slow
 def test_a_ball_that_is_called_red_is_red(driver: Any, page: Path) -> None:
     """It was pink."""
     schemes(driver, width=900, height=700)

@@ -174,9 +174,10 @@ async function main() {
       // without callouts, the label says what else stands at the red ball
       setText(arm.notice, past && !box("callouts").checked ? broken.words : "");
       if (!arm.past) continue;
-      // the place where a motion ends is marked from the beginning
-      // beside where a visitor's loop stops, it would be a second ball
-      arm.past.node.visible = !scene.failure && (past || arm.data.lost < Infinity);
+      // the place where a motion ends is marked from the beginning; where a visitor's loop stops
+      // is a ball already, so one is added only once the arm fails elsewhere
+      const fails = arm.data.lost < Infinity;
+      arm.past.node.visible = scene.failure ? past && fails : past || fails;
       arm.mark(arm.past.node.position);
     }
     if (marks) marks.follow(arms.at(-1), own, cycle, part);

@@ -40,7 +40,7 @@ export class Callouts {
   say(atEnd, times = "", [cycle, end] = []) {
     const { failure, leading, hands: names } = this.scene;
     this.sets.forEach(({ arm, part, hands, mark }, k) => {
-      const reason = failure && failure[k];
+      const reason = isStopped(this, k) && failure[k];
       const edge = Boolean(this.scene.cover) && k === this.sets.length - 1;
       if (reason) sayWhatStops(mark, edge ? "F ends here" : "cannot follow", reason);
       else sayWhatBreaks(mark, arm, leading, this.isNarrow(k));
@@ -154,9 +154,12 @@ function makeCallout(pane, kind) {
   return { box, leader, value, note };
 }
 
-// Whether arm k is one that could not follow a visitor's loop: on a cell's page, the last alone is
-// held, by its function.
-const isStopped = ({ scene: { failure } }, k) => Boolean(failure && failure[k]);
+// Whether arm k is one that could not follow a visitor's loop, and has not failed on the way that it
+// took instead: on a cell's page, the last alone is held, by its function.
+function isStopped({ scene: { failure }, sets }, k) {
+  const { past } = sets[k].arm;
+  return Boolean(failure && failure[k] && !(past && past.node.visible));
+}
 
 // Say at the red ball why a visitor's loop could not be followed.
 function sayWhatStops(mark, what, reason) {

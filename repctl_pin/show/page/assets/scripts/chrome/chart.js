@@ -174,7 +174,7 @@ export class Chart {
         if (off === null) {
           // the cycle in which it fails
           if (c && before === null) return;
-          draw.fillStyle = tone("--bad");
+          draw.fillStyle = legible(arm.data.color, TEXT_CONTRAST);
           draw.fillText("×", x, foot - 0.15 * em);
           fails = "×: fails";
           return;

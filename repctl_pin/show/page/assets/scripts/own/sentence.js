@@ -275,11 +275,13 @@ function notesOf(chain, arms, runs, cycles, { whose }) {
   const blind = chain.fastest.includes(null) ? "; joint speeds are not checked" : "";
   const there = whose === "the solid line" ? ` on ${whose}` : "";
   notes.push(...(kept && !later.length ? [[` Joint limits are kept${there}${blind}.`]] : later));
-  const margin = Math.min(...runs.map((run) => run.margin));
-  const where = margin >= FAR ? "stays far from" : "comes near to";
-  const scale = `${margin.toFixed(2)} (1 is best, 0 fails)`;
-  if (arms.some(({ data }) => data.under === "the repeatable one"))
-    notes.push([` The repeatable control ${where} where it fails: ${scale}.`]);
+  const repeatable = arms.findIndex(({ data }) => data.under === "the repeatable one");
+  const run = runs[repeatable];
+  // of one that fails in any cycle, this would be said of a part of its way
+  if (!run || run.data.lost < Infinity) return notes;
+  const where = run.margin >= FAR ? "stays far from" : "comes near to";
+  const scale = `${run.margin.toFixed(2)} (1 is best, 0 fails)`;
+  notes.push([` The repeatable control ${where} where it fails: ${scale}.`]);
   return notes;
 }
 
