@@ -224,10 +224,11 @@ def _rails(task: Task, q0: Array) -> list[list[float] | None]:
     whose rail is as long as its range, and for all joints of a task on a workpiece.
     """
     rails: list[list[float] | None] = [None] * task.n
-    sliding = [] if task.robot.base else np.flatnonzero(~task.revolute)
+    if task.robot.base:
+        return rails
     visuals = Visuals.of(task.robot)
     links = {joint.name: joint for joint in task.robot.description.joints}
-    for i in sliding:
+    for i in np.flatnonzero(~task.revolute):
         joint = links[task.joint_names[i]]
         rows = np.array([q0, q0 + np.eye(task.n)[i]])
         here, there = link_origins(task, [joint.child], rows)[:, 0]

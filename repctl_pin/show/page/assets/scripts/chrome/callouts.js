@@ -154,7 +154,7 @@ function makeCallout(pane, kind) {
   return { box, leader, value, note };
 }
 
-// Whether arm k is one that could not follow a visitor's loop, and has not failed on the way that it
+// Whether arm k could not follow a visitor's loop, and has not failed on the way that it
 // took instead: on a cell's page, the last alone is held, by its function.
 function isStopped({ scene: { failure }, sets }, k) {
   const { past } = sets[k].arm;
