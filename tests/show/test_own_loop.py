@@ -1648,7 +1648,8 @@ def test_an_arm_that_fails_on_the_way_it_took_instead_is_marked_there(
         assert [mark.text for mark in marks if mark.is_displayed()] == told
     tip, ball = driver.execute_script(
         "const [, arm] = repctl.own.arms;"
-        "return [arm.point('tip', 0, arm.now.frame), arm.past.node.position].map((v) => v.toArray())"
+        "const tip = arm.point('tip', 0, arm.now.frame);"
+        "return [tip.toArray(), arm.past.node.position.toArray()]"
     )
     assert np.allclose(tip, ball, atol=1e-6)
     notes = driver.find_element("id", "notes").get_attribute("textContent")
