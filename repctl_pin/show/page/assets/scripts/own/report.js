@@ -6,7 +6,15 @@ import { byId } from "../dom.js";
 import { formatLength } from "../numbers.js";
 import { enclosing, lengthOf, normalOf, planeWords } from "./loops.js";
 import { isFarBeyond, proofClause, proofNote } from "./proof.js";
-import { answer, CHECKED, edgeWords, failureWords, lineWords, railNotes } from "./sentence.js";
+import {
+  answer,
+  CHECKED,
+  edgeWords,
+  failureWords,
+  lineFlaws,
+  lineWords,
+  railNotes,
+} from "./sentence.js";
 
 export const CYCLES = 10;
 const LEAST_LENGTH = 0.25; // of the arm, from which a loop counts for the best
@@ -46,7 +54,8 @@ export class Report {
           .replace("the red ball on", "there on");
       const atEdge = scene.cover && failure.reasons.at(-1);
       const words = atEdge ? edgeWords(failure) : failureWords(chain, arms, failure);
-      sentence.splice(0, Infinity, ...words, lineWords(this.length, shape, atEdge));
+      const flaws = lineFlaws(result.runs, cycles);
+      sentence.splice(0, Infinity, ...words, ...lineWords(this.length, shape, atEdge, flaws));
     }
     sentence.push([CHECKED, "aside"]);
     if (clause && !failure && !this.isBroken()) sentence.push([clause, "aside proof"]);

@@ -72,14 +72,23 @@ export function edgeWords({ after, reasons, edge, goes }) {
 }
 
 // What the solid line of such a loop is, this long, m; `both` arms follow it, although one alone
-// ends. It encloses nothing if the way home was blocked, too.
-export function lineWords(length, { encloses }, both) {
+// ends. It encloses nothing if the way home was blocked, too. `flaws`: what is wrong with it, see
+// lineFlaws().
+export function lineWords(length, { encloses }, both, flaws) {
   const how = encloses
     ? "leaves that part out"
     : "goes as far as it can and comes back the same way";
   const line = `the solid line, ${unbroken(formatLength(length))} long,`;
-  const words = both ? `both arms follow ${line} which ${how}.` : `${line} ${how}.`;
-  return [encloses ? ` ${capitalized(words)}` : ` There is no way around: ${words}`];
+  const words = both ? `both arms follow ${line} which ${how}` : `${line} ${how}`;
+  const said = encloses ? capitalized(words) : `There is no way around: ${words}`;
+  return [[` ${said}${flaws ? "," : "."}`], ...(flaws ? [[` but ${flaws}.`, "bad"]] : [])];
+}
+
+// What happens on the solid line within these cycles: which control fails on it, or breaks a limit.
+export function lineFlaws(runs, cycles) {
+  const seen = brokenLimits(runs).filter(({ broken }) => broken && broken.cycle <= cycles);
+  const what = ({ lost }) => (lost < Infinity ? "fails on it" : "breaks a limit");
+  return seen.map((data) => `${aloneUnder({ data })} ${what(data)}`).join(", ");
 }
 
 // Which range of a coordinate F covers where it ends, see CellPotentials.beyond().
