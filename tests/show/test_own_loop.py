@@ -1233,6 +1233,53 @@ def test_a_loop_is_computed_in_slices(driver: Any, page: Path) -> None:
     assert errors(driver) == []
 
 
+_CURVES = """
+const { prototype } = CanvasRenderingContext2D, kept = {}, paths = [], lanes = [0];
+for (const name of ["beginPath", "moveTo", "lineTo", "stroke"]) kept[name] = prototype[name];
+let ys = [];
+prototype.beginPath = function () { ys = []; kept.beginPath.call(this); };
+prototype.moveTo = function (x, y) { ys.push(y); kept.moveTo.call(this, x, y); };
+prototype.lineTo = function (x, y) { ys.push(y); kept.lineTo.call(this, x, y); };
+prototype.stroke = function () {
+  if (ys.length > 9) paths.push([lanes.length - 2, ys.length, Math.min(...ys), Math.max(...ys)]);
+  else if (ys[0] === ys[1] && ys[0] > lanes.at(-1) && !this.getLineDash().length) lanes.push(ys[0]);
+  kept.stroke.call(this);
+};
+try { document.getElementById("show-joints").click(); repctl.seek(9.5); }
+finally { Object.assign(prototype, kept); }
+return [paths, lanes];
+"""
+
+
+@pytest.mark.slow
+def test_a_joint_that_winds_is_named_and_its_curve_stays_in_its_row(
+    driver: Any, page: Path
+) -> None:
+    """Ten turns of a joint were said nowhere, its curve crossed those of other joints, and those
+    of an arm that had failed went on."""
+    schemes(driver, width=900, height=700)
+    open_page(driver, page)
+    x, y, z = driver.execute_script("return repctl.own.chain.homes[0]")
+    around = complex(x, y) * np.exp(1j * np.linspace(0, 2 * np.pi, 17))
+    points = np.column_stack([around.real, around.imag, np.full(17, z)])
+    driver.execute_script("repctl.own.open({ points: arguments[0] })", points.tolist())
+    wait_until_computed(driver)
+    ends = np.array(driver.execute_script(ENDS))
+    turns = np.abs(ends[:, -1] - ends[:, 0]).max(axis=0) / (2 * np.pi)
+    name = driver.execute_script("return repctl.own.chain.names")[turns.argmax()]
+    assert turns.max() > 5
+    assert f"The joint {name} is {turns.max():.1f}\u00a0turns from its start. " in said(driver)
+    curves, lanes = driver.execute_script(_CURVES)
+    assert len(lanes) == 4 and len(curves) == 6
+    for row, _, high, low in curves:  # y points down
+        assert lanes[row] <= high < low <= lanes[row + 1]
+    # the repeatable arm fails in cycle 1
+    assert "repeatable control fails in cycle 1" in said(driver)
+    (_, usual, *_), (_, repeatable, *_) = curves[:2]
+    assert repeatable < usual / 10
+    assert errors(driver) == []
+
+
 @pytest.mark.slow
 def test_the_curves_of_the_joints_are_drawn_once(driver: Any, page: Path) -> None:
     """Not at every instant, but again for another motion, size or scheme."""

@@ -230,10 +230,7 @@ export class Chart {
     for (let i = 0; i < n; i++) {
       const now = values.map((all) => all[(cycle * perCycle + row) * n + i].toFixed(2));
       const words = `${names[i]} ${now.join(" and ")} ${turns[i] ? "rad" : "m"}`;
-      draw.fillStyle = tone("--paper");
-      draw.fillRect(INSET, i * tall + 1, draw.measureText(words).width + 6, tall - 2);
-      draw.fillStyle = tone("--soft");
-      draw.fillText(words, INSET + 2, (i + 0.5) * tall + 0.28 * em);
+      textWithHalo(draw, words, INSET + 2, (i + 0.5) * tall + 0.28 * em, em);
     }
     this.number({ draw, height, em, count, pitch, at }, 0);
   }
@@ -252,25 +249,29 @@ export class Chart {
     const tall = foot / n;
     const right = at(count);
     for (let i = 0; i < n; i++) {
-      // from limit to limit; a joint without limits over what it moves
-      const seen =
-        lower[i] === null || upper[i] === null ? values.flatMap((all) => range(all, i, n)) : [];
-      const low = lower[i] ?? Math.min(...seen) - 0.5;
-      const high = upper[i] ?? Math.max(...seen) + 0.5;
+      // from limit to limit, and as far beyond as it goes; a joint without limits over what it moves
+      const seen = values.flatMap((all) => range(all, i, n));
+      const low = Math.min(lower[i] ?? Math.min(...seen) - 0.5, ...seen);
+      const high = Math.max(upper[i] ?? Math.max(...seen) + 0.5, ...seen);
       const level = (v) => (i + 1) * tall - 2 - ((v - low) / (high - low)) * (tall - 4);
       draw.lineWidth = 1;
       draw.strokeStyle = tone("--line");
       line(draw, INSET, (i + 1) * tall, right, (i + 1) * tall, []);
+      draw.strokeStyle = tone("--bad");
+      for (const limit of [lower[i], upper[i]])
+        if (limit !== null && low < limit && limit < high)
+          line(draw, INSET, level(limit), right, level(limit), [2, 4]);
       arms.forEach((arm, k) => {
         draw.strokeStyle = arm.data.color;
         draw.lineWidth = 1.5;
         draw.beginPath();
         for (let c = 0; c < count; c++)
-          for (let row = 0; row < perCycle; row++)
-            draw.lineTo(
-              at(c + row / (perCycle - 1)),
-              level(values[k][(c * perCycle + row) * n + i]),
-            );
+          for (let row = 0; row < perCycle; row++) {
+            const time = c + row / (perCycle - 1);
+            // an arm that fails has no joints from there on
+            if (time > (arm.data.lost ?? Infinity)) break;
+            draw.lineTo(at(time), level(values[k][(c * perCycle + row) * n + i]));
+          }
         draw.stroke();
       });
     }

@@ -5,6 +5,7 @@ import { formatLength, formatNumber } from "../numbers.js";
 const SMALL = 0.01; // m, below which a part has hardly drifted
 const BACK = 1e-4; // m, below which it is back
 const TURNED = 0.1; // rad, from which a joint is named although no part is off
+const FULL = 0.95; // turns from which a joint is said to have wound
 const FAR = 0.5; // leaf margin from which the repeatable control is far from where it fails
 const FROM = " from its start";
 const WHERE = "close to a singularity, at the red ball";
@@ -200,7 +201,7 @@ function comparison(context, { encloses, turns, whose }) {
     );
   else if (most.off >= SMALL) {
     const offs = listed((i) => value(i, FROM));
-    sentence.push([is(partWords(most.part), not)], ...offs, ["."]);
+    sentence.push([is(partWords(most.part), not)], ...offs, ["."], ...windingWords(context));
   } else if (Math.max(...joints) >= TURNED) {
     const angles = listed((i) => [angleWords(joints[i]), arms[i].data.whose]);
     sentence.push([is(`the joint ${mostTurned(chain, runs, k)}`, not)], ...angles, ["."]);
@@ -229,6 +230,17 @@ function partWords(part) {
 
 const angleWords = (angle) =>
   angle < 1e-5 ? "0" : `${formatNumber(Number(angle.toPrecision(2)))}\u00a0rad`;
+
+// Which joint is a full turn or more from its start, which no part shows.
+function windingWords({ chain, arms, runs, k }) {
+  const turns = runs.map(({ turned }) => Math.max(...turned[k]) / (2 * Math.PI));
+  const most = Math.max(...turns);
+  if (most < FULL) return [];
+  const i = turns.indexOf(most);
+  const under = runs.length > 1 ? ` under ${arms[i].data.under}` : "";
+  const joint = mostTurned(chain, [runs[i]], k);
+  return [[` The joint ${joint} is ${most.toFixed(1)}\u00a0turns from its start${under}.`]];
+}
 
 // The joint that has turned most under any control.
 function mostTurned({ names }, runs, k) {
