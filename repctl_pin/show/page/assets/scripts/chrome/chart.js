@@ -230,12 +230,14 @@ export class Chart {
     for (let i = 0; i < n; i++) {
       const now = values.map((all) => all[(cycle * perCycle + row) * n + i].toFixed(2));
       const words = `${names[i]} ${now.join(" and ")} ${turns[i] ? "rad" : "m"}`;
-      textWithHalo(draw, words, INSET + 2, (i + 0.5) * tall + 0.28 * em, em);
+      const y = this.image.low[i] ? (i + 1) * tall - 0.25 * em : i * tall + 0.85 * em;
+      textWithHalo(draw, words, INSET + 2, y, em);
     }
     this.number({ draw, height, em, count, pitch, at }, 0);
   }
 
-  // The curves of all joints, each from limit to limit: a canvas, drawn anew where they change.
+  // The curves of all joints, each from limit to limit: a canvas, drawn anew where they change; and
+  // which words stand `low` in their row, because curves begin in its upper half.
   curves({ count, foot, at }, values) {
     const scale = window.devicePixelRatio || 1;
     const drawn = [...values, count, this.size, scale, tone("--line")];
@@ -248,18 +250,20 @@ export class Chart {
     const n = names.length;
     const tall = foot / n;
     const right = at(count);
+    const low = [];
     for (let i = 0; i < n; i++) {
       // from limit to limit, and as far beyond as it goes; a joint without limits over what it moves
       const seen = values.flatMap((all) => range(all, i, n));
-      const low = Math.min(lower[i] ?? Math.min(...seen) - 0.5, ...seen);
-      const high = Math.max(upper[i] ?? Math.max(...seen) + 0.5, ...seen);
-      const level = (v) => (i + 1) * tall - 2 - ((v - low) / (high - low)) * (tall - 4);
+      const least = Math.min(lower[i] ?? Math.min(...seen) - 0.5, ...seen);
+      const most = Math.max(upper[i] ?? Math.max(...seen) + 0.5, ...seen);
+      const level = (v) => (i + 1) * tall - 2 - ((v - least) / (most - least)) * (tall - 4);
+      low[i] = Math.min(...values.map((all) => level(all[i]))) < (i + 0.5) * tall;
       draw.lineWidth = 1;
       draw.strokeStyle = tone("--line");
       line(draw, INSET, (i + 1) * tall, right, (i + 1) * tall, []);
       draw.strokeStyle = tone("--bad");
       for (const limit of [lower[i], upper[i]])
-        if (limit !== null && low < limit && limit < high)
+        if (limit !== null && least < limit && limit < most)
           line(draw, INSET, level(limit), right, level(limit), [2, 4]);
       arms.forEach((arm, k) => {
         draw.strokeStyle = arm.data.color;
@@ -275,7 +279,7 @@ export class Chart {
         draw.stroke();
       });
     }
-    this.image = { canvas, drawn };
+    this.image = { canvas, drawn, low };
     return canvas;
   }
 }
