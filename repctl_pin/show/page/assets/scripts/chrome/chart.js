@@ -252,7 +252,7 @@ export class Chart {
     const right = at(count);
     const low = [];
     for (let i = 0; i < n; i++) {
-      // from limit to limit, and as far beyond as it goes; a joint without limits over what it moves
+      // from limit to limit and as far beyond as it goes, or, without limits, over what it moves
       const seen = values.flatMap((all) => range(all, i, n));
       const least = Math.min(lower[i] ?? Math.min(...seen) - 0.5, ...seen);
       const most = Math.max(upper[i] ?? Math.max(...seen) + 0.5, ...seen);

@@ -33,7 +33,7 @@ const LEAD_WORDS = {
     "Average joint speed on this path: 0.7 % higher under the repeatable one than under the " +
       "usual control in cycle 1.",
     "Joint limits are kept.",
-    "The repeatable control stays far from where it fails: 0.82 (1 is best, 0 fails).",
+    "The repeatable control stays far from where it alone fails: 0.82 (1 is best, 0 fails).",
   ],
 };
 

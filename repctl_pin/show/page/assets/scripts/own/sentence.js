@@ -88,8 +88,13 @@ export function lineWords(length, { encloses }, both, flaws) {
 // What happens on the solid line within these cycles: which control fails on it, or breaks a limit.
 export function lineFlaws(runs, cycles) {
   const seen = brokenLimits(runs).filter(({ broken }) => broken && broken.cycle <= cycles);
-  const what = ({ lost }) => (lost < Infinity ? "fails on it" : "breaks a limit");
-  return seen.map((data) => `${aloneUnder({ data })} ${what(data)}`).join(", ");
+  const each = seen.map((data) => [
+    aloneUnder({ data }),
+    data.lost < Infinity ? "fails on it" : "breaks a limit",
+  ]);
+  const alike = each.length > 1 && each.every(([, what]) => what === each[0][1]);
+  const listed = alike ? [["either control", each[0][1]]] : each;
+  return listed.map((words) => words.join(" ")).join(", ");
 }
 
 // Which range of a coordinate F covers where it ends, see CellPotentials.beyond().
@@ -302,7 +307,7 @@ function notesOf(chain, arms, runs, cycles, { whose }) {
   if (!run || run.data.lost < Infinity) return notes;
   const where = run.margin >= FAR ? "stays far from" : "comes near to";
   const scale = `${run.margin.toFixed(2)} (1 is best, 0 fails)`;
-  notes.push([` The repeatable control ${where} where it fails: ${scale}.`]);
+  notes.push([` The repeatable control ${where} where it alone fails: ${scale}.`]);
   return notes;
 }
 
