@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import repctl_pin as rp
-from repctl_pin.extensions.cells.table import flood_sets, whole_table
+from repctl_pin.extensions.cells.table import flood_sets, sectors
 
 ARMS = {"panda": "pose", "xarm7": "pose", "baxter": "pose", "ur5": "axis", "kinova": "axis"}
 SEEDS, ANGLES, LOOKED, AT_ONCE, JUMP = (0, 1), 16, 24, 32, 1.0
@@ -33,7 +33,7 @@ def floods_of(
 ) -> tuple[flood_sets.Table, tuple, NDArray]:
     """Flood the reach of an arm at one orientation, from another seed than the search."""
     rng = np.random.default_rng(77)
-    line, symmetries = whole_table._symmetries(task)
+    line, symmetries = sectors.axis_and_symmetries(task)
     heights = (-np.inf, np.inf)
     table, nodes, Q = flood_sets.drawn_nodes(task, rotation, line, symmetries, heights, rng)
     locked = flood_sets.locked_floods(table, nodes, Q, rng)
@@ -42,7 +42,7 @@ def floods_of(
 
 def counts_of(size: NDArray[np.float64]) -> list[int]:
     """Return the numbers of nodes, at most 3 cm apart, along the edges of a box, m."""
-    return [int(np.ceil(e / whole_table.SPACING)) + 1 for e in size]
+    return [int(np.ceil(e / flood_sets.SPACING)) + 1 for e in size]
 
 
 def grid_of(size: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -59,8 +59,8 @@ def configurations(
     Over each box, the angle around the arm is continuous. The spin turns back, if there is one.
     """
     rho, angle = np.hypot(p[..., 0], p[..., 1]), np.arctan2(p[..., 1], p[..., 0])
-    i = np.rint((rho - table.radii[0]) / whole_table.SPACING).astype(int)
-    j = np.rint((p[..., 2] - table.heights[0]) / whole_table.SPACING).astype(int)
+    i = np.rint((rho - table.radii[0]) / flood_sets.SPACING).astype(int)
+    j = np.rint((p[..., 2] - table.heights[0]) / flood_sets.SPACING).astype(int)
     inside = (i >= 0) & (i < len(table.radii)) & (j >= 0) & (j < len(table.heights))
     Q = np.where(inside[..., None], flood[np.where(inside, i, 0), np.where(inside, j, 0)], np.nan)
     angle = angle[:, :1] + (angle - angle[:, :1] + np.pi) % (2 * np.pi) - np.pi

@@ -22,10 +22,19 @@ from repctl_pin.redundancy import leaf_margin
 
 best_cell = import_module(rp.best_cell.__module__)  # with all that it imports of ``tables``
 tables: Any = import_module(str(best_cell.__package__))
-whole_table, windows = tables.whole_table, tables.windows
-trimming = import_module(whole_table.kept_where_good.__module__)
+sectors, whole_table, windows = tables.sectors, tables.whole_table, tables.windows
+best_shape, designs = tables.best_shape, tables.designs
+trimming = import_module(whole_table.Required.__module__)
 
 FEW = rp.FitOptions(samples=128, held_out=256)
+
+
+def replace_all(monkeypatch: pytest.MonkeyPatch, name: str, value: Any) -> None:
+    """Replace a name in each of the files that design functions for places and have it."""
+    having = [one for one in (designs, tables.straight, best_shape) if hasattr(one, name)]
+    assert having
+    for one in having:
+        monkeypatch.setattr(one, name, value)
 
 
 def largest_by_hand(mask: NDArray[np.bool_]) -> int:
@@ -198,7 +207,7 @@ def test_bodies_that_a_joint_does_not_move_are_as_near_at_every_angle(tmp_path: 
     bodies, joint = rp.Bodies(task), 0
     Q = np.random.default_rng(1).uniform(task.lower, task.upper, (60, task.n))
     moved = bodies._moved_by(joint)
-    (around,) = (one for one in whole_table._symmetries(task)[1] if one.joint == joint)
+    (around,) = (one for one in sectors.axis_and_symmetries(task)[1] if one.joint == joint)
     steady = bodies._nearer(Q, 0.02, ~moved)
     assert 0 < steady.sum() < len(Q) and moved.any() and not moved.all()
     always, ever = np.ones(len(Q), bool), np.zeros(len(Q), bool)
@@ -322,12 +331,12 @@ def test_a_posture_of_a_flood_is_turned_inside_the_limits(name: str) -> None:
     """Law: the frame turns about the arm's axis and its own approach axis, and nothing else."""
     task = rp.Robot.load(name).task()
     task = best_cell.with_approach(task, best_cell.approach_axis(task))
-    line, symmetries = whole_table._symmetries(task)
+    line, symmetries = sectors.axis_and_symmetries(task)
     rng = np.random.default_rng(5)
     for q in rng.uniform(task.reference - 1, task.reference + 1, (5, task.n)):
         for one in symmetries:
             q[one.joint] = task.upper[one.joint] + 0.3
-        central, (around, about) = whole_table._central(task, symmetries, q)
+        central, (around, about) = sectors.central(task, symmetries, q)
         joints = [one.joint for one in symmetries]
         assert (task.limit_margin(central)[joints] > 0.5).all()
         before, after = task.placement(q), task.placement(central)
@@ -358,13 +367,13 @@ def test_what_fails_is_named() -> None:
     def failed(distance: float, *failures: object) -> str:
         evaluation = SimpleNamespace(nearest_bodies=("wall", "hand"))
         made = SimpleNamespace(body_distance=distance, failures=failures, evaluation=evaluation)
-        return whole_table._failed([whole_table._Place(None, None, 1.0, design=made)], limits)
+        return designs._failed([tables.places.Place(None, None, 1.0, design=made)], limits)
 
     assert failed(-0.02) == ": wall and hand come to -20 mm"
     stop = SimpleNamespace(share=0.5, what="joint 2 leaves its limits")
     assert failed(1.0, stop) == ": joint 2 leaves its limits"
     assert "exceeds 5 % on average and 30 % at the worst pose" in failed(1.0)
-    assert whole_table._failed([], limits) == ""
+    assert designs._failed([], limits) == ""
 
 
 def test_a_table_says_what_ends_it(panda_pose: rp.Task) -> None:
@@ -425,7 +434,7 @@ def test_a_node_is_free_if_bodies_are_apart_at_all_angles_of_a_range() -> None:
 @pytest.mark.slow
 def test_a_seed_does_not_change_the_reach_or_the_best_flood(panda_pose: rp.Task) -> None:
     """Floods begin at the configuration with joint 3 at 0, and end at no edge of the table."""
-    line, symmetries = whole_table._symmetries(panda_pose)
+    line, symmetries = sectors.axis_and_symmetries(panda_pose)
     down, heights = np.diag([1.0, -1.0, -1.0]), (-np.inf, np.inf)
     worths = []
     for seed in range(3):
@@ -433,8 +442,10 @@ def test_a_seed_does_not_change_the_reach_or_the_best_flood(panda_pose: rp.Task)
         drawn = tables.flood_sets.drawn_nodes(panda_pose, down, line, symmetries, heights, rng)
         table = drawn[0]
         corners = np.zeros(2, int), np.array(table.shape) - 1
-        cell = whole_table._sector(table, line, symmetries, *corners)
-        worth = whole_table.partial(whole_table._affordable_worth, table, cell, symmetries, 0.3)
+        cell = sectors.sector_between(table, line, symmetries, *corners)
+        worth = whole_table.partial(
+            tables.affordable.affordable_worth, table, cell, symmetries, 0.3
+        )
         locked = tables.flood_sets.locked_floods(*drawn, rng)
         floods = tables.flood_sets.free_floods(*drawn, locked, worth)
         reached = floods.reached.any(axis=0)
@@ -449,7 +460,7 @@ def test_searches_of_free_nodes_agree(panda_pose: rp.Task) -> None:
     """Oracle: the test of all nodes at all angles. With a result for a larger distance, and with
     nodes left out after the first angle at which bodies are near, the nodes are the same."""
     rng, down = np.random.default_rng(4), np.diag([1.0, -1.0, -1.0])
-    line, symmetries = whole_table._symmetries(panda_pose)
+    line, symmetries = sectors.axis_and_symmetries(panda_pose)
     sides = np.array([0.1, 0.5]), np.array([-0.2, 0.1])
     table = tables.flood_sets.grid_around(panda_pose, down, line, symmetries, (-0.2, 0.1), *sides)
     shape = *table.shape, panda_pose.n
@@ -498,16 +509,16 @@ def test_a_rectangle_is_designed_only_where_it_can_be_as_good(
             return rectangle
 
         def or_larger(self, found: SimpleNamespace) -> SimpleNamespace:
-            return whole_table._larger_of(found, self.design)
+            return designs.larger_of(found, self.design)
 
-    monkeypatch.setattr(whole_table, "_best_of", lambda *_: shape)
-    monkeypatch.setattr(whole_table, "_first_design", lambda *_: shape)
-    monkeypatch.setattr(whole_table, "_worth", lambda design: design.worth)
-    monkeypatch.setattr(whole_table, "area_of", float)
-    monkeypatch.setattr(whole_table, "_at_bodies", lambda _: False)
+    replace_all(monkeypatch, "_best_of", lambda *_: shape)
+    replace_all(monkeypatch, "first_design", lambda *_: shape)
+    replace_all(monkeypatch, "worth", lambda design: design.worth)
+    replace_all(monkeypatch, "area_of", float)
+    replace_all(monkeypatch, "at_bodies", lambda _: False)
     straight = Straight(most=most, largest=most, limits=limits)
-    place = whole_table._Place(None, None, 0.4)
-    found, kept = whole_table._best_shape(None, [place], [], limits, straight)
+    place = tables.places.Place(None, None, 0.4)
+    found, kept = best_shape._best_shape(None, [place], [], limits, straight)
     assert bool(read) == designed and kept == limits
     assert found is max(shape, rectangle, key=lambda one: one.worth)
 
@@ -522,14 +533,14 @@ def test_a_smooth_sector_is_tried_where_its_bound_is_larger_and_taken_for_its_wo
     design, smooth = SimpleNamespace(worth=0.4), SimpleNamespace(worth=worth)
     asked = []
 
-    def first(_: None, places: list[whole_table._Place], limits: None, useful: Any) -> Any:
+    def first(_: None, places: list[tables.places.Place], limits: None, useful: Any) -> Any:
         asked.extend(place for place in places if useful(place, place.cell))
         return smooth if asked else None
 
-    monkeypatch.setattr(whole_table, "_first_design", first)
-    monkeypatch.setattr(whole_table, "_worth", lambda design: design.worth)
-    monkeypatch.setattr(whole_table, "area_of", float)
-    found = whole_table._or_better(None, [whole_table._Place(0.5, None, most)], None, design)
+    replace_all(monkeypatch, "first_design", first)
+    replace_all(monkeypatch, "worth", lambda design: design.worth)
+    replace_all(monkeypatch, "area_of", float)
+    found = best_shape._or_better(None, [tables.places.Place(0.5, None, most)], None, design)
     assert bool(asked) == tried and found is (smooth if taken else design)
 
 
@@ -551,12 +562,12 @@ def test_places_of_which_most_is_expected_are_designed_first(
         def covered(fit: None, cell: float, *_: Any) -> tuple[float, None]:
             return places[cell][0], None
 
-        monkeypatch.setattr(whole_table, "given", lambda cell, q: q)
-        monkeypatch.setattr(whole_table, "covered_share", covered)
-        monkeypatch.setattr(whole_table, "_design_of", design)
-        monkeypatch.setattr(whole_table, "_worth", lambda found: found.worth)
-        every = [whole_table._Place(most, None, most) for most in places]
-        best = whole_table._best_of(None, every[::2], every[1::2], whole_table.Required())
+        replace_all(monkeypatch, "given", lambda cell, q: q)
+        replace_all(monkeypatch, "covered_share", covered)
+        replace_all(monkeypatch, "_design_of", design)
+        replace_all(monkeypatch, "worth", lambda found: found.worth)
+        every = [tables.places.Place(most, None, most) for most in places]
+        best = best_shape._best_of(None, every[::2], every[1::2], whole_table.Required())
         return best and best.worth
 
     # 0.81 is expected of the second, more than 95 % of what the third can have
@@ -570,7 +581,7 @@ def test_places_of_which_most_is_expected_are_designed_first(
 def test_sides_by_price_keep_what_a_function_affords(panda_pose: rp.Task) -> None:
     """Law: a function is within limits at all poses between the new sides, which leave the old
     ones only where it is not. Looser limits leave more."""
-    line, _ = whole_table._symmetries(panda_pose)
+    line, _ = sectors.axis_and_symmetries(panda_pose)
     pose = panda_pose.placement(panda_pose.reference)
     pose.rotation = np.diag([1.0, -1.0, -1.0])
     pose.translation = line[0] + [0.5, 0.0, 0.3]
@@ -612,13 +623,13 @@ def test_a_shape_is_kept_where_no_rectangle_can_be_designed(
             raise rp.InputError("no function covers a sector")
 
     limits = whole_table.Required(distance=0.005)
-    monkeypatch.setattr(whole_table, "_best_of", lambda *_: shaped)
+    replace_all(monkeypatch, "_best_of", lambda *_: shaped)
     given = None, [], [], limits, Straight(most=1.0, limits=limits)
     if shaped is None:
         with pytest.raises(rp.InputError, match="no function covers"):
-            whole_table._best_shape(*given)
+            best_shape._best_shape(*given)
     else:
-        assert whole_table._best_shape(*given) == (shaped, limits)
+        assert best_shape._best_shape(*given) == (shaped, limits)
 
 
 def made(area: float, turn: float = 1.0, body: float = 1.0) -> SimpleNamespace:
@@ -655,20 +666,20 @@ def test_a_rectangle_is_designed_in_full_only_where_its_rest_may_be_as_large(
         log.append("full")
         return made(part)
 
-    monkeypatch.setattr(whole_table, "trimmed", trim)
-    monkeypatch.setattr(whole_table, "given", lambda _, q: q)
-    monkeypatch.setattr(whole_table, "_failed", lambda *_: "")
-    monkeypatch.setattr(whole_table, "area_of", float)
-    monkeypatch.setattr(whole_table, "_worth", lambda one: one.cell * (1 + one.turn) / 2)
-    monkeypatch.setattr(whole_table, "replace", lambda _, body_distance: fit_of(body_distance))
+    replace_all(monkeypatch, "trimmed", trim)
+    replace_all(monkeypatch, "given", lambda _, q: q)
+    replace_all(monkeypatch, "_failed", lambda *_: "")
+    replace_all(monkeypatch, "area_of", float)
+    replace_all(monkeypatch, "worth", lambda one: one.cell * (1 + one.turn) / 2)
+    replace_all(monkeypatch, "replace", lambda _, body_distance: fit_of(body_distance))
 
     def fit_of(distance: float) -> SimpleNamespace:
         name = SimpleNamespace(task=SimpleNamespace(robot=SimpleNamespace(name="arm")))
         return SimpleNamespace(body_distance=distance, desired=name)
 
-    place = whole_table._Place(0.3, None, 0.3, design=made(0.3, body=body))
+    place = tables.places.Place(0.3, None, 0.3, design=made(0.3, body=body))
     limits = whole_table.Required(0.05, 0.3, 0.005)
-    straight = whole_table.Straight(fit_of(0.0), [place], limits, 0.3)
+    straight = tables.straight.Straight(fit_of(0.0), [place], limits, 0.3)
     straight._ranking = [place], limits
     other = made(0.2, turn=0.9)
     best = straight.or_larger(other)
@@ -679,7 +690,7 @@ def test_a_rectangle_is_designed_in_full_only_where_its_rest_may_be_as_large(
 def test_a_shape_is_kept_where_no_rectangle_has_a_quick_design() -> None:
     """The first of no rectangles was asked for, with a traceback."""
     limits = whole_table.Required(distance=0.005)
-    straight = whole_table.Straight(None, [], limits, 0.3)
+    straight = tables.straight.Straight(None, [], limits, 0.3)
     straight._ranking = [], limits
     other = made(0.2)
     assert straight.or_larger(other) is other and straight.known is None
@@ -717,20 +728,20 @@ def test_a_function_through_a_flood_is_the_first_where_bodies_are_near(
     distance: float, area: float, most: float, taken: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On tiago, functions of minimum joint speed had collisions, and were cut to 0.059 m²."""
-    monkeypatch.setattr(whole_table, "_worth", lambda one: one.cell)
-    monkeypatch.setattr(whole_table, "area_of", float)
-    monkeypatch.setattr(whole_table, "_best_shape", lambda *given: ("other", given[3]))
+    replace_all(monkeypatch, "worth", lambda one: one.cell)
+    replace_all(monkeypatch, "area_of", float)
+    replace_all(monkeypatch, "_best_shape", lambda *given: ("other", given[3]))
     limits, made_of = whole_table.Required(distance=distance), made(area)
     straight = SimpleNamespace(rectangle=0.2, largest=most, most=most)
-    found, same = whole_table._best_design(None, [], [], limits, straight, lambda _: made_of)
+    found, same = best_shape.best_design(None, [], [], limits, straight, lambda _: made_of)
     assert same == limits and found == (made_of if taken else "other")
-    found, _ = whole_table._best_design(None, [], [], limits, straight, lambda _: None)
+    found, _ = best_shape.best_design(None, [], [], limits, straight, lambda _: None)
     assert found == "other"
 
 
 def small_table(task: rp.Task) -> Any:
     """A table of 9 radii and 7 heights of the panda."""
-    line, symmetries = whole_table._symmetries(task)
+    line, symmetries = sectors.axis_and_symmetries(task)
     down, rho, z = np.diag([1.0, -1.0, -1.0]), np.array([0.5, 0.64]), np.array([0.1, 0.31])
     table = tables.flood_sets.grid_around(
         task, down, line, symmetries, (-1.0, 1.0), rho, z
@@ -756,7 +767,9 @@ def test_a_relaxed_flood_has_less_joint_speed_and_the_same_poses(panda_pose: rp.
     rough, good = table.solved(nodes, flood[mask] + loose, np.zeros((len(nodes), 7), bool), 9)
     assert good.all()
     rough = rough.reshape(flood.shape)
-    cell = whole_table._sector(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
+    cell = sectors.sector_between(
+        table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1
+    )
 
     def extra(Q: NDArray[np.float64]) -> float:
         own, usual = tables.joint_speeds.least_speeds(
@@ -798,7 +811,7 @@ def test_a_function_goes_through_the_configurations_it_is_given(panda_pose: rp.T
     cell = chart.cell
     Q = chart.solve(cell.sample(200, 3)).Q
     turns = np.random.default_rng(2).uniform(-0.5, 0.5, (200, len(cell.removed)))
-    found = whole_table.function_through(fit, cell, Q + turns @ cell.along.T)
+    found = best_shape.function_through(fit, cell, Q + turns @ cell.along.T)
     assert found is not None and found.coverage == 1 and found.degrees[0][0] == 5
     U = cell.sample(64, 5)
     own, other = found.function.chart.solve(U), chart.solve(U)
@@ -906,7 +919,7 @@ def test_a_locked_arm_is_a_function(panda_pose: rp.Task) -> None:
     desired = rp.Pseudoinverse(task)
     cell = tables.priced_sides.reduced(cell, desired)
     fit = whole_table.CellFit(desired, limit_margin=0.05, held_out=64, seed=0, keep=True)
-    found = whole_table.locked_function(fit, cell, q0, [joint])
+    found = tables.locked_search.locked_function(fit, cell, q0, [joint])
     assert found is not None and found.coverage == 1 and found.function.chart.locked == (joint,)
     rng, chart = np.random.default_rng(1), found.function.chart
     U = rng.uniform(-1, 1, (50, chart.cell.k))
@@ -935,7 +948,7 @@ def test_a_locked_arm_is_a_function(panda_pose: rp.Task) -> None:
 def test_an_arm_with_locked_joints_that_covers_more_is_reported(panda_pose: rp.Task) -> None:
     """Against a small sector, a locked joint covers more: at each of its nodes it has the pose."""
     task, rng = panda_pose, np.random.default_rng(0)
-    line, symmetries = whole_table._symmetries(task)
+    line, symmetries = sectors.axis_and_symmetries(task)
     down = np.diag([1.0, -1.0, -1.0])
     table, nodes, Q = tables.flood_sets.drawn_nodes(task, down, line, symmetries, (0.2, 0.5), rng)
     floods = tables.flood_sets.locked_floods(table, nodes, Q, rng)
@@ -1326,7 +1339,7 @@ def test_a_posture_that_repeats_another_is_left_out(panda_pose: rp.Task) -> None
 
 
 def test_a_finer_table_has_the_old_nodes_and_those_between(panda_pose: rp.Task) -> None:
-    line, symmetries = whole_table._symmetries(panda_pose)
+    line, symmetries = sectors.axis_and_symmetries(panda_pose)
     sides = np.array([0.1, 0.5]), np.array([-0.2, 0.1])
     down = np.diag([1.0, -1.0, -1.0])
     table = tables.flood_sets.grid_around(panda_pose, down, line, symmetries, (-0.2, 0.1), *sides)
@@ -1358,14 +1371,14 @@ def test_a_smooth_sector_is_taken_where_its_function_covers_more() -> None:
     place = rp.best_cell(rp.Robot.load("talos").task(), orientation="down")
     assert place.table is not None
     design = place.table.design
-    assert whole_table._worth(design) > 0.102 and place.table.area > 0.172
+    assert designs.worth(design) > 0.102 and place.table.area > 0.172
     assert isinstance(design.cell, rp.Sector) and design.cell.profile.degree == 4
 
 
 def test_nodes_with_half_the_spacing_move_the_sides_outward(panda_pose: rp.Task) -> None:
     """Oracle: Newton's method finds the flood's poses. At each node of the larger sector, a
     configuration has the pose of the node, within the limits, and bodies keep their distance."""
-    line, symmetries = whole_table._symmetries(panda_pose)
+    line, symmetries = sectors.axis_and_symmetries(panda_pose)
     sides, heights = (np.array([0.1, 0.6]), np.array([0.0, 0.4])), (0.0, 0.4)
     down = np.diag([1.0, -1.0, -1.0])
     table = tables.flood_sets.grid_around(panda_pose, down, line, symmetries, heights, *sides)
@@ -1378,11 +1391,11 @@ def test_nodes_with_half_the_spacing_move_the_sides_outward(panda_pose: rp.Task)
     mask = np.isfinite(flood[..., 0])
     first, last = (each[0] for each in tables.flood.rectangles(mask[None])[1:])
     found = tables.largest_profile.largest_between(tables.largest_profile.runs(mask, first, last))
-    cell = whole_table._sector(table, line, symmetries, first, last)
+    cell = sectors.sector_between(table, line, symmetries, first, last)
     limits, whole = whole_table.Required(np.inf, np.inf, 0.005), (0.0, np.pi)
     fine, begin = table.finer(), 2 * np.array([found.middle])
     (closer,) = tables.flood.flooded(fine, begin, flood[found.middle][None], free)
-    inner = whole_table._refined(fine, cell, found, closer, whole, limits, {})
+    inner = tables.places._refined(fine, cell, found, closer, whole, limits, {})
     middle = closer[inner.middle]
     assert inner.area * fine.spacing**2 > found.area * table.spacing**2 > 0.1
     on = np.array([inner.middle])

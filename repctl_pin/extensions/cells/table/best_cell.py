@@ -52,8 +52,8 @@ from ..geometry.cell import Cell
 from ..geometry.cell_arguments import of_positions
 from ..geometry.kinematics import joined, rows_of
 from ..place.posture_search import Candidate, judged, searched
-from .middles import APART, ENOUGH, beside, collision_free, ordered
-from .whole_table import WholeTable, middles_in_floods, whole_table
+from .middles import APART, ENOUGH, beside, collision_free, middles_in_floods, ordered
+from .whole_table import WholeTable, whole_table
 
 _DRAWN = 2048
 """Number of random configurations that are turned to the orientation."""

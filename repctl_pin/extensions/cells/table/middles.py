@@ -1,24 +1,41 @@
-"""Middles for a box of poses: sorted, with others beside them, and without collisions at the rim.
+"""Middles for a box of poses: found in floods, sorted, and without collisions at the rim.
 
 A middle is a position, with a configuration of the arm, around which a box of poses is grown in
 steps of a tenth of its size. J⁺, the pseudoinverse of the task Jacobian, moves the arm from the
 middle to the points of the box's rim: corners, edge middles and face centres. The box grows as long
 as the arm reaches these points inside its joint limits; bodies may nevertheless collide there.
 
+A table is a grid of radius and height around the arm, at the angle 0. A flood is the set of its
+nodes that the arm reaches from one configuration without a change of branch (of the inverse
+kinematics). Symmetries are the joints that alone turn the whole arm, or the tool. S is the number
+of floods, n that of joints, K that of configurations; I and J are those of radii and heights.
+
 ``Grown`` has many middles, with a configuration at each and the size to which a box grew there.
+``Table`` is a grid of poses (nodes) over radius and height around an axis, at the angle 0 and one
+orientation. ``Symmetry`` is a joint that changes only one coordinate of the frame: the indices of
+both, and the sign, 1 or −1, of the change.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
 
 from ....base.arguments import Array
+from ....base.errors import InputError
 from ....model.bodies import bodies_of
 from ....model.native_kinematics import placed
 from ....motion.solve_ik import random_configurations
 from ..evaluate.reach import EXACT, STEPS, Grown, grown, reached, unlike_rows
+from ..fit.trimming import turned
 from ..geometry.cell import Cell
 from ..geometry.kinematics import bases, joined, rows_of
+from ..geometry.symmetry import Symmetry
+from .flood import SPACING, Table
+from .flood_sets import NEAREST, drawn_nodes, free_floods, locked_floods, unlike_floods
+from .sectors import axis_and_symmetries
+from .windows import shut
 
 ENOUGH, APART = 0.3, 0.02
 """Limit margin, rad or m, and body distance, m, above which larger ones are no longer an
@@ -40,6 +57,9 @@ _EXACTLY = 8
 _SWAY, _UNLIKE = 2.0, 0.3
 """Self-motion, rad or m, relative to such a width; and difference of the joints, rad or m, below
 which others are not searched for beside a middle, because they are for a better one."""
+
+_WINDOWS = 4
+"""Number of middles for a box per flood and side of the arm."""
 
 
 def ordered(box: Cell, found: Grown, at: Array | None) -> Grown:
@@ -123,3 +143,70 @@ def _tested(box: Cell, found: Grown, steps: int) -> Grown:
     found = rows_of(found._replace(ends=Q.reshape(found.ends.shape)), np.flatnonzero(whole))
     distances = bodies_of(box.task).distances(found.ends.reshape(-1, box.task.n))
     return found._replace(distance=distances.reshape(-1, len(rim)).min(axis=1))
+
+
+def middles_in_floods(box: Cell, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Find middles for a box in floods around the arm: positions (K, 3), m, and Q (K, n).
+
+    On each of four sides of the arm, the middles are the nodes around which a flood reaches the
+    largest share of the box. So the arm reaches most poses of the box without a change of branch.
+    The result is empty if no joint turns the whole arm about a vertical axis.
+    """
+    task, heights = box.task, (-np.inf, np.inf)
+    try:
+        line, symmetries = axis_and_symmetries(task)
+        table, nodes, Q = drawn_nodes(task, box.placement.rotation, line, symmetries, heights, rng)
+    except InputError:
+        return np.zeros((0, 3)), np.zeros((0, task.n))
+    floods = free_floods(table, nodes, Q, locked_floods(table, nodes, Q, rng))
+    tested = unlike_floods(table, floods)
+    closed = [shut(table, flood, 0.0) for flood in tested.Q]
+    sides = []
+    for quarter in range(4):
+        x, y, z = box.half_width if quarter % 2 == 0 else box.half_width[[1, 0, 2]]
+        masks = tested.reached & ~np.array([one.at(quarter * np.pi / 2) for one in closed])
+        share = _window_shares(table, masks, float(x), float(y), float(z))
+        flat = (share * masks).reshape(len(share), -1)
+        best = np.argsort(-flat, axis=1)[:, :_WINDOWS]
+        nodes = np.column_stack(np.unravel_index(best.ravel(), table.shape))
+        Q = tested.Q[np.arange(len(flat)).repeat(best.shape[1]), nodes[:, 0], nodes[:, 1]]
+        there = np.isfinite(Q[:, 0])
+        sides.append(_at_side(table, symmetries, nodes[there], Q[there], quarter * np.pi / 2))
+    p, Q = (np.concatenate(each) for each in zip(*sides, strict=True))
+    return p, Q
+
+
+def _at_side(
+    table: Table, symmetries: tuple[Symmetry, ...], nodes: NDArray[np.intp], Q: Array, angle: float
+) -> tuple[Array, Array]:
+    """Turn nodes (K, 2) with configurations Q (K, n) about the arm's axis by an angle, rad.
+
+    If a joint turns the tool, the tool is turned back, so that its orientation is constant. Return
+    the positions (K, 3), m, of the frame and the configurations (K, n) after the turn, whose joints
+    can exceed their limits.
+    """
+    back = -angle * float(np.sign(table.rotation[2, 2]))
+    for one, turn in zip(symmetries, (angle, back), strict=False):
+        Q = turned(table.task, Q, one, turn)
+    p, _ = table.goals(nodes)
+    return table.origin + (p - table.origin) @ pin.exp3(angle * table.up).T, Q
+
+
+def _window_shares(table: Table, masks: NDArray[np.bool_], x: float, y: float, z: float) -> Array:
+    """Evaluate the share of a box around each node that each of S floods reaches: (S, I, J).
+
+    The box has half-widths x (along the radius), y and z, m. The share is the fraction of the nodes
+    with the radii and heights of the box that are True in ``masks`` (S, I, J).
+    """
+    S, rows, columns = masks.shape
+    total = np.zeros((S, rows + 1, columns + 1))
+    total[:, 1:, 1:] = masks.cumsum(axis=1).cumsum(axis=2)
+    first = np.rint((table.radii - x - NEAREST) / SPACING).astype(int)
+    last = np.rint((np.hypot(table.radii + x, y) - NEAREST) / SPACING).astype(int) + 1
+    up = round(z / SPACING)
+    low, high = np.arange(columns) - up, np.arange(columns) + up + 1
+    area = (last - first)[:, None] * (high - low)
+    i, i_end = np.clip(first, 0, rows)[:, None], np.clip(last, 0, rows)[:, None]
+    j, j_end = np.clip(low, 0, columns), np.clip(high, 0, columns)
+    inside = total[:, i_end, j_end] - total[:, i, j_end] - total[:, i_end, j] + total[:, i, j]
+    return np.asarray(inside / area)
