@@ -1699,7 +1699,8 @@ def test_an_arm_that_fails_on_the_way_it_took_instead_is_marked_there(
         "return [tip.toArray(), arm.past.node.position.toArray()]"
     )
     assert np.allclose(tip, ball, atol=1e-6)
-    assert "leaves that part out, but the repeatable control fails on it. Limits" in said(driver)
+    told = r" On the solid line, \d[\d.]*.c?m long, the repeatable control fails\. Limits"
+    assert re.search(told, said(driver))
     notes = driver.find_element("id", "notes").get_attribute("textContent")
     assert "The repeatable control fails in cycle 1" in notes and "alone fails" not in notes
     assert errors(driver) == []

@@ -83,7 +83,8 @@ export class Head {
     if (proof && !open && (folded || !notes.offsetHeight)) {
       proof.hidden = false;
       // one that has no room reserved is left to the notes, where it would move the views
-      proof.hidden = isTall() && proof.textContent !== this.unnoted;
+      const reserved = proof.textContent === this.unnoted && window.innerHeight > LOWEST;
+      proof.hidden = isTall() && !reserved;
       classList.toggle("tall", isTall());
     }
     if (!folded || open) return;

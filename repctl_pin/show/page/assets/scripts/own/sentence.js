@@ -74,23 +74,24 @@ export function edgeWords({ after, reasons, edge, goes }) {
 
 // What the solid line of such a loop is, this long, m; `both` arms follow it, although one alone
 // ends. It encloses nothing if the way home was blocked, too. `flaws`: what is wrong with it, see
-// lineFlaws().
+// lineFlaws(); then what it leaves out is left to its key.
 export function lineWords(length, { encloses }, both, flaws) {
+  const line = `the solid line, ${unbroken(formatLength(length))} long,`;
+  const begin = encloses ? "" : "There is no way around: ";
+  if (flaws) return [[` ${capitalized(`${begin}on ${line}`)}`], [` ${flaws}.`, "bad"]];
   const how = encloses
     ? "leaves that part out"
     : "goes as far as it can and comes back the same way";
-  const line = `the solid line, ${unbroken(formatLength(length))} long,`;
   const words = both ? `both arms follow ${line} which ${how}` : `${line} ${how}`;
-  const said = encloses ? capitalized(words) : `There is no way around: ${words}`;
-  return [[` ${said}${flaws ? "," : "."}`], ...(flaws ? [[` but ${flaws}.`, "bad"]] : [])];
+  return [[` ${capitalized(`${begin}${words}`)}.`]];
 }
 
-// What happens on the solid line within these cycles: which control fails on it, or breaks a limit.
+// What happens on the solid line within these cycles: which control fails, or breaks a limit.
 export function lineFlaws(runs, cycles) {
   const seen = brokenLimits(runs).filter(({ broken }) => broken && broken.cycle <= cycles);
   const each = seen.map((data) => [
     aloneUnder({ data }),
-    data.lost < Infinity ? "fails on it" : "breaks a limit",
+    data.lost < Infinity ? "fails" : "breaks a limit",
   ]);
   const alike = each.length > 1 && each.every(([, what]) => what === each[0][1]);
   const listed = alike ? [["either control", each[0][1]]] : each;
