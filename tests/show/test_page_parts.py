@@ -395,15 +395,16 @@ def test_each_script_follows_the_scripts_it_imports() -> None:
     way: the chrome the arm, the own loop and the live viewer both, and nothing imports these."""
     scripts = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts"
     stems = [file.relative_to(scripts).with_suffix("").as_posix() for file in scripts.rglob("*.js")]
-    assert sorted(stems) == sorted(html.SCRIPTS)
+    order = (*html.BEGIN, *html.SCRIPTS)
+    assert sorted(stems) == sorted(order)
     both = {"arm", "chrome"}
     allowed = {"arm": set(), "chrome": {"arm"}, "own": both, "live": both}
-    for script in html.SCRIPTS:
+    for script in order:
         text = (scripts / f"{script}.js").read_text("utf-8")
         folder = Path(script).parent
         for name in re.findall(r'(?m)^(?:import .*|}) from "(.*?)\.js"', text):
             target = Path(os.path.normpath(folder / name)).as_posix()
-            assert html.SCRIPTS.index(target) < html.SCRIPTS.index(script), (script, target)
+            assert order.index(target) < order.index(script), (script, target)
             if folder.name and "/" in target:
                 room = Path(target).parent.name
                 assert room in allowed[folder.name] | {folder.name}, (script, target)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from arms import planar_urdf
 from controls import some
-from page_file import COLOURS, Drawn, circling, panes, read
+from page_file import COLOURS, Drawn, circling, panes, read, unpack
 
 import repctl_pin as rp
 
@@ -281,7 +281,10 @@ def test_no_name_of_the_pages_script_is_declared_twice() -> None:
     """Its modules are joined into one scope, in which the later of two would silently take the
     place of the first."""
     page = known("ppr")[1]
-    script = max(re.findall(r"(?s)<script>(.*?)</script>", page), key=len)
+    packed = re.search(r'(?s)<script type="text/plain" id="code">(.*?)</script>', page)
+    begin = re.search(r"(?s)<script>(.*?)</script>", page)
+    assert packed and begin
+    script = begin[1] + unpack(packed[1]).decode()
     assert not re.search(r"(?m)^(import|export) ", script)
     folder = Path(rp.__file__).parent / "show" / "page" / "assets" / "scripts"
     declared = re.compile(r"(?m)^(?:export )?(?:async )?(?:function|class|const|let) +(\w+)")

@@ -1,7 +1,7 @@
 """Self-contained HTML page with meshcat's viewer, the recorded scene and the motion.
 
-The page needs no network and no server. Large data are embedded as base64 of gzip, which the
-browser unpacks with its ``DecompressionStream``.
+The page needs no network and no server. Large data and the page's script are embedded as base64 of
+gzip, which the browser unpacks with its ``DecompressionStream``.
 
 For the browser's console and for tests, the page has an object ``repctl`` with these members:
 
@@ -72,6 +72,9 @@ SCRIPTS = (
 )
 """The modules of the page's script, each after the modules that it imports."""
 
+BEGIN = ("unpack",)
+"""The modules of the script that unpacks and runs the page's script."""
+
 
 class Dialog(NamedTuple):
     """Texts of a page's dialog, by name; backticks mark code.
@@ -126,7 +129,8 @@ def page(
         viewer=Markup(_viewer()),
         commands=Markup(pack(b"".join(struct.pack("<I", len(c)) + c for c in commands))),
         motion=Markup(pack(numbers)),
-        script=Markup(_script(_left_out(scene))),
+        script=Markup(pack(_script(SCRIPTS, _left_out(scene)).encode())),
+        begin=Markup(_script(BEGIN)),
     )
 
 
@@ -166,13 +170,13 @@ def _left_out(scene: dict[str, Any]) -> tuple[str, ...]:
 
 
 @cache
-def _script(left_out: tuple[str, ...] = ()) -> str:
-    """Join the page's JavaScript modules, in the order of ``SCRIPTS``, into one script.
+def _script(names: tuple[str, ...], left_out: tuple[str, ...] = ()) -> str:
+    """Join JavaScript modules of the page, in the order of ``names``, into one script.
 
     The modules ``left_out`` are not included. All modules share one scope.
     """
     folder = files(__package__) / "assets" / "scripts"
-    texts = [(folder / f"{name}.js").read_text("utf-8") for name in SCRIPTS if name not in left_out]
+    texts = [(folder / f"{name}.js").read_text("utf-8") for name in names if name not in left_out]
     return _joined(texts)
 
 

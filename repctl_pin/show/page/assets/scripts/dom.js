@@ -29,16 +29,6 @@ export function setAttribute(node, name, value) {
   if (node.getAttribute(name) !== String(value)) node.setAttribute(name, value);
 }
 
-// Take out what stands in the page as base64 of gzip.
-export async function unpack(id) {
-  const text = atob(byId(id).textContent.trim());
-  const bytes = new Uint8Array(text.length);
-  for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
-  byId(id).remove();
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
-}
-
 // Series of numbers from the bytes of their third differences: row after row of each series, which
 // are [rows, columns].
 export function summed(bytes, series, resolution) {

@@ -84,10 +84,6 @@ async function main() {
   const scene = JSON.parse(byId("scene").textContent);
   const api = window.repctl;
   const start = performance.now();
-  if (typeof DecompressionStream === "undefined") {
-    notify("This page needs a browser of 2023 or newer.", true);
-    return;
-  }
   let viewer;
   try {
     viewer = await openViewer(api.errors, (part) => {

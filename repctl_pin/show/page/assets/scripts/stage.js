@@ -2,13 +2,14 @@
 
 import { ArmView, cornersOf, pointAt } from "./arm/arm.js";
 import { drawCover, EdgeLine } from "./arm/cover.js";
-import { byId, summed, unpack } from "./dom.js";
+import { byId, summed } from "./dom.js";
 import { clearest, Eye, towards } from "./arm/eye.js";
 import { formatLength } from "./numbers.js";
 import { Panes } from "./chrome/panes.js";
 import { TableMarks } from "./arm/table.js";
 import { drawPaths, drawTraces } from "./arm/traces.js";
 import { floor, light } from "./arm/viewer.js";
+import { unpack } from "./unpack.js";
 
 export async function setStage(viewer, scene) {
   const T = MeshCat.THREE;

@@ -1,7 +1,8 @@
 // meshcat's viewer: opened, filled with the bodies, lit, and set on a floor.
 
-import { byId, unpack } from "../dom.js";
+import { byId } from "../dom.js";
 import { niceStep } from "../numbers.js";
+import { unpack } from "../unpack.js";
 
 export async function openViewer(errors, progress) {
   const code = document.createElement("script");

@@ -2,8 +2,9 @@
 // and at the end, and the chart.
 
 import { Chart } from "./chart.js";
-import { byId, element, sharp, sizeOf, summed, tone, unpack, whenResized } from "../dom.js";
+import { byId, element, sharp, sizeOf, summed, tone, whenResized } from "../dom.js";
 import { formatLength } from "../numbers.js";
+import { unpack } from "../unpack.js";
 
 export async function drawPlain(scene, reason) {
   const motion = summed(await unpack("motion"), scene.series, scene.resolution);
