@@ -129,7 +129,7 @@ def page(
         viewer=Markup(_viewer()),
         commands=Markup(pack(b"".join(struct.pack("<I", len(c)) + c for c in commands))),
         motion=Markup(pack(numbers)),
-        script=Markup(pack(_script(SCRIPTS, _left_out(scene)).encode())),
+        script=Markup(_code(_left_out(scene))),
         begin=Markup(_script(BEGIN)),
     )
 
@@ -170,6 +170,11 @@ def _left_out(scene: dict[str, Any]) -> tuple[str, ...]:
 
 
 @cache
+def _code(left_out: tuple[str, ...]) -> str:
+    """Pack the page's script without the modules ``left_out``; cached."""
+    return pack(_script(SCRIPTS, left_out).encode())
+
+
 def _script(names: tuple[str, ...], left_out: tuple[str, ...] = ()) -> str:
     """Join JavaScript modules of the page, in the order of ``names``, into one script.
 

@@ -39,6 +39,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from ....base.arguments import Array
+from ....model.task import Task
 from ..cell_design_result import CellDesign
 from ..evaluate.reach import unlike_rows
 from ..fit.trimming import Required, Window
@@ -59,7 +60,7 @@ from .largest_profile import (
 )
 from .openings import AS_GOOD, DESIGNED, Openings, turn_factors, turn_share, units
 from .relaxed import relaxed, slopes
-from .sectors import central, sector_between, shaped_sector
+from .sectors import central, sector_between, shaped_sector, widest_sector
 from .windows import STEP, free_nodes
 
 
@@ -194,10 +195,9 @@ def shaped_places(
         found = affordable_between(*there, limits, least, degree, known=known)
         if found.area:
             Q, inside = floods.Q[openings.flood[k]], found.inside(table.shape)
-            share = turn_share(table.task, symmetries, Q[inside], openings.half[k] / np.pi)
-            rating[k] = found.area * SPACING**2 * (0.5 + 0.5 * share)
+            rating[k] = _worth(table.task, symmetries, found, Q[inside], openings.half[k])
             every[k], postures[k] = (table, found), Q[found.middle]
-    cell = sector_between(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
+    cell = widest_sector(table, line, symmetries)
     some = [] if smooth else _unlike(table, rating, postures).tolist()
     fine, begin = table.finer(), np.array([every[k][1].middle for k in some], int).reshape(-1, 2)
     floods_there = flooded(fine, 2 * begin, postures[some], np.zeros(postures[some].shape, bool))
@@ -214,6 +214,17 @@ def shaped_places(
         return shaped_sector(every[k][0], line, symmetries, every[k][1], turns)
 
     return _places(table, openings, symmetries, postures, rating, sector)
+
+
+def _worth(
+    task: Task, symmetries: tuple[Symmetry, ...], found: Between, Q: Array, half: float
+) -> float:
+    """Return the worth, m², of the nodes between two polynomials, at 3 cm, with Q (K, n) at them.
+
+    ``half`` is the half-width, rad, of the window of the angle.
+    """
+    share = turn_share(task, symmetries, Q, half / np.pi)
+    return found.area * SPACING**2 * (0.5 + 0.5 * share)
 
 
 def _refined(
@@ -260,7 +271,7 @@ def relaxed_place(
     mask, middle, half = openings.mask[k], float(openings.middle[k]), float(openings.half[k])
     angles = middle - half + STEP / 2, middle + half - STEP / 2
     Q = relaxed(table, floods.Q[openings.flood[k]], mask, limits.distance, angles)
-    widest = sector_between(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
+    widest = widest_sector(table, line, symmetries)
     own, usual = np.full((2, *table.shape), np.nan)
     own[mask], usual[mask] = least_speeds(widest, Q[mask], slopes(table, Q)[mask])
     # the mean over nodes is not exactly that over a sector
@@ -268,7 +279,6 @@ def relaxed_place(
     if not found.area:
         return None
     inside = Q[found.inside(table.shape) & mask]
-    share = turn_share(table.task, symmetries, inside, half / np.pi)
-    worth = found.area * SPACING**2 * (0.5 + 0.5 * share)
+    worth = _worth(table.task, symmetries, found, inside, half)
     sector = partial(shaped_sector, table, line, symmetries, found)
     return _place(table, openings, k, symmetries, Q[found.middle], worth, sector), inside

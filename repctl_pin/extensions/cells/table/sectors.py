@@ -108,6 +108,11 @@ def sector_between(
     return whole_sector(table.task, pin.SE3(R, p), radius, float(half[1]), line, symmetries)
 
 
+def widest_sector(table: Table, line: Array, symmetries: tuple[Symmetry, ...]) -> Cell:
+    """Make the sector between the outermost nodes of a table."""
+    return sector_between(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
+
+
 def shaped_sector(
     table: Table,
     line: Array,

@@ -51,7 +51,7 @@ from .locked_search import LockedSearch
 from .openings import CLEAR, MUCH, TIGHT, best_clear, turn_factors, whole_turns
 from .outline import outlines
 from .places import shaped_places, straight_places
-from .sectors import axis_and_symmetries, sector_between
+from .sectors import axis_and_symmetries, widest_sector
 from .straight import Straight
 
 _LOOKED = 96
@@ -212,7 +212,7 @@ def whole_table(
     table, nodes, Q = drawn_nodes(task, rotation, line, symmetries, heights, rng)
     report("floods", 0.1)
     locked = locked_floods(table, nodes, Q, rng)
-    widest = sector_between(table, line, symmetries, np.zeros(2, int), np.array(table.shape) - 1)
+    widest = widest_sector(table, line, symmetries)
     # with r > 1, functions stay far below this bound, and rectangles alone choose as well
     rate = partial(affordable_worth, table, widest, symmetries, most_extra[1])
     worth = rate if task.r == 1 else None
